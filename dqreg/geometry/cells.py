@@ -56,6 +56,12 @@ class Cells:
         edge = edge_of_cells(points, size, ends)
         return Cells(edge, keys[starts], order, starts, counts, means, scatters)
 
+    @property
+    def unevenness(self) -> float:
+        """How many others the points have in their cell, over what points strewn at random would have; about 1."""
+        counts = self.counts
+        return float((counts**2).mean() / counts.mean() / (counts.mean() + 1.0))
+
     def planes(self) -> tuple[PlaneFits, BoolArray]:
         """Planes at the means where neighbouring cells make one, and which of these means lie on a rim, (m,)."""
         from dqreg.kernels.cell_moments import table_of
@@ -78,7 +84,7 @@ class CellSurface(CloudSurface):
     """Means of cells, in the order of these, as a surface."""
 
     def __init__(self, means: PointCloud, cells: Cells) -> None:
-        self._cells = cells
+        self.cells = cells
         super().__init__(means, derived=True)
 
     def _ordered(self, points: FloatArray) -> IntArray:
@@ -88,7 +94,7 @@ class CellSurface(CloudSurface):
     @unlocked_property
     def _of_cells(self) -> tuple[PlaneFits, BoolArray, BoolArray]:
         """Planes where neighbouring cells make one, which of these lie on a rim, and where there is none, (m,)."""
-        fits, rims = self._cells.planes()
+        fits, rims = self.cells.planes()
         return fits, rims, ~fits.known
 
     def fit_cells(self) -> None:

@@ -28,12 +28,6 @@ def voxel_size(points: FloatArray, count: int) -> float:
     return cell_size(points, count) if len(points) > DENSE * count else 0.0
 
 
-def unevenness(points: FloatArray, size: float) -> float:
-    """How many others the points have in their voxel, over what points strewn at random would have; about 1 or less."""
-    counts = Cells.of(points, size).counts
-    return float((counts**2).mean() / counts.mean() / (counts.mean() + 1.0))
-
-
 @dataclasses.dataclass(frozen=True)
 class VoxelCloud:
     """A cloud with one point a voxel."""
@@ -75,7 +69,7 @@ class VoxelCloud:
         if len(points) > DENSE * count:
             return VoxelCloud.across_lines(cloud, size)
         found = VoxelCloud.across_lines(cloud, size) if size > 0.0 else None
-        if found is not None and (found.size > size or unevenness(points, size) > UNEVEN):
+        if found is not None and (found.size > size or Cells.of(points, size).unevenness > UNEVEN):
             return found
         return VoxelCloud(0.0, cloud, None)
 

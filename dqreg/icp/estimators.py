@@ -23,10 +23,12 @@ FEWEST_PLANES = 6
 # Variance of every normal, rad^2, beyond that of its fit: how far a surface bends between the points of two clouds.
 # On 23 measured pairs of clouds 0.03 to 0.1 gave about the same errors, 0.001 and none larger ones.
 BEND = 0.04
-# Less where the pairs say so: this share of the half of their mean square along the planes' normals over that along one
-# direction of the planes. Of those 23 pairs none came below 0.22, so that all keep 0.04; clouds of one body with little
-# noise come to 0.02, and to a third of the error.
-BEND_SHARE, LEAST_BEND = 0.2, 1e-3
+# Less where the pairs say so: this share of the square of half their mean square along the planes' normals over that
+# along one direction of the planes. Measured pairs came to 0.21 to 0.6 and keep 0.04, but those of a sequence of LiDAR
+# scans, 0.1 to 0.14, which it leaves as good. Streets of planes under a LiDAR came to 0.01 to 0.06, views of parts to
+# 0.005 to 0.1: their errors fell by 40 and 5 to 13 % against a share of the ratio itself. The points along a plane say
+# less than they seem to: where they are is of the scanner, the same at both poses.
+BEND_SHARE, LEAST_BEND = 0.7, 1e-3
 # Pairs that are summed in one go: of two planes, and of a point and a plane, which take a quarter of the time each.
 CHUNK, PLANES = 2048, 8_192
 # Correspondences from which on a step so short that the first order of its rotation is all of it is taken by
@@ -173,7 +175,7 @@ def _bend(pairs: Correspondences, weights: FloatArray) -> float:
     """Variance of every normal beyond that of its fit, rad^2, as far as the pairs show it."""
     aside = dot(weights, pairs.point_to_plane**2)
     beside = 0.5 * (dot(weights, pairs.squares) - aside)
-    return float(np.clip(BEND_SHARE * 0.5 * aside / beside, LEAST_BEND, BEND)) if beside > 0.0 else BEND
+    return float(np.clip(BEND_SHARE * (0.5 * aside / beside) ** 2, LEAST_BEND, BEND)) if beside > 0.0 else BEND
 
 
 def plane_to_plane_form(

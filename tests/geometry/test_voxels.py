@@ -5,7 +5,8 @@ import numpy as np
 from hypothesis import given, settings
 
 from dqreg.geometry import CloudSurface, PointCloud
-from dqreg.geometry.voxels import UNEVEN, VoxelCloud, cell_size, unevenness, voxel_means
+from dqreg.geometry.cells import Cells
+from dqreg.geometry.voxels import UNEVEN, VoxelCloud, cell_size, voxel_means
 
 
 def cloud(seed: int, count: int) -> np.ndarray:
@@ -81,11 +82,11 @@ def test_rings_that_stand_apart_are_thinned_until_neighbourhoods_are_no_lines() 
 
 def test_an_even_cloud_that_is_not_dense_stays_whole_and_a_crowded_one_does_not() -> None:
     even = PointCloud(cloud(0, 9_000) * [1.0, 1.0, 0.01])
-    assert unevenness(even.points, cell_size(even.points, 3_000)) < 1.2
+    assert Cells.of(even.points, cell_size(even.points, 3_000)).unevenness < 1.2
     assert VoxelCloud.evened(even, 10_000).cloud is even
     # Ranges as of a sensor on the ground: nearly all points lie near it.
     rng = np.random.default_rng(1)
     reach, turn = 10.0 ** rng.uniform(-2.0, 1.0, 9_000), rng.uniform(0.0, 2.0 * np.pi, 9_000)
     crowded = PointCloud(np.column_stack([reach * np.cos(turn), reach * np.sin(turn), rng.normal(size=9_000) * 0.01]))
-    assert unevenness(crowded.points, cell_size(crowded.points, 3_000)) > UNEVEN
+    assert Cells.of(crowded.points, cell_size(crowded.points, 3_000)).unevenness > UNEVEN
     assert len(VoxelCloud.evened(crowded, 10_000).cloud) < 4_000

@@ -25,6 +25,9 @@ from tests.registration.scenes import problem_of
 T = twist.exp(np.array([0.02, -0.03, 0.01, 0.01, 0.02, -0.01]))
 COUNTS = 5_000, 20_000
 DENSE = bumpy_cloud(40_000)
+# As from one stand: half of them in a hundredth of the sheet.
+NEAR = bumpy_cloud(2_100_000)
+CROWDED = np.vstack([DENSE[::2], NEAR[np.abs(NEAR[:, :2]).max(axis=1) < 0.05][:20_000]])
 
 
 def moved_back(points: np.ndarray) -> np.ndarray:
@@ -72,6 +75,8 @@ def test_cells_and_sparse_scans_go_on_with_planes_and_what_has_planes_or_was_not
         (DENSE, DENSE, 1_000, np.eye(4), "converged", True),
         # Hardly more points than cells: their means hide nothing.
         (DENSE[::8], DENSE, 4_000, np.eye(4), "converged", False),
+        # Both seen from one stand: a hundredth of the places holds half of the points.
+        (CROWDED, CROWDED, 1_000, np.eye(4), "converged", False),
         (DENSE, DENSE, 1_000, pose.from_parts(np.eye(3), [50.0, 0.0, 0.0]), "no correspondences", False),
     )
     for scan, stands, cells, start, status, more in cases:
