@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 def synth(recipe: Path, out: Path | None, seed: int | None, as_json: bool, quiet: bool) -> int:
     """Make the case that RECIPE (TOML) describes: scan.ply, part.stl, truth.json and the recipe itself.
 
-    A recipe with the table [turntable] or [room] makes many scans: scans/view00.ply and on, and truth.json with
-    T_world_scan, for dqreg multiway and dqreg compare --multiway.
+    A recipe with the table [turntable], [room] or [street] makes many scans: scans/view00.ply and on, and truth.json
+    with T_world_scan, for dqreg multiway and dqreg compare --multiway; of a street poses.txt too, for dqreg odometry.
 
     The same recipe and seed give the same bytes on one kind of processor and library version, and the same case to
     rounding elsewhere. An older case in the folder is replaced, other files are not.
@@ -33,6 +33,7 @@ def synth(recipe: Path, out: Path | None, seed: int | None, as_json: bool, quiet
     dqreg synth datasets_synth/bracket/recipe.toml --out my_bracket --seed 7
     dqreg synth datasets_synth/recipes/gear.toml
     dqreg synth datasets_synth/many/turntable.toml
+    dqreg synth datasets_synth/many/street.toml --out street
     """
     import json
 

@@ -1,4 +1,4 @@
-"""Many virtual scans with known poses: a part on a turntable, and the stops of a scanner in a room."""
+"""Many virtual scans with known poses: a part on a turntable, the stops of a LiDAR in a room, a drive in a street."""
 
 from __future__ import annotations
 
@@ -12,8 +12,17 @@ from dqreg.synth.cameras import Scanner
 from dqreg.synth.noise import Noise
 from dqreg.synth.parts import box
 from dqreg.synth.parts.plain import Mesh
-from dqreg.synth.raycast import centre_and_diagonal, first_hits
+from dqreg.synth.raycast import centre_and_diagonal
 from dqreg.synth.scanner import scan_mesh
+from dqreg.synth.street import HALF_LENGTH, street, swept, together, with_range_noise
+
+# Elevations of the rings of the LiDAR of a room and of that of a car, rad; its columns, for each ring and at all.
+ROOM, CAR = (-0.9, 0.7), (np.deg2rad(-24.8), np.deg2rad(2.0))
+FOR_EACH, COLUMNS = 12, 1_200
+# A car's LiDAR stands so high, and sees no farther, m.
+HIGH, REACH = 1.75, 80.0
+# Longest way along a street, m: houses stand before and behind the car all the way.
+LONGEST = 2.0 * HALF_LENGTH - REACH
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -68,32 +77,38 @@ def room_stops(stops: int = 8, *, noise: float = 0.005, rings: int = 48, rng: np
         place = pose.exp(np.r_[0.0, 0.0, rng.uniform(0.0, np.pi), 0.0, 0.0, 0.0])
         place[:3, 3] = [*rng.uniform([-3.4, -2.4], [3.4, 2.4]), 0.5 * size[2] - 1.5]
         parts.append((pose.apply(place, vertices), np.asarray(faces)))
-    room = _together(parts)
+    room = together(parts)
     scans, poses = [], []
     for k in range(stops):
         angle = 2.0 * np.pi * k / stops
         T = pose.exp(np.r_[0.05 * rng.normal(size=2), angle + 0.5 * rng.normal(), 0.0, 0.0, 0.0])
         T[:3, 3] = [1.8 * np.cos(angle), 1.2 * np.sin(angle), 0.4 + 0.1 * rng.normal()]
-        scans.append(_swept(room, T, rings, noise, rng))
+        azimuths = np.linspace(-np.pi, np.pi, FOR_EACH * rings, endpoint=False)
+        scans.append(with_range_noise(swept(room, T, np.linspace(*ROOM, rings), azimuths), noise, rng))
         poses.append(T)
     return ManyViews(tuple(scans), np.stack(poses), np.zeros((stops, 3)))
 
 
-def _together(parts: list[Mesh]) -> Mesh:
-    offsets = np.cumsum([0] + [len(vertices) for vertices, _ in parts[:-1]])
-    faces = [np.asarray(each) + offset for (_, each), offset in zip(parts, offsets, strict=True)]
-    return np.concatenate([vertices for vertices, _ in parts]), np.concatenate(faces)
+def street_drive(
+    frames: int = 40, *, step: float = 0.8, noise: float = 0.02, rings: int = 64, rng: np.random.Generator
+) -> ManyViews:
+    """The frames of a car's LiDAR that turns, on its way along a street, each in the sensor's frame; lengths in m.
 
-
-def _swept(room: Mesh, T: FloatArray, rings: int, noise: float, rng: np.random.Generator) -> FloatArray:
-    """What one full turn of the scanner reads, in its own frame; the noise is along the rays, a length."""
-    azimuth, elevation = np.meshgrid(
-        np.linspace(-np.pi, np.pi, 12 * rings, endpoint=False), np.linspace(-0.9, 0.7, rings)
-    )
-    flat = np.cos(elevation)
-    rays = np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)], axis=-1).reshape(-1, 3)
-    origins = np.tile(T[:3, 3], (len(rays), 1))
-    face, points = first_hits(*room, origins, rays @ T[:3, :3].T)
-    errors = noise * rng.normal(size=len(rays))
-    seen: FloatArray = (pose.apply(pose.inverse(T), points) + errors[:, None] * rays)[face >= 0]
-    return seen
+    The car goes about a step a frame, sways and follows bends of its own; each frame is seen from one place. With 64
+    rings a frame has about 70,000 points.
+    """
+    scene, azimuths = street(rng), np.linspace(0.0, 2.0 * np.pi, COLUMNS, endpoint=False)
+    place, heading, bend, tilt = np.array([-0.5 * step * frames, rng.uniform(-2.0, 2.0)]), 0.0, 0.0, np.zeros(2)
+    scans, poses = [], []
+    for _ in range(frames):
+        T = pose.exp(np.r_[0.0, 0.0, heading, 0.0, 0.0, 0.0]) @ pose.exp(np.r_[tilt, 0.0, 0.0, 0.0, 0.0])
+        T[:3, 3] = [*place, HIGH + 0.02 * rng.normal()]
+        turned = azimuths + rng.uniform(0.0, azimuths[1])
+        seen = with_range_noise(swept(scene, T, np.linspace(*CAR, rings), turned), noise, rng)
+        scans.append(seen[np.linalg.norm(seen, axis=1) < REACH])
+        poses.append(T)
+        # Along the street and to its middle, as a driver keeps to a lane; springs bring roll and pitch back.
+        bend = 0.8 * bend - 0.1 * heading - 0.01 * place[1] + np.deg2rad(0.5) * rng.normal()
+        heading, tilt = heading + bend, 0.5 * tilt + np.deg2rad(0.15) * rng.normal(size=2)
+        place = place + step * rng.uniform(0.9, 1.1) * np.array([np.cos(heading), np.sin(heading)])
+    return ManyViews(tuple(scans), np.stack(poses), np.zeros((frames, 3)))

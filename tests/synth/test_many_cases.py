@@ -14,8 +14,10 @@ from dqreg.files import read_cloud, read_mesh
 from dqreg.geometry.mesh import Mesh
 from dqreg.geometry.mesh_surface import MeshSurface
 from dqreg.multiway.starts import read_starts_file
+from dqreg.odometry.trajectory import read_trajectory
 from dqreg.rigid import pose
 from dqreg.synth.many_cases import is_of_many, many_contents, write_many
+from dqreg.synth.street import street
 
 HERE = Path(__file__).parents[2] / "datasets_synth"
 RECIPES = sorted((HERE / "many").glob("*.toml"))
@@ -58,11 +60,29 @@ def test_the_command_makes_a_room(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert not (tmp_path / "hall" / "part.stl").exists()
 
 
+def test_the_frames_of_a_street_lie_on_it_at_the_poses_of_both_files(tmp_path: Path) -> None:
+    (tmp_path / "street.toml").write_text("seed = 3\n[street]\nframes = 3\nrings = 8\nnoise = 0.0\n")
+    folder = write_many(tmp_path / "street", tmp_path / "street.toml")
+    truth = np.array(json.loads((folder / "truth.json").read_text())["T_world_scan"])
+    poses, _ = read_trajectory(folder / "poses.txt")
+    # The reader makes rotations of what it reads.
+    np.testing.assert_allclose(poses, truth, atol=1e-14)
+    # The same seed draws the same street; float32 rounds places up to 100 m away to 4e-6.
+    surface = MeshSurface(Mesh(*street(np.random.default_rng(3))))
+    for k, T in enumerate(truth):
+        points = read_cloud(folder / "scans" / f"view{k:02d}.ply").points
+        assert len(points) > 5_000
+        assert surface.closest(pose.apply(T, points)).distances.max() < 2e-5
+
+
 @pytest.mark.parametrize(
     ("text", "named"),
     [
         ("seed = 1\n", "turntable"),
         (TURNTABLE + "[room]\n", "turntable"),
+        ("seed = 1\n[street]\n[room]\n", "street"),
+        ('seed = 1\n[street]\n[part]\nkind = "box"\n', "part"),
+        ("seed = 1\n[street]\nframes = 400\nstep = 2.0\n", "way along"),
         ("seed = 1\n[turntable]\n", "part.kind"),
         ('seed = 1\n[room]\n[part]\nkind = "box"\n', "part"),
         (TURNTABLE.replace("views = 3", "views = 1"), "turntable.views"),

@@ -10,7 +10,7 @@ from dqreg.compare.trust.task import Drive, Kind, kinds_of
 from dqreg.geometry import Mesh
 from dqreg.rigid import pose
 from dqreg.synth.parts import box
-from dqreg.synth.raycast import first_hits
+from dqreg.synth.street import swept, with_range_noise
 
 FRAMES, RINGS, COLUMNS, RANGE, SIGMA = 8, 32, 450, 25.0, 0.01
 
@@ -24,19 +24,9 @@ def block(low: tuple[float, float, float], high: tuple[float, float, float]) -> 
 
 def frame(scene: Mesh, T: FloatArray, rng: np.random.Generator) -> FloatArray:
     """What a spinning LiDAR sees from a pose, in its own frame."""
-    elevation, azimuth = np.meshgrid(
-        np.deg2rad(np.linspace(-22, 22, RINGS)), np.arange(COLUMNS) * 2 * np.pi / COLUMNS, indexing="ij"
-    )
-    azimuth += rng.uniform(0, 2 * np.pi / COLUMNS)
-    rays = np.stack(
-        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=-1
-    ).reshape(-1, 3)
-    origins = np.broadcast_to(T[:3, 3], rays.shape)
-    _, points = first_hits(scene.vertices, scene.faces, np.array(origins), rays @ T[:3, :3].T)
-    seen = pose.apply(pose.inverse(T), points[np.isfinite(points[:, 0])])
-    ranges = np.linalg.norm(seen, axis=1, keepdims=True)
-    seen = seen * (1.0 + SIGMA * rng.normal(size=ranges.shape) / ranges)
-    kept: FloatArray = seen[ranges[:, 0] < RANGE]
+    azimuths = np.arange(COLUMNS) * 2 * np.pi / COLUMNS + rng.uniform(0, 2 * np.pi / COLUMNS)
+    seen = swept((scene.vertices, scene.faces), T, np.deg2rad(np.linspace(-22, 22, RINGS)), azimuths)
+    kept: FloatArray = with_range_noise(seen, SIGMA, rng)[np.linalg.norm(seen, axis=1) < RANGE]
     return kept
 
 
