@@ -33,7 +33,9 @@ QUIET, OF_SIGMA = 0.25, 0.8208
 # Planes through three of the neighbours that are tried; so many of the 16 lie near the best one, those three included;
 # least area of the three, doubled, in mean square extents. Lower quantile of how far they lie, and what that is of the
 # standard deviation where all is Gaussian noise about a plane: measured on 20,000 points, to 2 %.
-TRIPLES, MAJORITY, LEAST_AREA = 40, 7, 0.5
+# Cosine of a plane's normal with that of all neighbours, below which it stands on their face: the laser's own plane, in
+# which all points of a ring round a curved face lie.
+TRIPLES, MAJORITY, LEAST_AREA, STANDING_COS = 40, 7, 0.5, 0.5
 OF_FACES, OF_MAJORITY = 0.25, 0.168
 # Faces that the sensor sees at a slant scatter less across themselves: the quiet ones are quieter than most by this.
 SLANTED = 1.2
@@ -60,7 +62,7 @@ def noise_of(
         return planes, planes
     quiet = quantile(left, QUIET) / OF_SIGMA
     if quiet > FAR_BELOW * spacing:
-        faces = _off_majorities(points, around)
+        faces = _off_majorities(points, around, fits.normals[rows])
         quiet = min(quiet, quantile(faces, OF_FACES) / OF_MAJORITY) if len(faces) >= FEWEST else quiet
     return planes, min(planes, SLANTED * quiet)
 
@@ -76,13 +78,14 @@ def _quadric_residuals(points: FloatArray, neighbours: IntArray, normals: FloatA
     return residuals[np.isfinite(residuals)]
 
 
-def _off_majorities(points: FloatArray, neighbours: IntArray) -> FloatArray:
+def _off_majorities(points: FloatArray, neighbours: IntArray, normals: FloatArray) -> FloatArray:
     """How far most of the neighbours, (m, k), lie from the plane that most lie near, where they span one."""
     from dqreg.kernels.majority_planes import majority_plane_rows
     from dqreg.kernels.threads import as_plain, over_chunks
 
     found = np.zeros(len(neighbours))
-    given = as_plain(points), neighbours, _triples(neighbours.shape[1]), MAJORITY, LEAST_AREA
+    triples = _triples(neighbours.shape[1])
+    given = as_plain(points), neighbours, as_plain(normals), triples, MAJORITY, LEAST_AREA, STANDING_COS
     over_chunks(majority_plane_rows, len(neighbours), *given, found, chunk=TOGETHER)
     return found[np.isfinite(found)]
 

@@ -108,7 +108,7 @@ def _points() -> None:
 def _neighbourhoods() -> None:
     corners, rows, none = CORNERS[0], np.zeros((0, 3), dtype=np.int64), np.zeros(1, dtype=np.bool_)
     quadric_residual_rows(0, 0, corners, rows, np.zeros((1, 3)), 0.5, np.zeros(1))
-    majority_plane_rows(0, 0, corners, rows, np.zeros((1, 3), dtype=np.int64), 1, 0.5, np.zeros(1))
+    majority_plane_rows(0, 0, corners, rows, corners, np.zeros((1, 3), dtype=np.int64), 1, 0.5, 0.5, np.zeros(1))
     edge_plane_rows(0, 0, corners, rows, 1, 0.5, 1.0, 1, 1, np.zeros((1, 3)), np.zeros(1), none)
     with_others_rows(0, 0, FIRST, corners, corners, 1.0, 0.5, 0.5, 1, none)
     near, far, motion = np.full(3, -1), np.zeros(3), np.eye(4)[:3].copy()

@@ -16,15 +16,17 @@ def majority_plane_rows(
     last: int,
     points: FloatArray,
     neighbours: IntArray,
+    normals: FloatArray,
     triples: IntArray,
     most: int,
     least: float,
+    upright: float,
     found: FloatArray,
 ) -> None:
     """Write how far so many of the k neighbours of rows first to last, (m, k), lie from a plane at most, (m,).
 
     The least over planes through triples, (t, 3), of them; NaN where each has less than a share of the mean square
-    extent as its area. O(t k) a row.
+    extent as its area, or a normal whose cosine with the row's, (m, 3), is below a limit. O(t k) a row.
     """
     count = neighbours.shape[1]
     local, apart, nearest = np.zeros((3, count)), np.zeros(count), np.zeros(most)
@@ -41,13 +43,22 @@ def majority_plane_rows(
             extent += local[0, j] ** 2 + local[1, j] ** 2 + local[2, j] ** 2
         best = math.inf
         for k in range(len(triples)):
-            best = min(best, _reach(local, triples[k], least * extent / count, best, apart, nearest))
+            best = min(
+                best, _reach(local, triples[k], least * extent / count, normals[i], upright, best, apart, nearest)
+            )
         found[i] = best if best < math.inf else math.nan
 
 
 @inside_kernels
 def _reach(
-    local: FloatArray, triple: IntArray, least: float, best: float, apart: FloatArray, nearest: FloatArray
+    local: FloatArray,
+    triple: IntArray,
+    least: float,
+    normal: FloatArray,
+    upright: float,
+    best: float,
+    apart: FloatArray,
+    nearest: FloatArray,
 ) -> float:
     """Distance from the plane of three points within which so many lie; infinite where that is not below the best."""
     p, q, r = triple[0], triple[1], triple[2]
@@ -56,7 +67,7 @@ def _reach(
     bx, by, bz = local[0, r] - x, local[1, r] - y, local[2, r] - z
     u, v, w = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
     area = math.sqrt(u * u + v * v + w * w)
-    if not area > least:
+    if not area > least or abs(u * normal[0] + v * normal[1] + w * normal[2]) < upright * area:
         return math.inf
     # Side by side, and without a question in between: few planes are better than the best.
     limit, within, held = best * area, 0, 0

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -20,6 +21,7 @@ import dqreg
 from dqreg.geometry.opening import open_geometry
 from dqreg.rigid import pose
 from dqreg.synth import Noise, Scanner, disturbance, scan_mesh, worst_vertex_displacement
+from dqreg.synth.many_views import street_drive
 from dqreg.synth.parts import bracket
 from tests.bench.test_solve import report
 from tests.strategies import FloatArray
@@ -34,10 +36,10 @@ WARM = 2
 REST = 0.1
 
 
-def small_gicp(source: np.ndarray, target: np.ndarray) -> np.ndarray:
+def small_gicp(source: np.ndarray, target: np.ndarray, voxel: float = VOXEL) -> np.ndarray:
     gicp = pytest.importorskip("small_gicp")
-    fixed, tree = gicp.preprocess_points(target, downsampling_resolution=VOXEL, num_threads=THREADS)
-    moving, _ = gicp.preprocess_points(source, downsampling_resolution=VOXEL, num_threads=THREADS)
+    fixed, tree = gicp.preprocess_points(target, downsampling_resolution=voxel, num_threads=THREADS)
+    moving, _ = gicp.preprocess_points(source, downsampling_resolution=voxel, num_threads=THREADS)
     options = {"registration_type": "GICP", "num_threads": THREADS, "max_correspondence_distance": REACH}
     return gicp.align(fixed, moving, tree, **options).T_target_source
 
@@ -101,6 +103,41 @@ def test_a_lidar_pair_beside_small_gicp(benchmark, capsys, real_data: Path, effo
     # No worse than the peer: in the turn, and over all points.
     assert figures["ours_deg"] <= figures["gicp_deg"]
     assert figures["ours_points_mm"] <= figures["gicp_points_mm"]
+
+
+@pytest.mark.parametrize("verdict", [True, False], ids=["judged", "not judged"])
+@pytest.mark.parametrize("effort", ["fast", "normal"])
+def test_pairs_of_a_street_with_exact_truth_beside_small_gicp(benchmark, capsys, effort: str, verdict: bool) -> None:
+    """Frames 0.8 m apart of eight simulated streets, 75,000 points each, from identity; peers with three voxels."""
+    pytest.importorskip("small_gicp")
+    pairs = []
+    for seed in range(8):
+        made = street_drive(2, rng=np.random.default_rng(seed))
+        target, source = made.scans
+        pairs.append((source, target, pose.inverse(made.T_world_scan[0]) @ made.T_world_scan[1]))
+
+    def ours(source: FloatArray, target: FloatArray) -> FloatArray:
+        return dqreg.register(source, target, "identity", effort=effort, verdict=verdict).T_target_source
+
+    engines = {"ours": ours, **{f"gicp_{voxel}": partial(small_gicp, voxel=voxel) for voxel in (0.25, 0.5, 1.0)}}
+    off = {name: [] for name in engines}
+    for source, target, T_truth in pairs:
+        for name, engine in engines.items():
+            moved = pose.apply(engine(source, target), source) - pose.apply(T_truth, source)
+            off[name].append(1e3 * float(np.sqrt((moved**2).sum(axis=1).mean())))
+    seconds = [
+        in_turns({name: partial(engine, source, target) for name, engine in engines.items()}, 2)
+        for source, target, _ in pairs
+    ]
+    figures = {"wall_ms": 1e3 * float(np.median([each["ours"][:, 0] for each in seconds]))}
+    for name in engines:
+        ratios = np.median(np.concatenate([each["ours"] / each[name] for each in seconds]), axis=0)
+        figures |= {f"{name}_mm": float(np.median(off[name])), f"{name}_worst_mm": max(off[name])}
+        if name != "ours":
+            figures |= {f"times_{name}_wall": float(ratios[0]), f"times_{name}_cpu": float(ratios[1])}
+    benchmark.pedantic(lambda: ours(*pairs[0][:2]), rounds=1)
+    report(benchmark, capsys, **figures)
+    assert all(np.median(off["ours"]) <= np.median(off[name]) for name in engines)
 
 
 @pytest.mark.parametrize("verdict", [True, False], ids=["judged", "not judged"])
