@@ -73,7 +73,9 @@ class PointCloud:
 
     def __post_init__(self) -> None:
         points = as_vectors(self.points, "points", finite=False)
-        keep = _finite_rows(points)
+        # What is not finite shows at the ends.
+        ends = bounds(points) if len(points) else (np.zeros(3), np.zeros(3))
+        keep = np.ones(len(points), dtype=bool) if np.isfinite(ends).all() else _finite_rows(points)
         normals = None if self.normals is None else _unit_normals(self.normals, len(points))
         if normals is not None:
             keep &= _finite_rows(normals)
@@ -85,7 +87,9 @@ class PointCloud:
         if lost:
             points, normals = points[keep], None if normals is None else normals[keep]
             times = None if times is None else times[keep]
-        self.__dict__["_known_ends"] = require_workable(points, "points")
+            ends = bounds(points)
+        require_workable_ends(*ends, "points")
+        self.__dict__["_known_ends"] = ends
         place = _viewpoint(self.viewpoint)
         _freeze(self, points=points, normals=normals, dropped=self.dropped + lost, viewpoint=place, times=times)
 

@@ -17,7 +17,7 @@ CHUNK = 65_536
 # Points from which on a kernel that goes over all of them runs aside, so that an interrupt is seen at once.
 LONG = 500_000
 # Codes from which on their order is made on all threads.
-MANY = 4 * CHUNK
+MANY = 2 * CHUNK
 
 
 def morton_order(points: FloatArray) -> IntArray:
@@ -46,20 +46,17 @@ def distinct_in_order(points: FloatArray, ends: Ends | None = None) -> IntArray:
         rows = order[shared]
         order[shared] = rows[np.lexsort((*points[rows].T, keys[shared]))]
         new, _ = new_places(points, keys, order)
-    return order[new]
+    # Without copies nothing is left out.
+    return order if new.all() else order[new]
 
 
 def in_order(points: FloatArray, order: IntArray) -> FloatArray:
     """Points in an order of their rows, (m, 3), on all threads: most of them come from far away in memory."""
-    from dqreg.kernels.threads import over_chunks
+    from dqreg.kernels.morton import take_points
+    from dqreg.kernels.threads import as_plain, over_chunks
 
-    taken = np.zeros((len(order), points.shape[1]))
-
-    def take(first: int, last: int) -> None:
-        # In another mode NumPy would write to a buffer first.
-        np.take(points, order[first:last], axis=0, out=taken[first:last], mode="clip")
-
-    over_chunks(take, len(order), chunk=CHUNK)
+    taken = np.zeros((len(order), 3))
+    over_chunks(take_points, len(order), as_plain(points), order, taken, chunk=CHUNK)
     return taken
 
 

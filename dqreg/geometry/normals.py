@@ -67,9 +67,15 @@ class PlaneFits:
         return np.where(self.lever > 0.0, variance, np.inf)
 
 
-def fit_planes(tree: NeighbourTree, cloud: FloatArray, at: FloatArray, count: int = NEIGHBOURS) -> PlaneFits:
-    """Fit a plane to the nearest neighbours of each query."""
-    return _fit_near(lambda part: tree.nearest(at[part], count), len(at), cloud, min(count, tree.size))
+def fit_planes(
+    tree: NeighbourTree, cloud: FloatArray, at: FloatArray, count: int = NEIGHBOURS, beside: IntArray | None = None
+) -> PlaneFits:
+    """Fit a plane to the nearest neighbours of each query, beside one of the points where that is known, (m,)."""
+
+    def nearest(part: slice) -> tuple[IntArray, FloatArray]:
+        return tree.nearest(at[part], count) if beside is None else tree.nearest_beside(at[part], beside[part], count)
+
+    return _fit_near(nearest, len(at), cloud, min(count, tree.size))
 
 
 def fit_planes_at(tree: NeighbourTree, cloud: FloatArray, rows: IntArray, count: int = NEIGHBOURS) -> PlaneFits:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from dqreg._arrays import FloatArray, IntArray
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.mesh import Mesh
 
@@ -32,10 +33,15 @@ def sample_mesh(mesh: Mesh, count: int, rng: np.random.Generator) -> PointCloud:
     >>> len(cloud), bool((cloud.points.sum(axis=1) <= 1.0).all())
     (100, True)
     """
+    points, faces = places_on(mesh, count, rng)
+    return PointCloud(points, mesh.face_normals[faces], units=mesh.units)
+
+
+def places_on(mesh: Mesh, count: int, rng: np.random.Generator) -> tuple[FloatArray, IntArray]:
+    """The same points, (n, 3), and the face of each, without a cloud of them, which takes as long again."""
     areas = mesh.face_areas
     faces = rng.choice(len(areas), size=count, p=areas / areas.sum())
     # The square root makes the distance from the first corner uniform in area (Turk 1990).
     across, along = np.sqrt(rng.uniform(size=(count, 1))), rng.uniform(size=(count, 1))
-    a, b, c = (mesh.corners[faces, k] for k in range(3))
-    points = (1.0 - across) * a + across * (1.0 - along) * b + across * along * c
-    return PointCloud(points, mesh.face_normals[faces], units=mesh.units)
+    a, b, c = (np.take(mesh.corners[:, k], faces, axis=0) for k in range(3))
+    return (1.0 - across) * a + across * (1.0 - along) * b + across * along * c, faces

@@ -14,7 +14,7 @@ from dqreg.geometry.spacing import spacing_of
 THINNED = 50_000
 # Pieces of the cloud on which spacing and noise are measured then, points of a piece, and those in its middle, whose
 # neighbours are in the piece.
-PIECES, PIECE, MIDDLE = 30, 512, 64
+PIECES, PIECE, MIDDLE = 30, 512, 32
 
 
 def measure_all(
@@ -28,8 +28,9 @@ def measure_all(
 
 def measure_pieces(points: FloatArray, rows: IntArray) -> tuple[PlaneFits, float, tuple[float, float]]:
     """The same of a large cloud: planes to neighbours in a thinned one, the rest from pieces of it."""
-    thinned = np.take(points, sample_rows(len(points), max(THINNED, 2 * len(rows))), axis=0)
-    fits = fit_planes(NeighbourTree(thinned, in_order=True), thinned, np.take(points, rows, axis=0))
+    some = sample_rows(len(points), max(THINNED, 2 * len(rows)))
+    thinned, beside = np.take(points, some, axis=0), np.minimum(np.searchsorted(some, rows), len(some) - 1)
+    fits = fit_planes(NeighbourTree(thinned, in_order=True), thinned, np.take(points, rows, axis=0), beside=beside)
     # Runs along the Morton curve are patches of the surface with all of their points, so that the neighbours of those
     # in the middle are their neighbours in the whole cloud.
     firsts = np.linspace(0, len(points) - PIECE, PIECES).astype(np.int64)

@@ -29,7 +29,7 @@ from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.mesh import Mesh
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
-from dqreg.geometry.sampling import sample_mesh
+from dqreg.geometry.sampling import places_on
 from dqreg.geometry.spacing import measure_spacing
 
 # A larger ratio of sizes has no other reading than a mistake.
@@ -150,7 +150,7 @@ def require_right_units(
 def principal_spreads(geometry: PointCloud | Mesh) -> FloatArray:
     """Standard deviations along the principal axes, the largest first, outliers left out."""
     if isinstance(geometry, Mesh):
-        points = sample_mesh(geometry, SAMPLE, np.random.default_rng(0)).points
+        points = places_on(geometry, SAMPLE, np.random.default_rng(0))[0]
     else:
         points = geometry.points[sample_rows(len(geometry.points), SAMPLE)]
     # Column by column: along rows of three NumPy takes ten times as long.

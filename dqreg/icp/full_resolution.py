@@ -11,8 +11,10 @@ On clouds, and for other estimators, each level draws its points, the last one t
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry.cloud_surface import CloudSurface
@@ -68,28 +70,32 @@ def gather(
     lengths[-1] += len(scan) - on.size
     asked = sample_runs_by_gain(information_gain(pairs, weights), lengths, count, gone)
     order = np.argsort(np.r_[gathered * length + length // 2, asked], kind="stable")
+
+    def both(of_runs: NDArray[Any], of_alone: NDArray[Any]) -> NDArray[Any]:
+        return np.take(np.concatenate([of_runs, of_alone]), order, axis=0)
+
     alone = find_correspondences(scan.taken(asked), surface, T)
     moved = pose.apply(T, means[gathered])
-    normals = pairs.closest.normals[gathered]
-    heights = row_dots(moved - pairs.closest.points[gathered], normals)
-    found = alone.closest
+    normals = np.take(pairs.closest.normals, gathered, axis=0)
+    heights = row_dots(moved - np.take(pairs.closest.points, gathered, axis=0), normals)
+    found, others = alone.closest, alone.scan
     closest = Closest(
-        np.concatenate([moved - heights[:, None] * normals, found.points])[order],
-        np.concatenate([normals, found.normals])[order],
-        np.r_[np.abs(heights), found.distances][order],
-        np.r_[pairs.closest.elements[gathered], found.elements][order],
+        both(moved - heights[:, None] * normals, found.points),
+        both(normals, found.normals),
+        both(np.abs(heights), found.distances),
+        both(pairs.closest.elements[gathered], found.elements),
     )
     none, mixed = np.zeros((len(gathered), 3)), np.full(len(gathered), PARTS, dtype=np.uint8)
     together = dataclasses.replace(
         scan,
-        points=np.concatenate([means[gathered], alone.scan.points])[order],
-        normals=np.concatenate([none, alone.scan.normals])[order],
-        levers=np.r_[none[:, 0], alone.scan.levers][order],
-        residuals=np.r_[none[:, 0] * np.nan, alone.scan.residuals][order],
+        points=both(means[gathered], others.points),
+        normals=both(none, others.normals),
+        levers=both(none[:, 0], others.levers),
+        residuals=both(none[:, 0] * np.nan, others.residuals),
         fitted=np.zeros(0, dtype=np.int64),
-        counts=np.r_[counts[gathered], np.ones(len(asked))][order],
-        within=np.r_[within[gathered], np.zeros(len(asked))][order],
-        parts=None if alone.scan.parts is None else np.r_[mixed, alone.scan.parts][order],
+        counts=both(counts[gathered], np.ones(len(asked))),
+        within=both(within[gathered], np.zeros(len(asked))),
+        parts=None if others.parts is None else both(mixed, others.parts),
     )
     return Correspondences(together, T, closest, pairs.same_sign, surface)
 

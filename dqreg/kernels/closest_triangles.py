@@ -17,13 +17,15 @@ EQUALS = 64
 # A search begins at the box of its first guess, or at one above it that is that many times as long as the guess is far:
 # from the box of a guess that is no neighbour it would look at everything in between.
 SPAN = 6.0
+# What stands between brackets counts from the end where it is below zero, which each access asks of a signed number:
+# five per cent of a query. Guesses may be -1, and stay signed.
+U = np.uint64
 
 
 @inside_kernels
 def box_distance(box: FloatArray, j: int, x: float, y: float, z: float) -> float:
     """Squared distance from a point to box j; 0 inside."""
-    # A number below zero would count from the end, which each access asks of a signed one.
-    k = np.uint64(j)
+    k = U(j)
     dx = max(box[k, 0] - x, x - box[k, 3], 0.0)
     dy = max(box[k, 1] - y, y - box[k, 4], 0.0)
     dz = max(box[k, 2] - z, z - box[k, 5], 0.0)
@@ -35,10 +37,11 @@ def box_distance(box: FloatArray, j: int, x: float, y: float, z: float) -> float
 def box_above(nodes: FloatArray, links: IntArray, j: int, square: float) -> int:
     """Box j, or the first one above it whose squared diagonal is no less than a square. O(log n)."""
     while j > 0:
-        dx, dy, dz = nodes[j, 3] - nodes[j, 0], nodes[j, 4] - nodes[j, 1], nodes[j, 5] - nodes[j, 2]
+        k = U(j)
+        dx, dy, dz = nodes[k, 3] - nodes[k, 0], nodes[k, 4] - nodes[k, 1], nodes[k, 5] - nodes[k, 2]
         if dx * dx + dy * dy + dz * dz >= square:
             break
-        j = links[j, 2]
+        j = links[k, 2]
     return j
 
 
@@ -91,7 +94,7 @@ def closest_places(
         best, reach, u, v = bound * bound, bound * bound, 0.0, 0.0
         if slot >= 0:
             d, a, b = closest_on(packed, slot, x, y, z)
-            low = box_above(nodes, links, leaves[slot], SPAN * SPAN * d)
+            low = box_above(nodes, links, leaves[U(slot)], SPAN * SPAN * d)
             if d < reach:
                 # What is farther than the guess is not looked at from the first box on.
                 best, u, v = d, a, b
@@ -101,9 +104,9 @@ def closest_places(
                 slot = none
         node, waiting, equals = low, 0, 0
         while True:
-            near = links[node, 0]
-            if links[node, 1] > 0:
-                for t in range(near, near + links[node, 1]):
+            near = links[U(node), 0]
+            if links[U(node), 1] > 0:
+                for t in range(near, near + links[U(node), 1]):
                     if t == slot:
                         continue
                     d, a, b = closest_on(packed, t, x, y, z)
@@ -127,20 +130,20 @@ def closest_places(
                     near, far, d0, d1 = far, near, d1, d0
                 if d0 < reach:
                     if d1 < reach:
-                        stack[waiting], away[waiting] = far, d1
+                        stack[U(waiting)], away[U(waiting)] = far, d1
                         waiting += 1
                     node = near
                     continue
-            while waiting > 0 and away[waiting - 1] >= reach:
+            while waiting > 0 and away[U(waiting - 1)] >= reach:
                 waiting -= 1
             if waiting > 0:
                 waiting -= 1
-                node = stack[waiting]
+                node = stack[U(waiting)]
                 continue
             beyond = True
             while low > 0 and beyond:
                 # Children follow each other, the first one odd.
-                node, low = low + 1 if low & 1 else low - 1, links[low, 2]
+                node, low = low + 1 if low & 1 else low - 1, links[U(low), 2]
                 beyond = box_distance(nodes, node, x, y, z) >= reach
             if beyond:
                 break

@@ -26,7 +26,7 @@ from dqreg.kernels.majority_planes import majority_plane_rows
 from dqreg.kernels.many_poses import distinct_rows, log_likelihoods, mean_gains
 from dqreg.kernels.mesh_faces import ENDS, MOMENTS, face_columns, solid_faces, surface_moments
 from dqreg.kernels.mesh_sides import number_sides
-from dqreg.kernels.morton import count_cells, morton_cells, new_places, sorted_rows
+from dqreg.kernels.morton import count_cells, morton_cells, new_places, sorted_rows, take_points
 from dqreg.kernels.motion_sums import COLUMNS as MOTION_SUMS
 from dqreg.kernels.motion_sums import motion_shares, motion_sums
 from dqreg.kernels.near_rows import near_rows
@@ -92,6 +92,7 @@ def _order() -> None:
     codes = np.zeros(2, dtype=np.uint64)
     morton_cells(0, 2, CORNERS[0], np.zeros(3), 1.0, codes)
     new_places(CORNERS[0], codes, sorted_rows(codes)[0])
+    take_points(0, 2, CORNERS[0], sorted_rows(codes)[0], np.zeros((2, 3)))
     split_sorted_rows(codes)
     count_cells(codes)
     cell_moments(CORNERS[0], codes, FIRST)

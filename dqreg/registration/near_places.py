@@ -7,8 +7,10 @@ import dataclasses
 import numpy as np
 
 from dqreg._arrays import FloatArray, bounds
-from dqreg.geometry import CloudSurface, Mesh, Surface, sample_mesh
+from dqreg.geometry import CloudSurface, Mesh, Surface
 from dqreg.geometry.normals import sample_rows
+from dqreg.geometry.sampling import places_on
+from dqreg.kernels.threads import unlocked_property
 from dqreg.registration.fit import Fit
 from dqreg.rigid import twist
 from dqreg.search.near_symmetry import is_symmetry, near_flips
@@ -35,8 +37,19 @@ class _Places:
     """What is asked of a target, found once."""
 
     maps: FloatArray  # (k, 4, 4): Rotations that leave most of it in place, of a cloud periods as well
-    planes: Planes
-    reach: FloatArray  # (3,): Extent along each axis
+    points: FloatArray  # (n, 3): Some points of it
+    normals: FloatArray  # (n, 3): Their normals
+    size: float
+
+    @unlocked_property
+    def planes(self) -> Planes:
+        """Its planes: few scans of a part ask for them."""
+        return Planes.of(self.points, self.normals, self.size)
+
+    @unlocked_property
+    def reach(self) -> FloatArray:
+        """Extent along each axis, (3,)."""
+        return _extent(self.points)
 
 
 def near_maps(fit: Fit) -> FloatArray:
@@ -140,18 +153,16 @@ def _places(fit: Fit) -> _Places:
 def _of_mesh(fit: Fit) -> _Places:
     target = fit.problem.target
     assert isinstance(target.geometry, Mesh)
-    sample = sample_mesh(target.geometry, LOOKED_AT, np.random.default_rng(0))
-    planes = Planes.of(sample.points, np.asarray(sample.normals), fit.prepared.surface.diagonal)
-    return _Places(target.near_rotations, planes, _extent(planes.points))
+    points, faces = places_on(target.geometry, LOOKED_AT, np.random.default_rng(0))
+    return _Places(target.near_rotations, points, target.geometry.face_normals[faces], fit.prepared.surface.diagonal)
 
 
 def _of_cloud(fit: Fit, surface: CloudSurface) -> _Places:
     rows = sample_rows(len(surface._points), LOOKED_AT)
-    planes = Planes.of(surface._points[rows], surface._fits_at(rows)[:, :3], surface.diagonal)
     tangent = _tangent(fit, surface)
     facets = tangent.facets()
     maps = np.concatenate([near_flips(facets, tangent), near_periods(facets, tangent, OF_CLOUD)])
-    return _Places(maps, planes, _extent(planes.points))
+    return _Places(maps, surface._points[rows], surface._fits_at(rows)[:, :3], surface.diagonal)
 
 
 def _tangent(fit: Fit, surface: CloudSurface) -> TangentPlanes:

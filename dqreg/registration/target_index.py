@@ -100,9 +100,9 @@ class TargetIndex:
             if isinstance(self.surface, CloudSurface):
                 _ = self.surface.normals
             return
-        # What both threads ask for comes first.
+        # What both threads ask for comes first; the spreads are waited for by whoever reads the scan.
         _ = mesh.corners, mesh.face_normals
-        beside = Later(lambda: (self._smooth, mesh.is_closed, self.spreads))
+        beside = Later(lambda: (self.spreads, self._smooth, mesh.is_closed))
         found = self.surface.closest(self.surface.centre[None])
         beside.result()
         self.smooth_normals(found)

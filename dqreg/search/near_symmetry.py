@@ -13,12 +13,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.geometry import Mesh, Surface, sample_mesh
+from dqreg.geometry import Mesh, Surface
+from dqreg.geometry.sampling import places_on
 from dqreg.rigid import pose
 from dqreg.rigid.rotations import angle_of
 from dqreg.search.axes import cube_rotations, face_axes, moments, principal_axes
 from dqreg.search.poses import Poses
-from dqreg.search.rings import ring_flips, ring_steps
+from dqreg.search.rings import Ring, ring_flips, ring_steps
 from dqreg.search.symmetry import MOST, NEARLY, SAME
 
 # A motion that leaves this fraction of the part in place is a symmetry, which no scan can decide; in place to so much
@@ -37,8 +38,8 @@ def near_flips(mesh: Mesh, surface: Surface) -> FloatArray:
 
     Shapes: returns (k, 4, 4). Some are `is_symmetry`: little noise may tell what they change.
     """
-    ring = [*ring_steps(mesh, surface), *ring_flips(mesh, surface)]
-    return _near_maps(mesh, surface, _about(mesh, cube_rotations(), ring), EXACT)
+    ring = Ring.of(mesh, surface)
+    return _near_maps(mesh, surface, _about(mesh, cube_rotations(), [*ring_steps(ring), *ring_flips(ring)]), EXACT)
 
 
 def near_mirrors(mesh: Mesh, surface: Surface) -> FloatArray:
@@ -57,7 +58,7 @@ def mirrors_about(mesh: Mesh) -> FloatArray:
 
 def is_symmetry(T: FloatArray, mesh: Mesh, surface: Surface) -> bool:
     """Whether a motion leaves all of a part about in place."""
-    points, limit = sample_mesh(mesh, CHECKED, np.random.default_rng(0)).points, SAME * surface.diagonal
+    points, limit = places_on(mesh, CHECKED, np.random.default_rng(0))[0], SAME * surface.diagonal
     return bool(np.mean(surface.closest(pose.apply(T, points), within=2.0 * limit).distances <= limit) >= ALL)
 
 
@@ -75,7 +76,7 @@ def _about(mesh: Mesh, turns: Sequence[FloatArray], ring: Sequence[FloatArray] =
 def _near_maps(mesh: Mesh, surface: Surface, turns: list[FloatArray], same: float) -> FloatArray:
     """Those of some orthogonal matrices that, about the centre, leave most of a part in place, but not all exactly."""
     centre = moments(mesh)[0]
-    points = sample_mesh(mesh, CHECKED, np.random.default_rng(0)).points
+    points = places_on(mesh, CHECKED, np.random.default_rng(0))[0]
     maps = [pose.from_parts(R, centre - R @ centre) for R in turns]
     # Few points of all rotations in one query; most rotations move most of the part far away.
     few = Poses.of(np.array(maps)).apply(points[:: CHECKED // SCREENED]).reshape(-1, 3)

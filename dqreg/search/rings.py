@@ -7,7 +7,8 @@ import dataclasses
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.geometry import Mesh, Surface, sample_mesh
+from dqreg.geometry import Mesh, Surface
+from dqreg.geometry.sampling import places_on
 from dqreg.rigid.rotations import about_axis
 from dqreg.search.axes import moments, principal_axes
 from dqreg.search.scoring import mean_gains
@@ -51,7 +52,7 @@ class Ring:
         if low == high:
             return None
         centre, axes = principal_axes(mean, covariance)
-        arms = (sample_mesh(mesh, RING_POINTS, np.random.default_rng(0)).points - centre) @ axes
+        arms = (places_on(mesh, RING_POINTS, np.random.default_rng(0))[0] - centre) @ axes
         return Ring(np.eye(3)[0 if high else 2], centre, axes, arms, surface)
 
     def in_place(self, rotations: FloatArray, every: int = 1) -> FloatArray:
@@ -76,13 +77,12 @@ class Ring:
         return gains
 
 
-def ring_steps(mesh: Mesh, surface: Surface) -> list[FloatArray]:
+def ring_steps(ring: Ring | None) -> list[FloatArray]:
     """Rotations by one tooth of a ring whose teeth fit each other, either way, in the frame of the principal axes.
 
     About an axis with equal moments across it the rotations of the cube miss them: a ring of 24 teeth fits itself at
     every 15 degrees.
     """
-    ring = Ring.of(mesh, surface)
     if ring is None:
         return []
     if ring.brings_back(RING_FIRST)[1].max() < 0.5 * COMES_BACK:
@@ -96,9 +96,8 @@ def ring_steps(mesh: Mesh, surface: Surface) -> list[FloatArray]:
     return [about_axis(ring.axis, sign * 2.0 * np.pi / TEETH[k]) for k in fits for sign in (1.0, -1.0)]
 
 
-def ring_flips(mesh: Mesh, surface: Surface) -> list[FloatArray]:
+def ring_flips(ring: Ring | None) -> list[FloatArray]:
     """Half-turns of a ring about axes across its own that leave most of it in place: its moments name none of them."""
-    ring = Ring.of(mesh, surface)
     if ring is None:
         return []
     across = np.roll(ring.axis, 1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -29,6 +29,20 @@ NEAREST, STEPS, FACTOR, FARTHEST = 1.5, 16, 2.0**0.5, 0.5
 SINGULAR = 1e-9
 # Bins of the distances, up to the farthest range.
 BINS = 256
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Starts:
+    """First rows of patches."""
+
+    large: IntArray
+    small: IntArray
+
+    @cached_property
+    def all(self) -> IntArray:
+        """Those of patches of which both kinds are made, the first row of all among them."""
+        united = np.union1d(np.zeros(1, dtype=np.int64), np.concatenate([self.large, self.small]))
+        return np.asarray(united, dtype=np.int64)
 
 
 def scatter_of(
@@ -62,15 +76,15 @@ def scatter_of(
 
 def scatter_of_sums(
     sums: PatchSums,
-    starts: tuple[IntArray, IntArray],
+    starts: Starts,
     known: FloatArray,
     variance: float,
     *,
     overlap: bool = False,
     motions: FloatArray | None = None,
 ) -> FloatArray | None:
-    """The same from sums over patches, given the starts of larger and of smaller ones."""
-    large, small = starts
+    """The same from sums over patches, given the starts of these."""
+    large, small = starts.large, starts.small
     information = sums.information()
     mix = np.eye(len(information)) if motions is None else motions
     # Patches tell the scatter of fewer unknowns than there are of them.
@@ -96,28 +110,18 @@ def scatter_of_sums(
     return larger(coarse, fine + bread @ (between / left) @ bread)
 
 
-def patch_starts(total: int, counts: FloatArray | None) -> tuple[IntArray, IntArray]:
+def patch_starts(total: int, counts: FloatArray | None) -> Starts:
     """First rows of the larger and of the smaller patches of so many rows, of as many points each."""
     if counts is None:
-        return _even_starts(total)[:2]
+        return _even_starts(total)
     passed = np.cumsum(counts)
-    return _starts(total, PATCHES, passed), _starts(total, SMALL, passed)
-
-
-def all_starts(total: int, counts: FloatArray | None) -> IntArray:
-    """First rows of patches of which both kinds are made, the first row of all among them."""
-    return _even_starts(total)[2] if counts is None else _united(*patch_starts(total, counts))
+    return Starts(_starts(total, PATCHES, passed), _starts(total, SMALL, passed))
 
 
 @lru_cache(maxsize=16)
-def _even_starts(total: int) -> tuple[IntArray, IntArray, IntArray]:
+def _even_starts(total: int) -> Starts:
     # The same for every scan of so many points.
-    large, small = _starts(total, PATCHES, None), _starts(total, SMALL, None)
-    return large, small, _united(large, small)
-
-
-def _united(large: IntArray, small: IntArray) -> IntArray:
-    return np.asarray(np.union1d(np.zeros(1, dtype=np.int64), np.concatenate([large, small])), dtype=np.int64)
+    return Starts(_starts(total, PATCHES, None), _starts(total, SMALL, None))
 
 
 def _starts(total: int, most: int, passed: FloatArray | None) -> IntArray:

@@ -11,7 +11,7 @@ from dqreg._arrays import BoolArray, FloatArray, dot, product
 from dqreg.geometry.vector_rows import nonzero_rows, row_dots
 from dqreg.solvers.quadratic import ROWS, plane_rows
 from dqreg.solvers.row_sums import MotionSums
-from dqreg.solvers.sandwich import all_starts, patch_starts, scatter_of_sums
+from dqreg.solvers.sandwich import patch_starts, scatter_of_sums
 
 # Information below this fraction of what all correspondences could give with the longest lever is rounding or facets,
 # not shape.
@@ -158,7 +158,8 @@ def information_of(
     scaling = scaling_by(lever)
     basis = np.eye(6) if allowed is None else np.linalg.qr(allowed * scaling[:, None])[0]
     smooth = normals if smooth is None else smooth
-    first = all_starts(len(weights), counts) if patchwise else FIRST
+    starts = patch_starts(len(weights), counts) if patchwise else None
+    first = FIRST if starts is None else starts.all
     sums = MotionSums.of(points, normals, smooth, residuals, weights, centre, lever, first, basis)
     aside = dot(weights, scattered) if isinstance(scattered, np.ndarray) else total * scattered
     variance = (sums.squares() + aside) / max(total - 6.0, 1.0)
@@ -174,11 +175,10 @@ def information_of(
     sigma = float(np.sqrt(variance))
     held = Information(np.maximum(values, 0.0), scaled, total, sigma, lever, centre, carriers)
     motions = vectors[:, ~held.free]
-    if not patchwise or not motions.shape[1]:
+    if starts is None or not motions.shape[1]:
         return held
     known = motions.T @ known @ motions
     # Facets have an information of their own.
-    starts = patch_starts(len(weights), counts)
     scatter = scatter_of_sums(sums, starts, known, variance, overlap=own is not None, motions=motions)
     outer = basis @ motions
     return held if scatter is None else dataclasses.replace(held, scatter=outer @ scatter @ outer.T)

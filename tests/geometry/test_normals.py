@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
+from dqreg.geometry.morton import morton_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import (
     CHUNK,
@@ -166,6 +167,17 @@ def test_planes_from_remembered_neighbours_are_those_from_a_fresh_search() -> No
     # From memory, and where one of the rows is not known.
     for asked in (rows, np.array([7, 8])):
         np.testing.assert_array_equal(tree.nearest_known(asked, 8), tree.nearest(cloud[asked], 8)[0])
+
+
+def test_where_a_search_begins_changes_no_plane() -> None:
+    rng = np.random.default_rng(8)
+    cloud = rng.normal(size=(400, 3))
+    cloud = cloud[morton_order(cloud)]
+    places = cloud[::7] + rng.normal(scale=0.1, size=(58, 3))
+    tree = NeighbourTree(cloud, in_order=True)
+    found, expected = fit_planes(tree, cloud, places, beside=np.arange(58) * 7), fit_planes(tree, cloud, places)
+    np.testing.assert_array_equal(found.normals, expected.normals)
+    np.testing.assert_array_equal(found.residuals, expected.residuals)
 
 
 def test_a_tree_of_few_points_remembers_all_of_them() -> None:

@@ -10,7 +10,8 @@ from dqreg.rigid.rotations import about_axis, angle_of
 from dqreg.search.flipped_poses import (
     flipped_poses,
 )
-from dqreg.search.near_symmetry import is_symmetry, near_flips, near_mirrors, ring_steps
+from dqreg.search.near_symmetry import is_symmetry, near_flips, near_mirrors
+from dqreg.search.rings import Ring, ring_steps
 from dqreg.synth.parts import block, box, bracket, cylinder, flange, gear
 from dqreg.synth.parts.blocks import cells
 from dqreg.synth.parts.patches import weld
@@ -81,7 +82,7 @@ def marked(teeth: int) -> Mesh:
 @pytest.mark.parametrize("teeth", [14, 18, 24, 31])
 def test_the_step_of_a_gear_is_one_tooth(teeth: int) -> None:
     part = wheel(teeth)
-    steps = ring_steps(part, MeshSurface(part))
+    steps = ring_steps(Ring.of(part, MeshSurface(part)))
     angles = np.array([angle_of(R) for R in steps])
     assert np.abs(angles - 2.0 * np.pi / teeth).min() <= 1e-9
     # Either way, and nothing but whole teeth.
@@ -100,19 +101,19 @@ def spoilt(part: tuple, diameter: float) -> Mesh:
 def test_the_step_of_a_few_bolts_is_found_beside_what_breaks_their_ring() -> None:
     """Bolts are some hundredths of the surface, and a cube out of place nearly as much."""
     mesh = spoilt(flange(diameter=120.0, bolts=5), 120.0)
-    steps = ring_steps(mesh, MeshSurface(mesh))
+    steps = ring_steps(Ring.of(mesh, MeshSurface(mesh)))
     assert np.abs(np.array([angle_of(R) for R in steps]) - np.deg2rad(72.0)).min() <= 1e-9
 
 
 def test_a_disc_that_one_thing_breaks_has_no_step() -> None:
     mesh = spoilt(cylinder(diameter=120.0, height=20.0, segments=96), 120.0)
-    assert ring_steps(mesh, MeshSurface(mesh)) == []
+    assert ring_steps(Ring.of(mesh, MeshSurface(mesh))) == []
 
 
 @pytest.mark.parametrize("part", [bracket(), block()], ids=["plain", "block"])
 def test_what_has_no_teeth_has_no_step(part: tuple) -> None:
     mesh = Mesh(*part)
-    assert ring_steps(mesh, MeshSurface(mesh)) == []
+    assert ring_steps(Ring.of(mesh, MeshSurface(mesh))) == []
 
 
 def test_the_facets_of_a_cylinder_are_its_symmetry_and_no_flips() -> None:

@@ -24,11 +24,12 @@ def spokes(count: int) -> Mesh:
 @pytest.mark.parametrize("mesh", [BLOCK, spokes(6), spokes(9)], ids=["block", "six", "nine"])
 def test_few_points_first_change_no_answer(mesh: Mesh, monkeypatch: pytest.MonkeyPatch) -> None:
     surface = MeshSurface(mesh)
-    found = ring_steps(mesh, surface), ring_flips(mesh, surface)
+    ring = Ring.of(mesh, surface)
+    found = ring_steps(ring), ring_flips(ring)
     # Oracle: all points at once.
     monkeypatch.setattr(rings, "HOPELESS", -1.0)
     monkeypatch.setattr(rings, "RING_FIRST", 1)
-    for some, all_of_them in zip(found, (ring_steps(mesh, surface), ring_flips(mesh, surface)), strict=True):
+    for some, all_of_them in zip(found, (ring_steps(ring), ring_flips(ring)), strict=True):
         np.testing.assert_array_equal(some, all_of_them)
 
 
