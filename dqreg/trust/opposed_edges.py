@@ -32,6 +32,7 @@ from dqreg.trust.face_rims import (
     Points,
     lifted,
     open_sides,
+    surrounded,
 )
 
 # Neighbours of a rim in space, within so many spacings, that tell to which side of the plane the faces beside it turn:
@@ -137,14 +138,17 @@ class Beside:
 
     def rims(self, asked: BoolArray) -> Turning:
         """Which of those asked, (k,), are rims beside which the faces turn to one side."""
-        rows = self.rows[asked]
-        side = self._sides(self.held.rows[rows])
-        rows, side = rows[side != 0.0], side[side != 0.0]
+        held, rows = self.held, self.rows[asked]
+        cloud, tree = held.cloud
+        neighbours = tree.beside(held.rows[rows], BESIDE_RIM)
+        rows = rows[~surrounded(cloud, held.rows, held.flat, rows, neighbours, held.within)]
         found, apart = self.tree.nearest_to(rows, AROUND + 1)
-        open_rad, towards = open_sides(self.held.flat[rows], self.held.flat, found)
+        open_rad, towards = open_sides(held.flat[rows], held.flat, found)
         is_rim = (open_rad > OPEN_RAD) & (apart[:, -1] <= SPARSE * self.usual)
-        outward = np.column_stack([np.cos(towards), np.sin(towards)])[is_rim] @ self.held.plane.across
-        return Turning(self.held.places(rows[is_rim]), outward, side[is_rim])
+        rows, towards = rows[is_rim], towards[is_rim]
+        side = self._sides(held.rows[rows])
+        outward = np.column_stack([np.cos(towards), np.sin(towards)]) @ held.plane.across
+        return Turning(held.places(rows[side != 0.0]), outward[side != 0.0], side[side != 0.0])
 
     def _sides(self, rows: IntArray) -> FloatArray:
         """Side of the plane, 1 or -1, on which the points beside some rows of the cloud lie, (m,).
