@@ -14,7 +14,7 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
 from dqreg.geometry.normals import sample_rows
-from dqreg.geometry.vector_rows import nonzero_rows
+from dqreg.geometry.vector_rows import cross, nonzero_rows
 
 # Points that are looked at; directions and planes along each that are kept, with this share of the points.
 LOOKED_AT, DIRECTIONS, PLANES, LEAST_SHARE = 800, 5, 16, 0.015
@@ -130,7 +130,7 @@ def _frame(one: FloatArray, other: FloatArray) -> FloatArray:
     """Orthonormal axes, the columns: a direction, what is across it of another one, and what is across both."""
     other = other - (other @ one) * one
     other = other / np.linalg.norm(other)
-    return np.column_stack([one, other, np.cross(one, other)])
+    return np.column_stack([one, other, cross(one, other)])
 
 
 def _shifted(
