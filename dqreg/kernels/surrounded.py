@@ -1,4 +1,4 @@
-"""Points of a cloud in a plane: how much of what is beside each lies there too, and which have others all around."""
+"""Points of a cloud in a plane: how dense they are, what is beside each, and which have others all around."""
 
 from __future__ import annotations
 
@@ -28,6 +28,33 @@ def shares_beside(
         for j in range(count):
             held += near[table[lines[i], j]]
         shares[i] = held / count
+
+
+@compiled
+def squares_along(
+    points: FloatArray, heights: FloatArray, rows: IntArray, asked: IntArray, window: int, last: int, found: FloatArray
+) -> None:
+    """Write the square of the distance in the plane from the rows asked to one of those next to each, so many of them.
+
+    To the nearest but ``last`` others of the window: the point itself is in it. O(window last) a row. Shapes: points
+    (n, 3), heights over the plane (n,), rows of these (m,), asked (k,) of those, found (k,).
+    """
+    nearest = np.zeros(last + 1)
+    for i in range(len(asked)):
+        own, first = rows[asked[i]], max(min(asked[i] - window // 2, len(rows) - window), 0)
+        nearest[:] = np.inf
+        for t in range(first, first + window):
+            # Along the plane: what is left without the difference in height.
+            square, j = -((heights[rows[t]] - heights[own]) ** 2), last
+            for k in range(3):
+                square += (points[rows[t], k] - points[own, k]) ** 2
+            if not square < nearest[last]:
+                continue
+            while j > 0 and square < nearest[j - 1]:
+                nearest[j] = nearest[j - 1]
+                j -= 1
+            nearest[j] = square
+        found[i] = nearest[last]
 
 
 @compiled

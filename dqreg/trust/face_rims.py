@@ -168,7 +168,7 @@ def shared_rims(rims: Sequence[Rims | None], others: Sequence[Rims | None]) -> f
 
 def _alike(one: Rims, other: Rims, asked: BoolArray) -> tuple[IntArray, BoolArray]:
     """The other cloud's rims next to those asked, (m, k), and whether they are the same ones."""
-    rows, apart = NeighbourTree(other.points).nearest(one.points[asked], NEAREST)
+    rows, apart = NeighbourTree(other.points, in_order=True).nearest(one.points[asked], NEAREST)
     look_alike = np.einsum("ijk,ik->ij", other.outward[rows], one.outward[asked]) > SAME_COS
     return rows, look_alike & (apart < SAME * max(one.spacing, other.spacing))
 

@@ -99,7 +99,7 @@ class InPlane:
     def beside_any(self, reach: float) -> IntArray:
         """Which of those that may do stand within a shorter reach of a point off the plane, (m,)."""
         off = self.off[np.abs(self.heights[self.off]) < self.within + reach]
-        k = self.beside[np.abs(self.over[self.beside]) > self.within - reach]
+        k = np.flatnonzero(np.abs(self.over) > self.within - reach)
         near: IntArray = k[stand_near(self.cloud[0], self.rows[k], self.cloud[0], off, reach)]
         return near
 
@@ -262,13 +262,13 @@ def _most_spacing(points: FloatArray, heights: FloatArray, rows: IntArray) -> fl
 
     Its neighbours are no farther off than those among the points next to it along the curve.
     """
+    from dqreg.kernels.surrounded import squares_along
+    from dqreg.kernels.threads import as_plain
+
     some, count = sample_rows(len(rows), SAMPLE), min(WINDOW, len(rows))
-    firsts, last = np.clip(some - count // 2, 0, len(rows) - count), min(AROUND, count - 1)
-    beside, some = rows[firsts[:, None] + np.arange(count)], rows[some]
-    arms = np.take(points, beside, axis=0) - np.take(points, some, axis=0)[:, None]
-    # Along the plane: what is left without the difference in height.
-    square = np.einsum("ijk,ijk->ij", arms, arms) - (heights[beside] - heights[some, None]) ** 2
-    return OF_SPACING * math.sqrt(max(median(np.partition(square, last, axis=1)[:, last]), 0.0))
+    squares = np.zeros(len(some))
+    squares_along(as_plain(points), as_plain(heights), rows, some, count, min(AROUND, count - 1), squares)
+    return OF_SPACING * math.sqrt(max(median(squares), 0.0))
 
 
 def stand_near(points: FloatArray, rows: IntArray, cloud: FloatArray, others: IntArray, reach: float) -> BoolArray:

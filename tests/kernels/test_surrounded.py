@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
-from dqreg.kernels.surrounded import shares_beside, surrounded_rows
+from dqreg.kernels.surrounded import shares_beside, squares_along, surrounded_rows
 from dqreg.trust.face_rims import AROUND, OPEN_COS, OPEN_RAD, open_sides
 
 COUNT = AROUND + 1
@@ -83,3 +83,18 @@ def test_shares_are_those_of_the_neighbours_that_are_near() -> None:
     for count in (3, 8, 20):
         shares_beside(0, 40, lines, table, count, near, shares)
         np.testing.assert_array_equal(shares, near[table[lines][:, :count]].mean(axis=1))
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 12), st.integers(0, 30))
+def test_squares_are_those_in_the_plane_among_the_points_next_along_the_order(
+    seed: int, window: int, last: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    points, rows, asked = rng.normal(size=(60, 3)), np.sort(rng.permutation(60)[:40]), rng.permutation(40)[:15]
+    last, found = min(last, window - 1), np.zeros(15)
+    squares_along(points, points[:, 2].copy(), rows, asked, window, last, found)
+    for k, place in enumerate(asked):
+        first = min(max(place - window // 2, 0), 40 - window)
+        arms = points[rows[first : first + window], :2] - points[rows[place], :2]
+        assert np.isclose(found[k], np.sort((arms**2).sum(axis=1))[last], rtol=1e-9, atol=1e-12)
