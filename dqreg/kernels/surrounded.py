@@ -83,7 +83,7 @@ def surrounded_rows(
     Shapes: asked (m,), rows of flat, (n, 2), the points in the plane; held (n,), their rows in the cloud, and places
     (N,), the way back, -1 for none; points (N, 3); lines (m,) of the table, (l, k), of neighbours, closest first.
     """
-    most, square = min(count, table.shape[1]), 0.0
+    most = min(count, table.shape[1])
     arms = np.zeros((3, most))
     for i in range(first, last):
         known = _arms_to(flat, asked[i], places, table, lines[i], min(beside, most), np.inf, arms)
@@ -101,14 +101,7 @@ def surrounded_rows(
 
 @inside_kernels
 def _arms_to(
-    flat: FloatArray,
-    own: int,
-    places: IntArray,
-    table: Rows,
-    line: int,
-    count: int,
-    limit: float,
-    arms: FloatArray,
+    flat: FloatArray, own: int, places: IntArray, table: Rows, line: int, count: int, limit: float, arms: FloatArray
 ) -> int:
     """Write x, y and square of the arms from a place to those of its first neighbours nearer than a limit, squared.
 
