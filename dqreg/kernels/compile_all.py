@@ -50,6 +50,7 @@ from dqreg.kernels.rims import line_rows, one_sided_rows
 from dqreg.kernels.scattering import put_rows
 from dqreg.kernels.smooth_corners import smooth_corners
 from dqreg.kernels.split_sort import split_sorted_rows
+from dqreg.kernels.surrounded import shares_beside, squares_along, surrounded_rows
 from dqreg.kernels.systematic_rows import systematic_rows
 from dqreg.kernels.triangle_tree import TriangleTree
 from dqreg.kernels.voxel_points import admit_points
@@ -192,6 +193,10 @@ def _rims() -> None:
     line_rows(0, 0, FLAT, few, 0.15, none)
     components(1, FIRST[:0], FIRST[:0])
     near_rows(FLAT, FIRST[:0], FLAT, FIRST[:0], LEAF, 1.0, none)
+    shares_beside(0, 0, FIRST[:0], few, 1, none, NOTHING)
+    squares_along(FLAT, ONE, FIRST, FIRST[:0], 1, 0, NOTHING)
+    flat = FIRST[:0], np.zeros((0, 2)), FIRST[:0], FIRST[:0]
+    surrounded_rows(0, 0, *flat, FLAT, FIRST[:0], few, 1, 1, 1.0, -0.5, none)
 
 
 def _search() -> None:

@@ -47,8 +47,8 @@ def nearest_points(
     Where fewer are nearer than ``within``, the row is n and the distance that.
 
     O(k + log n) a query near the points. It begins at a place of the tree near each query, (m,), or, where none is
-    known, (0,), at the nearest of the query before, whose k are no farther from this one than their distance and the
-    way between the two. From the leaf of that place it goes on to those beside the boxes above it.
+    known, (0,), at the nearest of the query before, and from the leaf of that place it goes on to those beside the
+    boxes above it. The k of the query before are no farther from this one than their distance and the way between them.
     """
     n, half, count = len(places), len(boxes) // 2, found.shape[1]
     stack, away, last_of = np.zeros(DEEPEST, np.int64), np.zeros(DEEPEST), U(count - 1)
@@ -61,7 +61,7 @@ def nearest_points(
         if place < n:
             low = leaf_above(boxes, places, leaf, place, x, y, z)
         limit = within * within
-        if i > first and len(at) == 0:
+        if i > first:
             dx, dy, dz = x - queries[i - 1, 0], y - queries[i - 1, 1], z - queries[i - 1, 2]
             farthest = (distances[i - 1, count - 1] + np.sqrt(dx * dx + dy * dy + dz * dz)) * WIDER
             # The next number above, so that what is at the bound is within it.

@@ -114,9 +114,12 @@ def sampled_source(problem: Problem) -> IndexedPoints:
 def indexed_target(index: TargetIndex, surface: Surface, target: PointCloud) -> IndexedPoints:
     """Some points of the target, or all where they are few."""
     derived, points = index.derived, target.points
-    if len(points) <= COMPARED and isinstance(surface, CloudSurface) and surface._rows == len(points):
-        return IndexedPoints(surface._points, surface._tree, is_remembered=True)
     # The same for every scan that is registered to it.
+    if len(points) <= COMPARED and isinstance(surface, CloudSurface) and surface._rows == len(points):
+        whole: IndexedPoints | None = derived.get("whole compared")
+        if whole is None or whole.tree is not surface._tree:
+            whole = derived["whole compared"] = IndexedPoints(surface._points, surface._tree, is_remembered=True)
+        return whole
     if "compared" not in derived:
         derived["compared"] = IndexedPoints.of(np.take(points, sample_rows(len(points), COMPARED), axis=0))
     found: IndexedPoints = derived["compared"]

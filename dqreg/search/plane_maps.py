@@ -14,13 +14,14 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
 from dqreg.geometry.normals import sample_rows
-from dqreg.geometry.vector_rows import nonzero_rows
+from dqreg.geometry.vector_rows import cross, nonzero_rows
 
 # Points that are looked at; directions and planes along each that are kept, with this share of the points.
 LOOKED_AT, DIRECTIONS, PLANES, LEAST_SHARE = 800, 5, 16, 0.015
 # Normals of one direction, and those that are tried as it; heights of one plane, and of planes that are laid in each
 # other, in sizes.
-SAME_COS, TRIED, THICK, WITHIN = np.cos(np.deg2rad(10.0)), 100, 0.01, 0.012
+SAME_RAD, TRIED, THICK, WITHIN = np.deg2rad(10.0), 100, 0.01, 0.012
+SAME_COS = np.cos(SAME_RAD)
 # Share of the points that the planes hold, below which they say nothing of the rest; share of them that a motion may
 # put into no plane, or beyond the ends of the target.
 FLAT, LOST = 0.7, 0.15
@@ -116,13 +117,15 @@ def _rotations(scan: Planes, target: Planes, *, mirrored: bool) -> list[FloatArr
     across = np.linalg.norm(np.cross(scan.directions, one), axis=1)
     other = scan.directions[int((across * [share.sum() for share in scan.shares]).argmax())]
     back, third = _frame(one, other).T, -1.0 if mirrored else 1.0
-    found = []
-    for first, second in itertools.permutations(target.directions, 2):
-        for near in (second, -second):
-            angles = np.arccos(np.clip([first @ near, one @ other], -1.0, 1.0))
-            if abs(angles[0] - angles[1]) > np.arccos(SAME_COS):
+    angles = np.arccos(np.clip(target.directions @ target.directions.T, -1.0, 1.0))
+    least, found = np.arccos(np.clip(one @ other, -1.0, 1.0)), []
+    for first, second in itertools.permutations(range(len(target.directions)), 2):
+        for sign, angle in ((1.0, angles[first, second]), (-1.0, np.pi - angles[first, second])):
+            if abs(angle - least) > SAME_RAD:
                 continue
-            found += [_frame(sign * first, sign * near) * [1.0, 1.0, third] @ back for sign in (1.0, -1.0)]
+            axes = _frame(target.directions[first], sign * target.directions[second]) * [1.0, 1.0, third]
+            # Both directions turned over leave what is across them.
+            found += [axes @ back, axes * [-1.0, -1.0, 1.0] @ back]
     return found
 
 
@@ -130,7 +133,7 @@ def _frame(one: FloatArray, other: FloatArray) -> FloatArray:
     """Orthonormal axes, the columns: a direction, what is across it of another one, and what is across both."""
     other = other - (other @ one) * one
     other = other / np.linalg.norm(other)
-    return np.column_stack([one, other, np.cross(one, other)])
+    return np.column_stack([one, other, cross(one, other)])
 
 
 def _shifted(

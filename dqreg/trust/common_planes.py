@@ -9,7 +9,6 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray, product
 from dqreg.geometry.normals import sample_rows
-from dqreg.geometry.spacing import measure_spacing
 from dqreg.kernels.threads import Later, all_results
 from dqreg.rigid import pose
 from dqreg.trust.face_rims import (
@@ -38,8 +37,6 @@ ALIKE_COS, LEAST_ALIKE = np.cos(np.deg2rad(30.0)), 0.125
 # Distances, in spacings, beyond which a point has none of the other cloud beside it; points in the planes without which
 # nothing is said.
 FLAT, GAP, FEWEST = 0.9, 4.0, 100
-# Points of a cloud of which its spacing is measured.
-SAMPLE = 1_000
 # Slides that are tried, in sizes; a plane that leans on the others by more of its normal than this is slid along none.
 REACH, LEANING = 0.06, 0.2
 
@@ -57,6 +54,7 @@ class CommonPlanes:
     alike: tuple[float, ...]  # Of those that look the same way as each, that it and those beside it hold
     within: float  # Distance from a plane within which a point lies in it
     sides: tuple[Points, Points]  # The source at the pose, the target
+    clouds: tuple[IndexedPoints, IndexedPoints]  # Both, each in its own frame
 
     @staticmethod
     def of(
@@ -69,12 +67,12 @@ class CommonPlanes:
             return None
         placed = pose.apply(T_target_source, moves.points)
         sides = (placed, moves.tree), (stands.points, stands.tree)
-        return CommonPlanes(planes, shares, _alike(overlap, planes, shares), within, sides)
+        return CommonPlanes(planes, shares, _alike(overlap, planes, shares), within, sides, (moves, stands))
 
     @cached_property
     def spacing(self) -> float:
         """Distance of neighbouring points, of the sparser side."""
-        return max(measure_spacing(tree, points, SAMPLE) for points, tree in self.sides)
+        return max(cloud.spacing for cloud in self.clouds)
 
     @property
     def are_all(self) -> bool:
@@ -152,7 +150,7 @@ class CommonPlanes:
     @cached_property
     def _opposed(self) -> list[Later[Opposed | None]]:
         """Opposed rims, plane by plane."""
-        heights = Later(self._heights)
+        heights = self._heights
 
         def opposed(k: int) -> Opposed | None:
             one, other = heights.result()
@@ -161,22 +159,28 @@ class CommonPlanes:
         told = (k for k, alike in enumerate(self.alike) if alike >= LEAST_ALIKE)
         return [Later(partial(opposed, k)) for k in told]
 
-    def _heights(self) -> tuple[FloatArray, FloatArray]:
+    @cached_property
+    def _heights(self) -> Later[tuple[FloatArray, FloatArray]]:
         """Heights of all points of either cloud over each of the planes, (k, n): at once, each would take as long."""
         normals = np.array([plane.normal for plane in self.planes])
         offsets = np.einsum("ij,ij->i", normals, [plane.middle for plane in self.planes])[:, None]
-        one, other = (product(normals, points.T) - offsets for points, _ in self.sides)
-        return one, other
+
+        def heights() -> tuple[FloatArray, FloatArray]:
+            one, other = (product(normals, points.T) - offsets for points, _ in self.sides)
+            return one, other
+
+        return Later(heights)
 
     @cached_property
     def _shown(self) -> list[tuple[Shown, Shown]]:
         """What either cloud shows in each of the planes."""
 
-        def shown(plane: Plane, side: Points) -> Shown:
-            faces = Faces.of(side, plane, self.within)
-            return Shown(faces, rims_in(side[0], faces, plane, self.planes))
+        def shown(k: int, side: int) -> Shown:
+            points, tree = self.sides[side]
+            faces = Faces.of(tree, self._heights.result()[side][k], self.within)
+            return Shown(faces, rims_in(points, faces, self.planes[k], self.planes, self.within))
 
-        found = all_results([Later(partial(shown, plane, side)) for plane in self.planes for side in self.sides])
+        found = all_results([Later(partial(shown, k, side)) for k in range(len(self.planes)) for side in (0, 1)])
         return list(zip(found[::2], found[1::2], strict=True))
 
     @cached_property
@@ -184,15 +188,15 @@ class CommonPlanes:
         """Holes of either cloud in each of the planes that the other's faces close, see `closed_hole`."""
         (one, _), (other, _) = self.sides
 
-        def hole(plane: Plane, here: Shown, there: Shown, points: FloatArray, others: FloatArray) -> float:
+        def hole(plane: Plane, here: Shown, there: Shown, others: FloatArray) -> float:
             if here.rims is None or there.rims is None:
                 return 0.0
-            return closed_hole(points, others, (here.faces, there.faces), plane, self.within, here.rims.spacing)
+            return closed_hole(here.rims, there.rims, others, plane, self.within)
 
         asked = []
         for plane, (here, there) in zip(self.planes, self._shown, strict=True):
-            asked += [Later(partial(hole, plane, here, there, one, other))]
-            asked += [Later(partial(hole, plane, there, here, other, one))]
+            asked += [Later(partial(hole, plane, here, there, other))]
+            asked += [Later(partial(hole, plane, there, here, one))]
         return all_results(asked)
 
     def _beyond(self, side: int) -> float:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray, median
 from dqreg.geometry.neighbours import NeighbourTree
@@ -15,12 +16,14 @@ from dqreg.geometry.normals import sample_rows
 # Points of a cloud at the pose, and a tree of them in their own frame, which is asked about its own points alone: those
 # have the same neighbours at any pose.
 Points = tuple[FloatArray, NeighbourTree]
+Rows = NDArray[np.int32]
 
 # Neighbours of a point in space that tell whether its face lies in the plane, and the share of them that lie there.
 BESIDE, MOSTLY = 8, 0.6
 # Neighbours in the plane that leave so wide an angle without any about a point on a rim; a point that has them within
 # so many times the usual distance only is on no face.
 AROUND, SPARSE, OPEN_RAD = 20, 2.0, np.deg2rad(140.0)
+OPEN_COS = float(np.cos(OPEN_RAD))
 # What the distance to the last of these is of the edge of the square that each has for itself.
 OF_SPACING = float(np.sqrt(np.pi / AROUND))
 # Points of a plane of which its spacing is measured: good to two per cent.
@@ -69,6 +72,7 @@ class Rims:
     outward: FloatArray  # (n, 3): Directions in the plane to the side without points
     counted: BoolArray  # (n,): Whether it is not the rim along which another common plane begins
     spacing: float  # Edge of the square that a point has for itself
+    faces: FloatArray  # (2, m): Where the points of the faces are in the plane
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -76,33 +80,39 @@ class Faces:
     """Points of a cloud that lie in a plane, and how much of what is beside each does too."""
 
     rows: IntArray  # (n,): Of the cloud
-    beside: IntArray  # (n, k): Rows of the neighbours in space, itself the first
-    shares: FloatArray  # (n,): Of these, what lies in the plane
+    lines: IntArray  # (n,): Where their neighbours in space stand
+    beside: Rows  # (l, k): Rows of these, itself the first
+    shares: FloatArray  # (n,): Of so many of these, what lies in the plane
 
     @staticmethod
-    def of(cloud: Points, plane: Plane, within: float) -> Faces:
-        """Those of a cloud within a distance of a plane."""
-        points, tree = cloud
-        near = plane.holds(points, within)
+    def of(tree: NeighbourTree, heights: FloatArray, within: float) -> Faces:
+        """Those of a cloud within a distance of a plane, over which all of its points have these heights, (N,)."""
+        from dqreg.kernels.surrounded import shares_beside
+        from dqreg.kernels.threads import over_chunks
+
+        near = np.abs(heights) < within
         rows = np.flatnonzero(near)
-        beside = tree.nearest_known(rows, BESIDE)
-        return Faces(rows, beside, near[beside].mean(axis=1) if len(rows) else np.zeros(0))
+        lines, beside = tree.beside(rows, BESIDE)
+        shares = np.zeros(len(rows))
+        over_chunks(shares_beside, len(rows), lines, beside, BESIDE, near, shares)
+        return Faces(rows, lines, beside, shares)
 
     def flat(self, share: float = MOSTLY) -> IntArray:
         """Points whose faces lie in the plane, (m,): those of which more than a share of the neighbours does."""
         return self.rows[self.shares > share]
 
 
-def rims_in(points: FloatArray, faces: Faces, plane: Plane, planes: Sequence[Plane]) -> Rims | None:
-    """Rims of a cloud's faces in one of some planes; None where few of its points are."""
+def rims_in(points: FloatArray, faces: Faces, plane: Plane, planes: Sequence[Plane], within: float) -> Rims | None:
+    """Rims of a cloud's faces in one of some planes, that thick to either side; None where few of its points are."""
     held = faces.flat()
     if len(held) < FEWEST:
         return None
     across = plane.across
-    flat = (points[held] - plane.middle) @ across.T
+    flat = (np.take(points, held, axis=0) - plane.middle) @ across.T
     tree = NeighbourTree(lifted(flat), in_order=True)
     usual = median(tree.nearest_to(sample_rows(len(flat), SAMPLE), AROUND + 1)[1][:, -1])
-    rows = np.flatnonzero(~_is_inner(flat, faces, len(points)))
+    neighbours = faces.lines[faces.shares > MOSTLY], faces.beside
+    rows = np.flatnonzero(~surrounded(points, held, flat, np.arange(len(flat)), neighbours, within, beside=BESIDE))
     found, apart = tree.nearest_to(rows, AROUND + 1)
     open_rad, towards = open_sides(flat[rows], flat, found)
     is_rim, spacing = (open_rad > OPEN_RAD) & (apart[:, -1] <= SPARSE * usual), usual * OF_SPACING
@@ -112,22 +122,35 @@ def rims_in(points: FloatArray, faces: Faces, plane: Plane, planes: Sequence[Pla
         if other is not plane:
             counted &= ~other.holds(points, MEETING * spacing)
     outward = np.column_stack([np.cos(towards), np.sin(towards)])[is_rim] @ across
-    return Rims(points, outward, counted, spacing)
+    return Rims(points, outward, counted, spacing, np.ascontiguousarray(flat.T))
 
 
-def _is_inner(flat: FloatArray, faces: Faces, total: int) -> BoolArray:
-    """Which points of faces in a plane, (m, 2), have others all around them next to them: they are on no rim, (m,)."""
-    held = faces.shares > MOSTLY
-    place = np.full(total, -1)
-    place[faces.rows[held]] = np.arange(len(flat))
-    beside = place[faces.beside[held]]
-    # Those on no face in the plane close nothing: another takes their place.
-    is_known = beside >= 0
-    is_known[:, 0] = False
-    each = np.arange(len(flat))
-    beside = np.where(is_known, beside, beside[each, is_known.argmax(axis=1)][:, None])
-    # Without any, these are the point itself.
-    return np.asarray((open_sides(flat, flat, np.column_stack([each, beside]))[0] <= OPEN_RAD) & is_known.any(axis=1))
+def surrounded(
+    points: FloatArray,
+    held: IntArray,
+    flat: FloatArray,
+    asked: IntArray,
+    neighbours: tuple[IntArray, Rows],
+    within: float,
+    *,
+    beside: int = 0,
+) -> BoolArray:
+    """Which of some points within a distance of a plane have others all around them: these are on no rim, (m,).
+
+    By so many neighbours in space, or by what these tell for certain of the nearest ones in the plane, which need not
+    be searched for then: no point is left out that those would leave on no rim alone.
+
+    Shapes: points (N, 3), held (n,), rows of those in the plane, flat (n, 2), asked (m,), rows of flat; neighbours are
+    the lines, (m,), of a table, (l, k).
+    """
+    from dqreg.kernels.surrounded import surrounded_rows
+    from dqreg.kernels.threads import as_plain, over_chunks
+
+    places, found = np.full(len(points), -1), np.zeros(len(asked), dtype=bool)
+    places[held] = np.arange(len(held))
+    given = asked, flat, held, places, as_plain(points), *neighbours
+    over_chunks(surrounded_rows, len(asked), *given, beside, AROUND + 1, 2.0 * within, OPEN_COS, found)
+    return found
 
 
 def shared_rims(rims: Sequence[Rims | None], others: Sequence[Rims | None]) -> float:
@@ -145,7 +168,7 @@ def shared_rims(rims: Sequence[Rims | None], others: Sequence[Rims | None]) -> f
 
 def _alike(one: Rims, other: Rims, asked: BoolArray) -> tuple[IntArray, BoolArray]:
     """The other cloud's rims next to those asked, (m, k), and whether they are the same ones."""
-    rows, apart = NeighbourTree(other.points).nearest(one.points[asked], NEAREST)
+    rows, apart = NeighbourTree(other.points, in_order=True).nearest(one.points[asked], NEAREST)
     look_alike = np.einsum("ijk,ik->ij", other.outward[rows], one.outward[asked]) > SAME_COS
     return rows, look_alike & (apart < SAME * max(one.spacing, other.spacing))
 
@@ -179,52 +202,54 @@ def shared_along(
     return slides * step, np.fmax(shares[:, 0], shares[:, 1])
 
 
-def closed_hole(
-    one: FloatArray, other: FloatArray, faces: tuple[Faces, Faces], plane: Plane, within: float, spacing: float
-) -> float:
+def closed_hole(one: Rims, theirs: Rims, other: FloatArray, plane: Plane, within: float) -> float:
     """Diameter of the largest hole in a cloud's faces in a plane where another one's faces go on; 0 for none.
 
-    Faces are of the two clouds, (n, 3), and spacing is that of the first one's points in the plane. A hole is a place
-    without points that these enclose. Where anything of the other cloud stands beside it, that may hide the face from
-    one side, and nothing is said.
+    Rims are of the faces of both clouds, points those of the other one, (n, 3). A hole is a place without points that
+    the first one's enclose. Where anything of the other cloud stands beside it, that may hide the face from one side,
+    and nothing is said.
     """
     from scipy.ndimage import binary_dilation, label
 
-    across = plane.across
-    inside = (one[faces[0].flat()] - plane.middle) @ across.T
-    if not len(inside) or not spacing > 0.0:
+    inside = one.faces
+    if not one.spacing > 0.0:
         return 0.0
-    cell = CELL * spacing
+    cell = CELL * one.spacing
     # A free cell all around, so that what is outside is one.
-    low = inside.min(axis=0) - cell
-    shape = np.floor((inside.max(axis=0) - low) / cell).astype(np.intp) + 2
-    if float(shape[0]) * float(shape[1]) > MOST_CELLS:
+    low = inside.min(axis=1) - cell
+    height, width = (np.floor((inside.max(axis=1) - low) / cell) + 2.0).tolist()
+    if height * width > MOST_CELLS:
         return 0.0
 
     def held(cloud: FloatArray) -> BoolArray:
-        """Cells that hold points of the plane, (n, 2)."""
-        at: IntArray = np.floor((cloud - low) / cell).astype(np.intp)
-        cells = np.zeros(shape, dtype=bool)
-        cells[tuple(at[((at >= 0) & (at < shape)).all(axis=1)].T)] = True
+        """Cells that hold points of the plane, (2, n)."""
+        row, column = (np.floor((x - least) / cell) for x, least in zip(cloud, low, strict=True))
+        on = (row >= 0.0) & (row < height) & (column >= 0.0) & (column < width)
+        cells = np.zeros((int(height), int(width)), dtype=bool)
+        cells.ravel()[(row * width + column)[on].astype(np.intp)] = True
         return cells
 
     own = held(inside)
     gaps, count = label(~own)
-    face = held((other[faces[1].flat()] - plane.middle) @ across.T)
-    heights = np.abs((other - plane.middle) @ plane.normal)
-    beside = (heights >= within) & (heights < STANDING * cell)
-    standing = held((other[beside] - plane.middle) @ across.T)
     sizes = np.bincount(gaps.ravel(), minlength=count + 1)
-    filled = np.bincount(gaps.ravel(), face.ravel(), minlength=count + 1)
-    widest = 0
-    for k in np.flatnonzero((sizes >= FEWEST_CELLS) & (filled >= FILLED * sizes)):
-        # The first gap begins in a corner, outside; none is the number of what is held.
-        if k in (0, gaps[0, 0]):
-            continue
+    # The first gap begins in a corner, outside; none is the number of what is held.
+    sizes[[0, gaps[0, 0]]] = 0
+    wide = np.flatnonzero(sizes >= FEWEST_CELLS)
+    if not len(wide):
+        return 0.0
+    filled = np.bincount(gaps.ravel(), held(theirs.faces).ravel(), minlength=count + 1)
+    closed = []
+    for k in wide[filled[wide] >= FILLED * sizes[wide]]:
         hole = gaps == k
         around = binary_dilation(hole, iterations=SURROUNDING) & ~hole
-        if own[around].mean() >= WHOLE and not (binary_dilation(hole) & standing).any():
-            widest = max(widest, int(sizes[k]))
+        if own[around].mean() >= WHOLE:
+            closed.append((int(sizes[k]), hole))
+    if not closed:
+        return 0.0
+    heights = np.abs((other - plane.middle) @ plane.normal)
+    beside = (heights >= within) & (heights < STANDING * cell)
+    standing = held(((other[beside] - plane.middle) @ plane.across.T).T)
+    widest = max((size for size, hole in closed if not (binary_dilation(hole) & standing).any()), default=0)
     return 2.0 * cell * float(np.sqrt(widest / np.pi))
 
 
@@ -238,8 +263,9 @@ def open_sides(at: FloatArray, flat: FloatArray, rows: IntArray) -> tuple[FloatA
 
     Shapes: flat (n, 2), of which rows (m, k) are the nearest to each point, itself the first.
     """
-    arms = flat[rows[:, 1:]] - at[:, None]
-    angles = np.sort(np.arctan2(arms[..., 1], arms[..., 0]), axis=1)
+    (x, y), others = np.ascontiguousarray(flat.T), rows[:, 1:]
+    angles = np.arctan2(np.take(y, others) - at[:, 1:], np.take(x, others) - at[:, :1])
+    angles.sort(axis=1)
     # The first neighbour closes the round.
     closed = np.concatenate([angles, angles[:, :1] + 2.0 * np.pi], axis=1)
     gaps = np.diff(closed, axis=1)

@@ -12,6 +12,7 @@ from dqreg.geometry.morton import morton_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.spacing import measure_spacing
+from dqreg.geometry.vector_rows import cross
 
 # Edge of a pixel in distances of neighbouring points, and pixels a side at most.
 PIXEL, LARGEST = 1.5, 1_000
@@ -129,7 +130,8 @@ def looked_through(source: Seen, target: Seen, T_target_source: FloatArray, gaps
 def can_look_through(source: Seen, target: Seen) -> bool:
     """Whether a scanner's place is known; what is asked at every pose is made then."""
     is_known = source.viewpoint is not None or target.viewpoint is not None
-    if not is_known and (source.image is None or target.image is None):
+    # The target's first: it is known where another scan was registered to it.
+    if not is_known and (target.image is None or source.image is None):
         return False
     _ = source.image, target.image, source.spacing, target.spacing
     return True
@@ -161,12 +163,6 @@ def _spacing(places: FloatArray) -> float:
 def _looking(sight: FloatArray) -> FloatArray:
     length = float(np.linalg.norm(sight))
     sight = sight / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
-    right = _cross(sight, np.eye(3)[np.argmin(np.abs(sight))])
+    right = cross(sight, np.eye(3)[np.argmin(np.abs(sight))])
     right /= np.linalg.norm(right)
-    return np.stack([right, _cross(sight, right), sight])
-
-
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Of two vectors: ``np.cross`` takes five times as long."""
-    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
-    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+    return np.stack([right, cross(sight, right), sight])

@@ -32,6 +32,7 @@ from dqreg.trust.face_rims import (
     Points,
     lifted,
     open_sides,
+    surrounded,
 )
 
 # Neighbours of a rim in space, within so many spacings, that tell to which side of the plane the faces beside it turn:
@@ -98,7 +99,7 @@ class InPlane:
     def beside_any(self, reach: float) -> IntArray:
         """Which of those that may do stand within a shorter reach of a point off the plane, (m,)."""
         off = self.off[np.abs(self.heights[self.off]) < self.within + reach]
-        k = self.beside[np.abs(self.over[self.beside]) > self.within - reach]
+        k = np.flatnonzero(np.abs(self.over) > self.within - reach)
         near: IntArray = k[stand_near(self.cloud[0], self.rows[k], self.cloud[0], off, reach)]
         return near
 
@@ -137,14 +138,17 @@ class Beside:
 
     def rims(self, asked: BoolArray) -> Turning:
         """Which of those asked, (k,), are rims beside which the faces turn to one side."""
-        rows = self.rows[asked]
-        side = self._sides(self.held.rows[rows])
-        rows, side = rows[side != 0.0], side[side != 0.0]
+        held, rows = self.held, self.rows[asked]
+        cloud, tree = held.cloud
+        neighbours = tree.beside(held.rows[rows], BESIDE_RIM)
+        rows = rows[~surrounded(cloud, held.rows, held.flat, rows, neighbours, held.within)]
         found, apart = self.tree.nearest_to(rows, AROUND + 1)
-        open_rad, towards = open_sides(self.held.flat[rows], self.held.flat, found)
+        open_rad, towards = open_sides(held.flat[rows], held.flat, found)
         is_rim = (open_rad > OPEN_RAD) & (apart[:, -1] <= SPARSE * self.usual)
-        outward = np.column_stack([np.cos(towards), np.sin(towards)])[is_rim] @ self.held.plane.across
-        return Turning(self.held.places(rows[is_rim]), outward, side[is_rim])
+        rows, towards = rows[is_rim], towards[is_rim]
+        side = self._sides(held.rows[rows])
+        outward = np.column_stack([np.cos(towards), np.sin(towards)]) @ held.plane.across
+        return Turning(held.places(rows[side != 0.0]), outward[side != 0.0], side[side != 0.0])
 
     def _sides(self, rows: IntArray) -> FloatArray:
         """Side of the plane, 1 or -1, on which the points beside some rows of the cloud lie, (m,).
@@ -258,13 +262,13 @@ def _most_spacing(points: FloatArray, heights: FloatArray, rows: IntArray) -> fl
 
     Its neighbours are no farther off than those among the points next to it along the curve.
     """
+    from dqreg.kernels.surrounded import squares_along
+    from dqreg.kernels.threads import as_plain
+
     some, count = sample_rows(len(rows), SAMPLE), min(WINDOW, len(rows))
-    firsts, last = np.clip(some - count // 2, 0, len(rows) - count), min(AROUND, count - 1)
-    beside, some = rows[firsts[:, None] + np.arange(count)], rows[some]
-    arms = np.take(points, beside, axis=0) - np.take(points, some, axis=0)[:, None]
-    # Along the plane: what is left without the difference in height.
-    square = np.einsum("ijk,ijk->ij", arms, arms) - (heights[beside] - heights[some, None]) ** 2
-    return OF_SPACING * math.sqrt(max(median(np.partition(square, last, axis=1)[:, last]), 0.0))
+    squares = np.zeros(len(some))
+    squares_along(as_plain(points), as_plain(heights), rows, some, count, min(AROUND, count - 1), squares)
+    return OF_SPACING * math.sqrt(max(median(squares), 0.0))
 
 
 def stand_near(points: FloatArray, rows: IntArray, cloud: FloatArray, others: IntArray, reach: float) -> BoolArray:

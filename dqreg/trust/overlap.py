@@ -24,6 +24,7 @@ from dqreg.geometry.normals import (
     fit_planes_around,
     sample_rows,
 )
+from dqreg.geometry.spacing import measure_spacing
 from dqreg.rigid import pose, twist
 from dqreg.solvers.quadratic import plane_rows
 from dqreg.trust.deformation import deformation_of
@@ -32,6 +33,8 @@ from dqreg.trust.strain import SIGNIFICANT_CLUTTER, Strain, robust_fit, strain_o
 
 # Points that are compared; comparisons without which nothing is said.
 ASKED, FEWEST = 2_000, 60
+# Points of a cloud of which its spacing is measured.
+SAMPLE = 1_000
 # Of clouds of so many times as many about as much is known by those.
 SPARE = 2
 # Planes of the two are of one face where their normals are within this angle, neighbours leave this share of their
@@ -79,6 +82,11 @@ class IndexedPoints:
     def is_sampled(self) -> bool:
         """Whether some of the points are compared alone."""
         return len(self.points) > SPARE * ASKED
+
+    @cached_property
+    def spacing(self) -> float:
+        """Distance of neighbouring points."""
+        return measure_spacing(self.tree, self.points, SAMPLE)
 
     @cached_property
     def some(self) -> tuple[IntArray, PlaneFits]:
