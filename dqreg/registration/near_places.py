@@ -147,7 +147,7 @@ def _of_mesh(fit: Fit) -> _Places:
 
 def _of_cloud(fit: Fit, surface: CloudSurface) -> _Places:
     rows = sample_rows(len(surface._points), LOOKED_AT)
-    planes = Planes.of(surface._points[rows], surface._fits_at(rows)[:, :3], surface.diagonal)
+    planes = Planes.of(surface._points[rows], surface._planes_at(rows)[0], surface.diagonal)
     tangent = _tangent(fit, surface)
     facets = tangent.facets()
     maps = np.concatenate([near_flips(facets, tangent), near_periods(facets, tangent, OF_CLOUD)])
