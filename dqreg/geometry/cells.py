@@ -100,6 +100,10 @@ class CellSurface(CloudSurface):
         rows = np.flatnonzero(~(missing | self._known))
         self._enter(rows, fits.taken(rows))
 
+    def fit_rest(self) -> None:
+        """Fit planes where neighbouring cells make none."""
+        self._planes_at(np.flatnonzero(self._of_cells[2]))
+
     def _fitted_around(self, rows: IntArray) -> PlaneFits:
         fits = self._of_cells[0].taken(rows)
         return _completed(fits, lambda missing: fit_planes_around(self._tree, self._points, rows[missing]))
