@@ -168,9 +168,8 @@ def _dense_scans() -> None:
 def _shared_noise() -> None:
     nearest_others(FLAT, np.zeros(3))
     binned_agreements(FLAT, FLAT, ONE, 1.0, np.zeros(2), np.zeros(2))
-    spherical_covariance(FLAT, 1.0, 1.0, np.zeros((3, 3)))
     patch_sums(0, 0, *(FLAT,) * 3, *(ONE,) * 2, FIRST, np.zeros((1, 3 + BESIDE)))
-    covariance_products(np.zeros((3, 3)), FLAT, FLAT, np.zeros((3, 3)))
+    covariance_products(*spherical_covariance(FLAT, 1.0, 1.0), FLAT, FLAT, np.zeros((3, 3)))
 
 
 def _patches() -> None:
