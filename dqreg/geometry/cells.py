@@ -49,12 +49,9 @@ class Cells:
 
         order, keys = sorted_codes(morton_codes(points, size, ends))
         given = as_plain(points), keys, order
-        starts, sums = aside(cell_moments, *given) if len(points) > LONG else cell_moments(*given)
-        firsts, counts, (x, y, z) = order[starts], sums[:, 0], (sums[:, 1:4] / sums[:, :1]).T
-        scatters = sums[:, 4:] - counts[:, None] * np.column_stack([x * x, y * y, z * z, x * y, x * z, y * z])
-        means = np.take(points, firsts, axis=0) + np.column_stack([x, y, z])
-        edge = edge_of_cells(points, size, ends)
-        return Cells(edge, keys[starts], order, starts, counts, means, scatters)
+        starts, moments = aside(cell_moments, *given) if len(points) > LONG else cell_moments(*given)
+        counts, means, scatters = (np.ascontiguousarray(x) for x in (moments[:, 0], moments[:, 1:4], moments[:, 4:]))
+        return Cells(edge_of_cells(points, size, ends), keys[starts], order, starts, counts, means, scatters)
 
     @property
     def unevenness(self) -> float:
@@ -99,7 +96,13 @@ class CellSurface(CloudSurface):
 
     def fit_cells(self) -> None:
         """Fit the planes of the cells, which whoever asks for matches needs."""
-        _ = self._of_cells
+        fits, _, missing = self._of_cells
+        rows = np.flatnonzero(~(missing | self._known))
+        self._enter(rows, fits.taken(rows))
+
+    def fit_rest(self) -> None:
+        """Fit planes where neighbouring cells make none."""
+        self._planes_at(np.flatnonzero(self._of_cells[2]))
 
     def _fitted_around(self, rows: IntArray) -> PlaneFits:
         fits = self._of_cells[0].taken(rows)

@@ -17,6 +17,8 @@ from dqreg.geometry.surface import Closest, Hint
 
 # Two distances that differ by less may be equal: then the tree decides.
 ROUNDING = 1e-12
+# Queries that are followed in one go.
+CHUNK = 16_384
 
 
 class CloudSurface:
@@ -44,7 +46,7 @@ class CloudSurface:
     def __init__(self, cloud: PointCloud, fitted: FloatArray | None = None, *, derived: bool = False) -> None:
         # Morton order keeps the answers to neighbouring queries close in memory; `elements` count in that order.
         self.order = self._ordered(cloud.points)
-        self._points = cloud.points[self.order]
+        self._points = np.take(cloud.points, self.order, axis=0)
         self._rows = len(cloud.points)
         size = len(self._points)
         if fitted is not None and fitted.shape != (size, 4):
@@ -57,7 +59,8 @@ class CloudSurface:
         if given is None and fitted is not None and cloud.viewpoint is not None:
             fitted = np.hstack([orient_towards(fitted[:, :3], self._points, cloud.viewpoint), fitted[:, 3:]])
         given = fitted if given is None else given
-        self._fits = np.zeros((size, 4)) if given is None else given
+        self._normals = np.zeros((size, 3)) if given is None else given[:, :3].copy()
+        self._variances = np.zeros(size) if given is None else given[:, 3].copy()
         self._known = np.full(size, given is not None)
         if derived:
             # Two clouds are prepared beside each other, and `cached_property` of Python 3.11 has one lock for all.
@@ -77,29 +80,32 @@ class CloudSurface:
     @property
     def fitted(self) -> FloatArray:
         """Normals and their variances in rad^2, (m, 4), in that order; no normal has the variance 1."""
-        return self._fits_at(np.arange(len(self._points)))
+        return np.column_stack(self._planes_at(np.arange(len(self._points))))
 
     @property
     def _all_fitted(self) -> bool:
         """Whether the normals of all points are known by now."""
         return bool(self._known.all())
 
-    def _fits_at(self, rows: IntArray) -> FloatArray:
+    def _planes_at(self, rows: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Normals, (m, 3), and their variances, (m,)."""
         # Fitted on demand: a registration touches a part of a large cloud. The fit at a point depends on
         # the cloud alone, so threads that meet here write the same; a normal is there before it is called known.
         missing = rows[~self._known[rows]]
         if len(missing):
             missing = np.flatnonzero(np.bincount(missing, minlength=len(self._known)))
-            fits = self._fitted_around(missing)
-            # A point whose neighbours lie on a line has no normal: zero gives no direction and passes no angle test.
-            known = np.isfinite(fits.normals[:, :1])
-            variances = np.where(known, np.minimum(fits.variances[:, None], 1.0), 1.0)
-            normals = np.where(known, fits.normals, 0.0)
-            if self._viewpoint is not None:
-                normals = orient_towards(normals, self._points[missing], self._viewpoint)
-            self._fits[missing] = np.hstack([normals, variances])
-            self._known[missing] = True
-        return np.take(self._fits, rows, axis=0)
+            self._enter(missing, self._fitted_around(missing))
+        return np.take(self._normals, rows, axis=0), self._variances[rows]
+
+    def _enter(self, rows: IntArray, fits: PlaneFits) -> None:
+        # A point whose neighbours lie on a line has no normal: zero gives no direction and passes no angle test.
+        known = np.isfinite(fits.normals[:, 0])
+        normals = np.where(known[:, None], fits.normals, 0.0)
+        if self._viewpoint is not None:
+            normals = orient_towards(normals, self._points[rows], self._viewpoint)
+        self._normals[rows] = normals
+        self._variances[rows] = np.where(known, np.minimum(fits.variances, 1.0), 1.0)
+        self._known[rows] = True
 
     def _ordered(self, points: FloatArray) -> IntArray:
         return distinct_in_order(points)
@@ -143,8 +149,7 @@ class CloudSurface:
     def _closest_near(self, points: FloatArray, places: FloatArray, before: Closest) -> Closest | None:
         if before.others is None:
             return None
-        others = (before.others - _lengths(points - places)) * (1.0 - ROUNDING)
-        distances = _lengths(points - before.points)
+        distances, others = followed(points, places, before.points, before.others)
         rows = self._ranks[before.elements]
         asked = np.flatnonzero(distances >= others)
         indices, found = self._search.nearest(np.take(points, asked, axis=0), 2)
@@ -209,10 +214,22 @@ class CloudSurface:
 
     def _answer(self, rows: IntArray, distances: FloatArray, others: FloatArray) -> Closest:
         points = np.take(self._points, rows, axis=0)
-        fits = self._fits_at(rows)
-        return Closest(points, fits[:, :3], distances, self.order[rows], others, fits[:, 3])
+        normals, variances = self._planes_at(rows)
+        # Each kernel would make a copy of a column among others.
+        return Closest(points, normals, np.ascontiguousarray(distances), self.order[rows], others, variances)
 
 
-def _lengths(rows: FloatArray) -> FloatArray:
-    lengths: FloatArray = np.sqrt(np.einsum("ij,ij->i", rows, rows))
-    return lengths
+def followed(
+    points: FloatArray, places: FloatArray, feet: FloatArray, others: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Distances of queries from what was nearest to them at other places, and what no other point is nearer than, (n,).
+
+    Shapes: (n, 3) but for what no other was nearer than there, (n,).
+    """
+    from dqreg.kernels.threads import as_plain, over_chunks
+    from dqreg.kernels.weighing import follow_rows
+
+    distances, bounds = np.zeros(len(points)), np.zeros(len(points))
+    given = [as_plain(x) for x in (points, places, feet, others)]
+    over_chunks(follow_rows, len(points), *given, 1.0 - ROUNDING, distances, bounds, chunk=CHUNK)
+    return distances, bounds

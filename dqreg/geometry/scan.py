@@ -15,8 +15,8 @@ from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.cloud_surface import CloudSurface
 from dqreg.geometry.morton import distinct_in_order, in_order
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.geometry.normals import ScanPlanes, fit_planes_at, sample_rows
-from dqreg.geometry.scan_measures import THINNED, measure_all, measure_pieces
+from dqreg.geometry.normals import NEIGHBOURS, ScanPlanes, fit_planes_at, sample_rows
+from dqreg.geometry.scan_measures import THINNED, measure_all, measure_pieces, parts_of
 from dqreg.geometry.spacing import Spread
 from dqreg.geometry.vector_rows import nonzero_rows
 
@@ -29,8 +29,6 @@ OF_ALL = "oriented", "spacing", "noise", "total", "quiet"
 FLAT, NOT_FLAT = 0.1, 0.65
 # Points for each of the queries, from which on building a tree costs more than asking it.
 FEW_QUERIES = 4
-# Parts of a cloud in its own order, at most; and points that are looked up in one go.
-PARTS, MANY = 8, 65_536
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,8 +62,8 @@ class Scan:
     quiet : float, or None
         Noise of the quieter faces, from local quadrics: no curvature of a sparse scan is in it.
     parts : ndarray of uint8, (n,), or None
-        Which of up to `PARTS` parts of the cloud, in its own order, each point stands in (views of a scan follow each
-        other); `PARTS` for the mean of points of several.
+        Which of up to eight parts of the cloud, in its own order, each point stands in (views of a scan follow each
+        other); eight for the mean of points of several.
     """
 
     __repr__ = one_line
@@ -182,6 +180,12 @@ class Scan:
         return 0.0 if self.counts is None or self.within is None else self.within / self.counts
 
     @cached_property
+    def _variances(self) -> FloatArray:
+        """Variance of each normal by its fit, rad^2, (n,): 0 where it was given, 1 at most."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.nan_to_num(self.residuals**2 / (NEIGHBOURS * self.levers), nan=0.0, posinf=1.0)
+
+    @cached_property
     def directed(self) -> BoolArray:
         """Which points have a normal, (n,)."""
         return nonzero_rows(self.normals)
@@ -273,21 +277,13 @@ def prepare_scan(
         planes = planes.oriented(points, cloud.viewpoint)
     oriented, total = cloud.normals is not None or cloud.viewpoint is not None, len(points) if total is None else total
     measured = {"oriented": oriented, "spacing": spacing, "noise": noise, "quiet": quiet, "total": total}
-    scan = Scan._with(planes, {"points": points, "parts": _parts_of(order), **measured})
+    scan = Scan._with(planes, {"points": points, "parts": parts_of(order), **measured})
     if cloud.normals is not None:
         scan = dataclasses.replace(scan, normals=np.take(cloud.normals, order, axis=0))
     vars(scan)["diagonal"] = float(np.linalg.norm(np.subtract(*cloud._ends)))
     if tree is not None:
         vars(scan)["tree"] = tree
     return scan
-
-
-def _parts_of(order: IntArray) -> NDArray[np.uint8]:
-    # Up to the last row that counts: copies at the end of a cloud do not. Of a length that is a power of two.
-    parts, shift = np.zeros(len(order), dtype=np.uint8), int(order.max() // PARTS).bit_length()
-    for i in range(0, len(order), MANY):
-        np.right_shift(order[i : i + MANY], shift, out=parts[i : i + MANY], casting="unsafe")
-    return parts
 
 
 def with_planes(scan: Scan, count: int) -> Scan:

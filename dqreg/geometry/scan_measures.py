@@ -1,8 +1,9 @@
-"""What a scan is measured by: planes at some of its points, the spacing of all, and their noise."""
+"""What a scan is measured by: planes at some of its points, the spacing of all, their noise, and their order."""
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.geometry.neighbours import NeighbourTree
@@ -15,6 +16,8 @@ THINNED = 50_000
 # Pieces of the cloud on which spacing and noise are measured then, points of a piece, and those in its middle, whose
 # neighbours are in the piece.
 PIECES, PIECE, MIDDLE = 30, 512, 32
+# Parts of a cloud in its own order, at most; and points that are looked up in one go.
+PARTS, MANY = 8, 65_536
 
 
 def measure_all(
@@ -41,3 +44,12 @@ def measure_pieces(points: FloatArray, rows: IntArray) -> tuple[PlaneFits, float
     of_pieces = NeighbourTree(pieces, in_order=True)
     pieced = fit_planes(of_pieces, pieces, middles)
     return fits, (spacing := spacing_of(pieced, middles)), noise_of(pieced, pieces, middles, of_pieces, spacing)
+
+
+def parts_of(order: IntArray) -> NDArray[np.uint8]:
+    """Which part of a cloud in its own order each point stands in, given their rows, (n,)."""
+    # Up to the last row that counts: copies at the end of a cloud do not. Of a length that is a power of two.
+    parts, shift = np.zeros(len(order), dtype=np.uint8), int(order.max() // PARTS).bit_length()
+    for i in range(0, len(order), MANY):
+        np.right_shift(order[i : i + MANY], shift, out=parts[i : i + MANY], casting="unsafe")
+    return parts

@@ -37,6 +37,12 @@ class Closest:
     others: FloatArray | None = None
     variances: FloatArray | None = None
 
+    def _taken(self, rows: IntArray) -> Closest:
+        """Those of some of the queries."""
+        others, variances = (None if x is None else x[rows] for x in (self.others, self.variances))
+        points, normals = np.take(self.points, rows, axis=0), np.take(self.normals, rows, axis=0)
+        return Closest(points, normals, self.distances[rows], self.elements[rows], others, variances)
+
 
 # Where the same queries stood earlier, (n, 3), and what this surface answered there.
 Hint = tuple[FloatArray, Closest]

@@ -22,7 +22,7 @@ import dataclasses
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, median
+from dqreg._arrays import FloatArray, median, quantile
 from dqreg.errors import UnitsError
 from dqreg.files.units import MIXED, factor
 from dqreg.geometry.cloud import PointCloud
@@ -152,13 +152,13 @@ def principal_spreads(geometry: PointCloud | Mesh) -> FloatArray:
     if isinstance(geometry, Mesh):
         points = places_on(geometry, SAMPLE, np.random.default_rng(0))[0]
     else:
-        points = geometry.points[sample_rows(len(geometry.points), SAMPLE)]
+        points = np.take(geometry.points, sample_rows(len(geometry.points), SAMPLE), axis=0)
     # Column by column: along rows of three NumPy takes ten times as long.
     columns = np.ascontiguousarray(points.T)
-    centred = columns - np.median(columns, axis=1, keepdims=True)
-    away = np.einsum("ij,ij->j", centred, centred)
-    near = centred[:, away <= np.quantile(away, KEPT)]
-    near -= near.mean(axis=1, keepdims=True)
+    columns -= np.array([[median(column)] for column in columns])
+    away = np.einsum("ij,ij->j", columns, columns)
+    near = np.take(columns, np.flatnonzero(away <= quantile(away, KEPT)), axis=1)
+    near -= np.array([[column.mean()] for column in near])
     variances = np.linalg.eigvalsh(near @ near.T / near.shape[1])[::-1]
     spreads: FloatArray = np.sqrt(np.maximum(variances, 0.0))
     return spreads

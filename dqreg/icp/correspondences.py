@@ -31,10 +31,7 @@ class Correspondences:
 
     def taken(self, rows: IntArray) -> Correspondences:
         """Those of some rows of the scan alone."""
-        found = self.closest
-        others, variances = (None if x is None else x[rows] for x in (found.others, found.variances))
-        points, normals = np.take(found.points, rows, axis=0), np.take(found.normals, rows, axis=0)
-        closest = Closest(points, normals, found.distances[rows], found.elements[rows], others, variances)
+        closest = self.closest._taken(rows)
         some = Correspondences(self.scan.taken(rows), self.T_target_source, closest, self.same_sign, self.surface)
         if "moved" in vars(self):
             vars(some)["moved"] = np.take(self.moved, rows, axis=0)
@@ -124,18 +121,28 @@ def slid_distances(pairs: Correspondences, T_target_source: FloatArray, rows: In
     columns = pairs.scan.points, pairs.moved, pairs.closest.points, pairs.closest.normals
     if 2 * len(rows) > len(pairs.scan):
         # To take most of them would cost more than to slide all.
-        return _slid(T_target_source, *columns)[2][rows]
-    return _slid(T_target_source, *(np.take(column, rows, axis=0) for column in columns))[2]
+        return _slid(T_target_source, *columns, kept=0)[2][rows]
+    return _slid(T_target_source, *(np.take(column, rows, axis=0) for column in columns), kept=0)[2]
 
 
 def _slid(
-    T_target_source: FloatArray, points: FloatArray, before: FloatArray, feet: FloatArray, normals: FloatArray
+    T_target_source: FloatArray,
+    points: FloatArray,
+    before: FloatArray,
+    feet: FloatArray,
+    normals: FloatArray,
+    *,
+    kept: int | None = None,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Points at the pose and their feet, slid from where they were before, (n, 3), and their distances, (n,)."""
+    """Points at the pose and their feet, slid from where they were before, (n, 3), and their distances, (n,).
+
+    Of the first two all are kept or, with zero, none.
+    """
     from dqreg.kernels.threads import as_plain, over_chunks
     from dqreg.kernels.weighing import slide_rows
 
-    moved, slid, distances = np.zeros(points.shape), np.zeros(points.shape), np.zeros(len(points))
+    moved, slid = np.zeros((2, len(points) if kept is None else kept, 3))
+    distances = np.zeros(len(points))
     columns = points, T_target_source, before, feet, normals
     over_chunks(slide_rows, len(points), *map(as_plain, columns), moved, slid, distances, chunk=CHUNK)
     return moved, slid, distances

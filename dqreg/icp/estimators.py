@@ -7,8 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, dot, product
-from dqreg.geometry.normals import NEIGHBOURS
+from dqreg._arrays import FloatArray
 from dqreg.geometry.vector_rows import nonzero_rows
 from dqreg.icp.correspondences import Correspondences
 from dqreg.rigid import single_pose
@@ -29,13 +28,17 @@ BEND = 0.04
 # 0.005 to 0.1: their errors fell by 40 and 5 to 13 % against a share of the ratio itself. The points along a plane say
 # less than they seem to: where they are is of the scanner, the same at both poses.
 BEND_SHARE, LEAST_BEND = 0.7, 1e-3
-# Pairs that are summed in one go: of two planes, and of a point and a plane, which take a quarter of the time each.
-CHUNK, PLANES = 2048, 8_192
+# Pairs that are summed in one go: to hand over fewer costs more than it saves.
+CHUNK = 8_192
 # Correspondences from which on a step so short that the first order of its rotation is all of it is taken by
 # Gauss-Newton: the sums of the exact cost take nearly three times as long, and below cost no more than a call.
 MANY = 50_000
 # Longest rotation: of the size half its square is left out, 5e-7, and its product with the noise, to the next step.
 SHORT_RAD = 1e-3
+# Of the sums over correspondences: weighted points and feet; squared heights over the planes, squared distances; pairs.
+MEANS, ASIDE, SQUARES, DIRECTED = slice(1, 7), 7, 8, 9
+# Normals that are in the target's frame.
+TURNED = np.eye(3)
 
 
 def points_and_normals(pairs: Correspondences, weights: FloatArray, noise: float) -> Fit:
@@ -105,8 +108,8 @@ def short_step(pairs: Correspondences, weights: FloatArray) -> tuple[FloatArray,
         return None
     columns = [as_plain(x) for x in (pairs.moved, found.points, found.normals, weights)]
     origin = pairs.moved[int(weights.argmax())]
-    sums = np.zeros((-(-count // PLANES), STEP))
-    over_chunks(step_sums, count, *columns, origin, PLANES, sums, chunk=PLANES)
+    sums = np.zeros((-(-count // CHUNK), STEP))
+    over_chunks(step_sums, count, *columns, origin, CHUNK, sums, chunk=CHUNK)
     products = np.zeros((7, 7))
     products[np.triu_indices(7)] = sums.sum(axis=0)[:-1]
     products += np.triu(products, 1).T
@@ -135,8 +138,8 @@ def tangent_planes(pairs: Correspondences, weights: FloatArray) -> QuadraticForm
     # Any place among the points that count will do: the sums know their own means.
     some = int(weights.argmax())
     origins = np.stack([scan.points[some], found.points[some]])
-    sums = np.zeros((max(-(-count // PLANES), 1), COLUMNS))
-    over_chunks(plane_sums, count, *columns, origins, PLANES, sums, chunk=PLANES)
+    sums = np.zeros((max(-(-count // CHUNK), 1), COLUMNS))
+    over_chunks(plane_sums, count, *columns, origins, CHUNK, sums, chunk=CHUNK)
     if sums[:, -1].sum() < FEWEST_PLANES:
         return None
     return QuadraticForm(_form_of(sums, origins), *origins)
@@ -147,35 +150,47 @@ def surfaces_to_surfaces(pairs: Correspondences, weights: FloatArray, noise: flo
 
     Between two clouds, where either side's planes are guesses, it beats point-to-plane; on an exact mesh it does not.
     """
-    used = (weights > 0.0) & nonzero_rows(pairs.closest.normals)
-    if np.count_nonzero(used) < FEWEST_PLANES:
+    moments = _moments(pairs, weights)
+    if moments[DIRECTED] < FEWEST_PLANES:
         return points_only(pairs, weights, noise)
-    return _newton_step(both_planes(pairs, weights), pairs, weights)
+    return _newton_step(_both_planes(pairs, weights, moments), pairs, weights)
 
 
 def both_planes(pairs: Correspondences, weights: FloatArray) -> QuadraticForm:
     """The plane-to-plane cost, in units in which the distance between two sure and parallel planes counts once."""
-    scan, stands = pairs.scan, pairs.closest.variances
-    turned = product(scan.normals, pairs.T_target_source[:3, :3].T)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        moves = scan.residuals**2 / (NEIGHBOURS * scan.levers)
-    # A normal that was given and not fitted counts as exact.
-    p, q = scan.points, pairs.closest.points
-    bend = _bend(pairs, weights)
-    standing = bend + (np.zeros(len(scan)) if stands is None else stands)
-    moving = bend + np.nan_to_num(moves, nan=0.0, posinf=1.0)
-    origins = (weights @ p / weights.sum(), weights @ q / weights.sum())
-    directions = pairs.closest.normals, turned
-    return QuadraticForm(
-        plane_to_plane_form(p, q, directions, (standing, moving), 2.0 * bend * weights, origins), *origins
+    return _both_planes(pairs, weights, _moments(pairs, weights))
+
+
+def _both_planes(pairs: Correspondences, weights: FloatArray, moments: FloatArray) -> QuadraticForm:
+    scan, found, bend = pairs.scan, pairs.closest, _bend(moments)
+    standing = np.full(len(scan), bend) if found.variances is None else bend + found.variances
+    spreads, normals, turn = (standing, bend + scan._variances), (found.normals, scan.normals), pairs.T_target_source
+    origins = moments[MEANS].reshape(2, 3) / moments[0]
+    form = plane_to_plane_form(
+        scan.points, found.points, normals, spreads, 2.0 * bend * weights, (origins[0], origins[1]), turn[:3, :3]
     )
+    return QuadraticForm(form, *origins)
 
 
-def _bend(pairs: Correspondences, weights: FloatArray) -> float:
+def _bend(moments: FloatArray) -> float:
     """Variance of every normal beyond that of its fit, rad^2, as far as the pairs show it."""
-    aside = dot(weights, pairs.point_to_plane**2)
-    beside = 0.5 * (dot(weights, pairs.squares) - aside)
-    return float(np.clip(BEND_SHARE * (0.5 * aside / beside) ** 2, LEAST_BEND, BEND)) if beside > 0.0 else BEND
+    aside = float(moments[ASIDE])
+    beside = 0.5 * (float(moments[SQUARES]) - aside)
+    return min(max(BEND_SHARE * (0.5 * aside / beside) ** 2, LEAST_BEND), BEND) if beside > 0.0 else BEND
+
+
+def _moments(pairs: Correspondences, weights: FloatArray) -> FloatArray:
+    """Sums over correspondences, see `pair_moments`."""
+    from dqreg.kernels.threads import as_plain, over_chunks
+    from dqreg.kernels.weighted_planes import OF_PAIRS, pair_moments
+
+    scan, found, nothing = pairs.scan, pairs.closest, np.zeros(0)
+    sums = np.zeros((max(-(-len(scan) // CHUNK), 1), OF_PAIRS))
+    scatter = nothing if scan.counts is None or scan.within is None else np.asarray(scan.scatter)
+    columns = scan.points, pairs.T_target_source, found.points, found.normals, found.distances, scatter, weights
+    over_chunks(pair_moments, len(scan), *map(as_plain, columns), CHUNK, sums, chunk=CHUNK)
+    totals: FloatArray = sums.sum(axis=0)
+    return totals
 
 
 def plane_to_plane_form(
@@ -185,12 +200,14 @@ def plane_to_plane_form(
     variances: tuple[FloatArray, FloatArray],
     weights: FloatArray,
     origins: tuple[FloatArray, FloatArray],
+    turn: FloatArray = TURNED,
 ) -> FloatArray:
     """Matrix (13, 13) of ``sum w d^T C^-1 d``, ``d = R p + t - q``: generalised ICP (Segal et al. 2009), C held fixed.
 
     Around its point each surface is a disc: a point of it may stand anywhere along the disc, and off it by a fraction
     of the variance of its normal. With unit normals n of the target and m of the source (rotated to the target's
-    frame), and variances e_n and e_m, the difference of two corresponding points has the covariance
+    frame, or to be rotated there), and variances e_n and e_m, the difference of two corresponding points has the
+    covariance
 
         C = (I - (1 - e_n) n n^T) + (I - (1 - e_m) m m^T)
 
@@ -208,7 +225,7 @@ def plane_to_plane_form(
     from dqreg.kernels.threads import as_plain, over_chunks
 
     about = np.stack(origins)
-    columns = (as_plain(column) for column in (p, q, *directions, *variances, weights, about))
+    columns = (as_plain(column) for column in (p, q, *directions, turn, *variances, weights, about))
     # Added chunk by chunk, so that the bits are the same for any number of threads.
     sums = np.zeros((max(-(-len(p) // CHUNK), 1), SUMS))
     over_chunks(disc_pair_sums, len(p), *columns, CHUNK, sums, chunk=CHUNK)

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry.cloud_surface import CloudSurface
 from dqreg.geometry.mesh_surface import MeshSurface
-from dqreg.geometry.scan import PARTS, Scan
+from dqreg.geometry.scan import Scan
+from dqreg.geometry.scan_measures import PARTS
 from dqreg.geometry.surface import Closest
 from dqreg.geometry.vector_rows import row_dots
 from dqreg.icp.correspondences import Correspondences, find_correspondences

@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry.mesh_surface import MeshSurface
-from dqreg.geometry.scan import PARTS
+from dqreg.geometry.scan_measures import PARTS
 from dqreg.icp.correspondences import Correspondences
-from dqreg.icp.estimators import PLANES, points_to_planes
+from dqreg.icp.estimators import points_to_planes
 from dqreg.solvers import Fit
 from dqreg.solvers.row_sums import squared
 
@@ -84,7 +84,7 @@ def relative_precisions(
     own = int(faces.max(initial=0)) + 1
     if own > min(weights.sum() / POINTS, FACES):
         faces = np.zeros(count, dtype=np.int64)
-        over_chunks(orientation_cells, count, normals, CELLS, faces, chunk=PLANES)
+        over_chunks(orientation_cells, count, normals, CELLS, faces, chunk=CHUNK)
         # Few of the cells hold any: sums of all would take longer to clear than to add to.
         numbers = np.zeros(cells, dtype=np.int64)
         numbers[faces] = 1
@@ -94,7 +94,7 @@ def relative_precisions(
     face_sums(squares, found, faces, parts, sums, rows)
     limits = BEFOREHAND, before_faces, LEAST
     face_precisions(sums, rows, normals, CELLS, np.zeros((cells, 2)), *limits, precisions)
-    over_chunks(times_precisions, count, faces, parts, precisions, found, chunk=PLANES)
+    over_chunks(times_precisions, count, faces, parts, precisions, found, chunk=CHUNK)
     return found
 
 
@@ -129,7 +129,7 @@ def _square_heights(pairs: Correspondences, weights: FloatArray) -> FloatArray:
     found, scatter, squares = pairs.closest, pairs.scan.scatter, np.zeros(len(weights))
     columns = [as_plain(x) for x in (pairs.moved, found.points, found.normals, weights)]
     spread = as_plain(scatter) if isinstance(scatter, np.ndarray) else NOTHING
-    over_chunks(square_heights, len(weights), *columns, spread, squares, chunk=PLANES)
+    over_chunks(square_heights, len(weights), *columns, spread, squares, chunk=CHUNK)
     return squares
 
 

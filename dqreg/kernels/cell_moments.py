@@ -10,22 +10,22 @@ from dqreg.kernels.compiled import compiled
 
 Codes = NDArray[np.uint64]
 
-# Sums of a cell: its points, their offsets from the first of them, and products xx, yy, zz, xy, xz, yz of these.
-SUMS = 10
+# Numbers of a cell: its points, their mean, and the scatter xx, yy, zz, xy, xz, yz about that.
+MOMENTS = 10
 # A factor that scatters neighbouring codes over a table, and the bits of the product that are taken from.
 FACTOR, UPPER = 0x9E3779B97F4A7C15, 32
 
 
 @compiled
 def cell_moments(points: FloatArray, keys: Codes, order: IntArray) -> tuple[IntArray, FloatArray]:
-    """Places in an order by codes at which cells begin, and the sums of each cell. O(n).
+    """Places in an order by codes at which cells begin, and the moments of each cell. O(n).
 
     The keys are the codes in that order. Shapes: points (n, 3), keys (n,), order (n,); returns (m,), (m, 10).
     """
     n, count = len(order), 0
     for i in range(n):
         count += i == 0 or keys[i] != keys[i - 1]
-    starts, sums, cell = np.zeros(count, np.int64), np.zeros((count, SUMS)), -1
+    starts, sums, cell = np.zeros(count, np.int64), np.zeros((count, MOMENTS)), -1
     for i in range(n):
         row = order[i]
         if i == 0 or keys[i] != keys[i - 1]:
@@ -47,6 +47,21 @@ def cell_moments(points: FloatArray, keys: Codes, order: IntArray) -> tuple[IntA
             sums[cell, 7] + x * y,
             sums[cell, 8] + x * z,
             sums[cell, 9] + y * z,
+        )
+    # Of offsets from the first point of the cell: far from the origin their products have digits left.
+    for cell in range(count):
+        held, first = sums[cell, 0], order[starts[cell]]
+        x, y, z = sums[cell, 1] / held, sums[cell, 2] / held, sums[cell, 3] / held
+        sums[cell, 1], sums[cell, 2], sums[cell, 3] = points[first, 0] + x, points[first, 1] + y, points[first, 2] + z
+        sums[cell, 4], sums[cell, 5], sums[cell, 6] = (
+            sums[cell, 4] - held * (x * x),
+            sums[cell, 5] - held * (y * y),
+            sums[cell, 6] - held * (z * z),
+        )
+        sums[cell, 7], sums[cell, 8], sums[cell, 9] = (
+            sums[cell, 7] - held * (x * y),
+            sums[cell, 8] - held * (x * z),
+            sums[cell, 9] - held * (y * z),
         )
     return starts, sums
 

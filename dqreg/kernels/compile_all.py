@@ -55,9 +55,9 @@ from dqreg.kernels.systematic_rows import systematic_rows
 from dqreg.kernels.triangle_tree import TriangleTree
 from dqreg.kernels.voxel_points import admit_points
 from dqreg.kernels.weighing import SUMS as WEIGHED
-from dqreg.kernels.weighing import place_rows, slide_rows, weigh_rows
+from dqreg.kernels.weighing import follow_rows, place_rows, slide_rows, weigh_rows
 from dqreg.kernels.weighted_draws import drawn_rows
-from dqreg.kernels.weighted_planes import COLUMNS, STEP, plane_sums, step_sums
+from dqreg.kernels.weighted_planes import COLUMNS, OF_PAIRS, STEP, pair_moments, plane_sums, step_sums
 
 FLAT, ONE, NOTHING = np.eye(3), np.zeros(3), np.zeros(0)
 CORNERS = np.eye(3)[None] + np.arange(2.0)[:, None, None]
@@ -137,9 +137,11 @@ def _weights() -> None:
     plane_row_columns(0, 3, rows, rows, ones, 1.0, np.zeros((6, 3)))
     strain_row_columns(0, 3, rows, rows, rows, 1.0, np.zeros((9, 3)))
     slide_rows(0, 3, rows, np.eye(4), *(rows,) * 3, np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3))
+    follow_rows(0, 3, *(rows,) * 3, ones, 1.0, np.zeros(3), np.zeros(3))
     place_rows(0, 3, rows, np.eye(4), rows, rows, np.zeros((3, 3)), np.zeros(3))
     plane_sums(0, 3, rows, rows, rows, ones, np.zeros((2, 3)), 3, np.zeros((1, COLUMNS)))
     step_sums(0, 3, rows, rows, rows, ones, ONE, 3, np.zeros((1, STEP)))
+    pair_moments(0, 3, rows, np.eye(4), rows, rows, ones, NOTHING, ones, 3, np.zeros((1, OF_PAIRS)))
     faces, part, sums, known = (
         np.zeros(3, dtype=np.int64),
         np.zeros(0, dtype=np.uint8),
@@ -168,15 +170,14 @@ def _dense_scans() -> None:
 def _shared_noise() -> None:
     nearest_others(FLAT, np.zeros(3))
     binned_agreements(FLAT, FLAT, ONE, 1.0, np.zeros(2), np.zeros(2))
-    spherical_covariance(FLAT, 1.0, 1.0, np.zeros((3, 3)))
     patch_sums(0, 0, *(FLAT,) * 3, *(ONE,) * 2, FIRST, np.zeros((1, 3 + BESIDE)))
-    covariance_products(np.zeros((3, 3)), FLAT, FLAT, np.zeros((3, 3)))
+    covariance_products(*spherical_covariance(FLAT, 1.0, 1.0), FLAT, FLAT, np.zeros((3, 3)))
 
 
 def _patches() -> None:
     neighbour_differences(ONE, FLAT, FIRST[:0, None], 1.0, NOTHING, ONE)
     motion_sums(0, 0, *(FLAT,) * 3, *(ONE,) * 3, 1.0, FIRST, np.zeros((1, MOTION_SUMS)))
-    motion_shares(0, 0, *(FLAT,) * 2, np.eye(6), ONE, NOTHING, ONE, 1.0, 1, np.zeros((1, 2, 6)))
+    motion_shares(0, 0, *(FLAT,) * 3, np.eye(6), ONE, NOTHING, ONE, 1.0, 1, np.zeros((1, 3, 6)))
 
 
 def _common_planes() -> None:
@@ -241,7 +242,7 @@ def _signs() -> None:
 def _pairs() -> None:
     places, counts, none = np.zeros((1, 3)), np.zeros(1, dtype=np.int32), np.zeros(0, dtype=np.bool_)
     pair_differences(places, places, np.ones(4), 1, counts, none, places, FIRST[:0])
-    disc_pair_sums(0, 0, *(FLAT,) * 4, *(ONE,) * 3, np.zeros((2, 3)), 1, np.zeros((1, SUMS)))
+    disc_pair_sums(0, 0, *(FLAT,) * 5, *(ONE,) * 3, np.zeros((2, 3)), 1, np.zeros((1, SUMS)))
 
 
 def _maps() -> None:

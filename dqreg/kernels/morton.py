@@ -47,26 +47,46 @@ def sorted_rows(codes: Codes) -> tuple[IntArray, Codes]:
         # Numbers of large cells are small: their upper half orders nothing.
         if lowest > 0 and most >> np.uint64(DIGIT * lowest) < np.uint64(len(codes)):
             continue
-        rows, keys = _by_digits(codes, lowest)
+        rows, keys = _by_digits(codes, most, lowest)
         if lowest == 0 or settled(rows, keys):
             break
     return rows, keys
 
 
 @inside_kernels
-def _by_digits(codes: Codes, lowest: int) -> tuple[IntArray, Codes]:
-    n, counts = len(codes), np.zeros(DIGITS * BUCKETS, np.int64)
+def _by_digits(codes: Codes, most: np.uint64, lowest: int) -> tuple[IntArray, Codes]:
+    """Order of codes up to the largest by their digits from one on, and the codes in it."""
+    n, rows = len(codes), np.arange(len(codes))
+    # Half of the digits at a time: they and a row are one number, which moves in half the time of two.
+    for first in range(lowest, DIGITS, DIGITS // 2):
+        if most >> np.uint64(DIGIT * first) == np.uint64(0):
+            break
+        packed, bits = np.zeros(n, np.uint64), 0
+        while n >> bits != 0:
+            bits += 1
+        for i in range(n):
+            half = (codes[rows[i]] >> np.uint64(DIGIT * first)) & np.uint64((1 << DIGIT * (DIGITS // 2)) - 1)
+            packed[i] = half << np.uint64(bits) | np.uint64(rows[i])
+        packed = _sorted_above(packed, bits)
+        for i in range(n):
+            rows[i] = np.int64(packed[i] & np.uint64((1 << bits) - 1))
+    keys = np.zeros(n, np.uint64)
     for i in range(n):
-        for digit in range(lowest, DIGITS):
-            counts[BUCKETS * digit + _digit(codes[i], digit)] += 1
-    rows, keys = np.zeros(n, np.int64), np.zeros(n, np.uint64)
+        keys[i] = codes[rows[i]]
+    return rows, keys
+
+
+@inside_kernels
+def _sorted_above(numbers: Codes, bits: int) -> Codes:
+    """Stable order of numbers by the digits above so many bits, which are written over."""
+    n, other, counts = len(numbers), np.zeros(len(numbers), np.uint64), np.zeros(DIGITS // 2 * BUCKETS, np.int64)
     for i in range(n):
-        rows[i], keys[i] = i, codes[i]
-    other_rows, other_keys = np.zeros(n, np.int64), np.zeros(n, np.uint64)
-    for digit in range(lowest, DIGITS):
+        for digit in range(DIGITS // 2):
+            counts[BUCKETS * digit + _digit(numbers[i] >> np.uint64(bits), digit)] += 1
+    for digit in range(DIGITS // 2):
         start = BUCKETS * digit
-        # A digit that all codes share orders nothing.
-        if n == 0 or counts[start + _digit(codes[0], digit)] == n:
+        # A digit that all share orders nothing.
+        if n == 0 or counts[start + _digit(numbers[0] >> np.uint64(bits), digit)] == n:
             continue
         place = 0
         for b in range(start, start + BUCKETS):
@@ -74,12 +94,12 @@ def _by_digits(codes: Codes, lowest: int) -> tuple[IntArray, Codes]:
             counts[b] = place
             place += held
         for i in range(n):
-            bucket = start + _digit(keys[i], digit)
+            bucket = start + _digit(numbers[i] >> np.uint64(bits), digit)
             place = counts[bucket]
             counts[bucket] = place + 1
-            other_rows[place], other_keys[place] = rows[i], keys[i]
-        rows, other_rows, keys, other_keys = other_rows, rows, other_keys, keys
-    return rows, keys
+            other[place] = numbers[i]
+        numbers, other = other, numbers
+    return numbers
 
 
 @inside_kernels

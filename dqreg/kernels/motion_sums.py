@@ -83,6 +83,7 @@ def motion_shares(
     last: int,
     points: FloatArray,
     normals: FloatArray,
+    own: FloatArray,
     vectors: FloatArray,
     weights: FloatArray,
     counts: FloatArray,
@@ -93,18 +94,25 @@ def motion_shares(
 ) -> None:
     """Add the shares ``w (v . J)^2`` of rows first to last in each motion, and their squares over the points of a row.
 
-    O(n m). Each row is a point where there are no counts. Shapes: points and normals (n, 3), vectors (m, 6) one a row,
-    sums (chunks, 2, m), zeros.
+    O(n m). Where there are normals of the other side, up to sign, a share is the product of what both say, and the sum
+    of those without them, of rows that have both, is added too. Each row is a point where there are no counts. Shapes:
+    points and normals (n, 3), own (n, 3) or (0, 3), vectors (m, 6) one a row, sums (chunks, 3, m), zeros.
     """
-    own = sums[first // chunk]
+    sides = sums[first // chunk]
     for i in range(first, last):
         if weights[i] == 0.0:
             continue
-        a, b, c, u, v, w = motion_row(points, normals, i, i, centre, lever)
-        part = 1.0 / counts[i] if len(counts) else 1.0
+        a, b, c, u, v, w = row = motion_row(points, normals, i, i, centre, lever)
+        o, p, q, x, y, z = motion_row(points, own, i, i, centre, lever) if len(own) else row
+        weight, part = weights[i], 1.0 / counts[i] if len(counts) else 1.0
+        signed = -weight if u * x + v * y + w * z < 0.0 else weight
+        compared = weight if x != 0.0 or y != 0.0 or z != 0.0 else 0.0
         for m in range(len(vectors)):
             along = vectors[m, 0] * a + vectors[m, 1] * b + vectors[m, 2] * c
             along += vectors[m, 3] * u + vectors[m, 4] * v + vectors[m, 5] * w
-            share = weights[i] * along * along
-            own[0, m] += share
-            own[1, m] += share * share * part
+            across = vectors[m, 0] * o + vectors[m, 1] * p + vectors[m, 2] * q
+            across += vectors[m, 3] * x + vectors[m, 4] * y + vectors[m, 5] * z
+            share = signed * along * across
+            sides[0, m] += share
+            sides[1, m] += share * share * part
+            sides[2, m] += compared * along * along

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from dqreg._arrays import FloatArray
 from dqreg.kernels.compiled import compiled
 
@@ -92,18 +94,48 @@ def slide_rows(
 ) -> None:
     """Write the points at a pose, their feet slid along the tangent planes, (n, 3), and their distances, (n,). O(n).
 
-    Shapes: T (4, 4); before (n, 3), the points where the feet were found.
+    Shapes: T (4, 4); before (n, 3), the points where the feet were found; the first two (0, 3) where they are not
+    asked for.
     """
+    place, foot = np.zeros(3), np.zeros(3)
     for i in range(first, last):
         across, square = 0.0, 0.0
         for k in range(3):
-            moved[i, k] = T[k, 0] * points[i, 0] + T[k, 1] * points[i, 1] + T[k, 2] * points[i, 2] + T[k, 3]
-            across += (moved[i, k] - before[i, k]) * normals[i, k]
+            place[k] = T[k, 0] * points[i, 0] + T[k, 1] * points[i, 1] + T[k, 2] * points[i, 2] + T[k, 3]
+            across += (place[k] - before[i, k]) * normals[i, k]
         for k in range(3):
-            slid[i, k] = feet[i, k] + (moved[i, k] - before[i, k]) - across * normals[i, k]
-            gap = moved[i, k] - slid[i, k]
+            foot[k] = feet[i, k] + (place[k] - before[i, k]) - across * normals[i, k]
+            gap = place[k] - foot[k]
             square += gap * gap
+        for k in range(3 if len(moved) else 0):
+            moved[i, k], slid[i, k] = place[k], foot[k]
         distances[i] = math.sqrt(square)
+
+
+@compiled
+def follow_rows(
+    first: int,
+    last: int,
+    points: FloatArray,
+    before: FloatArray,
+    feet: FloatArray,
+    others: FloatArray,
+    shrink: float,
+    distances: FloatArray,
+    bounds: FloatArray,
+) -> None:
+    """Write how far queries are from what was the nearest, and what no other is nearer than, (n,) each. O(n).
+
+    From where they were before, (n, 3), and what no other was nearer than there; bounds are shrunk by a factor.
+    """
+    for i in range(first, last):
+        square, way = 0.0, 0.0
+        for k in range(3):
+            gap, step = points[i, k] - feet[i, k], points[i, k] - before[i, k]
+            square += gap * gap
+            way += step * step
+        distances[i] = math.sqrt(square)
+        bounds[i] = (others[i] - math.sqrt(way)) * shrink
 
 
 @compiled

@@ -13,6 +13,8 @@ from dqreg.kernels.pose_forms import SUMS, add_pair
 COLUMNS = SUMS + 8
 # A triangle of products of six motions and a height, and the count.
 STEP = 29
+# Sums of weights, points, feet, squared heights over the planes and squared distances, and the pairs with a plane.
+OF_PAIRS = 10
 
 
 @compiled
@@ -113,3 +115,38 @@ def step_sums(
         found[28] += 1.0
     for k in range(STEP):
         total[k] += found[k]
+
+
+@compiled
+def pair_moments(
+    first: int,
+    last: int,
+    points: FloatArray,
+    T: FloatArray,
+    feet: FloatArray,
+    normals: FloatArray,
+    distances: FloatArray,
+    scatter: FloatArray,
+    weights: FloatArray,
+    chunk: int,
+    sums: FloatArray,
+) -> None:
+    """Add what one chunk of correspondences at a pose comes to, (10,). O(n).
+
+    Their squared distances are those of the points that each row is the mean of, which scatter about it, (n,) or (0,).
+    """
+    total = sums[first // chunk]
+    for i in range(first, last):
+        w, height, directed = weights[i], 0.0, False
+        if not w > 0.0:
+            continue
+        for k in range(3):
+            moved = T[k, 0] * points[i, 0] + T[k, 1] * points[i, 1] + T[k, 2] * points[i, 2] + T[k, 3]
+            height += (moved - feet[i, k]) * normals[i, k]
+            directed = directed or normals[i, k] != 0.0
+            total[1 + k] += w * points[i, k]
+            total[4 + k] += w * feet[i, k]
+        total[0] += w
+        total[7] += w * height * height
+        total[8] += w * (distances[i] * distances[i] + (scatter[i] if len(scatter) else 0.0))
+        total[9] += 1.0 if directed else 0.0

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
-from dqreg.geometry.cloud_surface import ROUNDING
+from dqreg.geometry.cloud_surface import followed
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import fit_planes_at
 from dqreg.geometry.surface import Closest, Hint
@@ -96,8 +96,7 @@ class MapSurface:
             indices, apart = self._tree.nearest(points, 2)
             return indices[:, 0], apart[:, 0], apart[:, -1]
         places, before = hint
-        rows, distances = before.elements.copy(), _apart(points, before.points)
-        others = (others_before - _apart(points, places)) * (1.0 - ROUNDING)
+        rows, (distances, others) = before.elements.copy(), followed(points, places, before.points, others_before)
         again = np.flatnonzero(distances >= others)
         indices, apart = self._tree.nearest_beside(np.take(points, again, axis=0), rows[again], 2)
         rows[again], distances[again], others[again] = indices[:, 0], apart[:, 0], apart[:, -1]
@@ -110,10 +109,3 @@ class MapSurface:
     def distances(self, points: FloatArray, cap: float = np.inf) -> FloatArray:
         """Distance of each query, (n, 3), to the nearest map point, or the cap where that is less, (n,)."""
         return self._tree.capped_distances(points, cap)
-
-
-def _apart(points: FloatArray, others: FloatArray) -> FloatArray:
-    # As the tree adds the squares, so that a match that is kept has the bits of one that is found.
-    x, y, z = (points - others).T
-    apart: FloatArray = np.sqrt(x * x + y * y + z * z)
-    return apart

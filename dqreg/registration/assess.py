@@ -206,12 +206,6 @@ def begin_comparing(fit: Fit) -> None:
         fit.begin("shapes", lambda: overlap.shapes(size))
 
 
-def begin_uncertainty(fit: Fit) -> None:
-    """Make what the covariance of a pose between two clouds asks beside the information of its correspondences."""
-    if fit.found and _is_worth_it(fit.prepared):
-        fit.begin_followed()
-
-
 def _is_worth_it(prepared: Prepared) -> bool:
     """Whether it pays to use another thread: of two dense clouds. Below, handing over costs more than it saves."""
     return prepared.cell_size > 0.0

@@ -185,11 +185,11 @@ class Fit:
         rows = rows[aside <= OUTSIDE * size]
         if not size > 0.0:
             return 1.0
-        moved, normals = pairs.moved[rows], pairs.closest.normals[rows]
-        sides = []
+        moved, found = np.take(pairs.moved, rows, axis=0), pairs.closest._taken(rows)
+        normals, sides = found.normals, []
         for step in (size, -size):
             points = moved + step * normals
-            closest = surface.closest(points)
+            closest = surface.closest(points, (moved, found))
             along = row_dots(points - closest.points, closest.normals)
             along *= np.where(row_dots(closest.normals, normals) < 0.0, -1.0, 1.0)
             sides.append(np.clip(along, -OUTSIDE * size, OUTSIDE * size))

@@ -162,7 +162,7 @@ def _of_cloud(fit: Fit, surface: CloudSurface) -> _Places:
     tangent = _tangent(fit, surface)
     facets = tangent.facets()
     maps = np.concatenate([near_flips(facets, tangent), near_periods(facets, tangent, OF_CLOUD)])
-    return _Places(maps, surface._points[rows], surface._fits_at(rows)[:, :3], surface.diagonal)
+    return _Places(maps, surface._points[rows], surface._planes_at(rows)[0], surface.diagonal)
 
 
 def _tangent(fit: Fit, surface: CloudSurface) -> TangentPlanes:

@@ -18,7 +18,6 @@ from dqreg.registration.assess import (
     begin_comparing,
     begin_evidence,
     begin_judging,
-    begin_uncertainty,
     evidence_of,
     uncertainty_of,
     verdict_on,
@@ -153,7 +152,6 @@ def not_judged(fit: Fit) -> Registration:
     """The answer where the loop ended, with its covariance; where there is no pose the verdict says why."""
     fit.problem.await_target()
     fit = seen_alone(fit)
-    begin_uncertainty(fit)
     uncertainty = uncertainty_of(fit, by_rims=False)
     verdict = Verdict("suspect", (Reason(NOT_JUDGED, "not_judged"),)) if fit.found else judge(fit.agreement)
     fit.problem.watch.seconds["total"] = fit.problem.watch.total

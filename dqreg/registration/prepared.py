@@ -59,6 +59,9 @@ class Prepared:
                 stands = VoxelCloud.of(geometry, size)
         thinned = stands.surface is not None or moves.surface is not None
         planes = Later(stands.surface.fit_cells, beside=moves.surface is not None) if stands.surface else None
+        if stands.surface is not None and moves.surface is not None:
+            # Not waited for: while the loop begins a core is idle, and what is there by then it need not fit.
+            Later(stands.surface.fit_rest)
         if begin is not None and stands.surface is not None:
             begin(stands.surface, moves.surface is None)
         scan = prepare_scan(moves.cloud, surface=moves.surface, total=len(cloud))

@@ -32,7 +32,7 @@ class TangentPlanes:
     def facets(self) -> Mesh:
         """Equal triangles, too small to be seen, about some points: a mesh with the cloud's moments and normals."""
         rows = sample_rows(len(self._cloud._points), POINTS)
-        normals = _upward(self._cloud._fits_at(rows)[:, :3])
+        normals = _upward(self._cloud._planes_at(rows)[0])
         rows, normals = rows[normals.any(axis=1)], normals[normals.any(axis=1)]
         points = self._cloud._points[rows]
         one = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
@@ -44,7 +44,7 @@ class TangentPlanes:
         """Nearest place of the tangent planes beside the nearest point."""
         rows, apart = self._cloud._tree.nearest(points, 1)
         rows, apart = rows[:, 0], apart[:, 0]
-        places, normals = np.take(self._cloud._points, rows, axis=0), _upward(self._cloud._fits_at(rows)[:, :3])
+        places, normals = np.take(self._cloud._points, rows, axis=0), _upward(self._cloud._planes_at(rows)[0])
         aside = np.einsum("ij,ij->i", points - places, normals)
         feet = points - aside[:, None] * normals
         beside = np.sqrt(np.maximum(apart**2 - aside**2, 0.0))
@@ -56,7 +56,7 @@ class TangentPlanes:
     def is_symmetry(self, T: FloatArray) -> bool:
         """Whether a motion leaves all of the cloud about in place."""
         rows = sample_rows(len(self._cloud._points), CHECKED)
-        variances = self._cloud._fits_at(rows)[:, 3]
+        variances = self._cloud._planes_at(rows)[1]
         away = self.closest(pose.apply(T, self._cloud._points[rows])).distances
         is_off = away > max(SAME * self.diagonal, OFF * self.spacing)
         # At edges planes are none.

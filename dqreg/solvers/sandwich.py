@@ -132,15 +132,14 @@ def _starts(total: int, most: int, passed: FloatArray | None) -> IntArray:
     return np.asarray(starts[np.diff(starts, prepend=-1) > 0])
 
 
-def _between(along: FloatArray, shared: FloatArray) -> FloatArray:
-    """Sum of ``P S P^T`` over the pulls P along each axis, (3, k, m), for a covariance S between patches, (m, m)."""
+def _between(along: FloatArray, shared: tuple[IntArray, FloatArray]) -> FloatArray:
+    """Sum of ``P S P^T`` over the pulls P along each axis, (3, k, m), for a covariance S between pairs of patches."""
     from dqreg.kernels.patch_pairs import covariance_products
 
     patches = along.shape[2]
     columns = np.ascontiguousarray(along.reshape(-1, patches).T)
-    # Most pairs are out of range, and the product of matrices takes several times as long.
     products, alike = np.zeros(columns.shape), np.tile([1.0, 0.0, 0.0], (patches, 1))
-    covariance_products(shared, alike, columns, products)
+    covariance_products(*shared, alike, columns, products)
     return np.asarray(np.einsum("akm,mal->kl", along, products.reshape(patches, 3, -1)))
 
 
@@ -197,8 +196,8 @@ class _Patches:
         scale = self.variance * np.sqrt(alike)
         return agreement / scale if scale > 0.0 else 0.0
 
-    def shared_noise(self) -> FloatArray | None:
-        """Covariance of the noise between patches, (m, m), zero on the diagonal; None where chance explains it."""
+    def shared_noise(self) -> tuple[IntArray, FloatArray] | None:
+        """Pairs of patches, (p, 2), and the covariances of the noise between them; None where chance explains it."""
         from dqreg.kernels.patch_pairs import binned_agreements, nearest_others, spherical_covariance
         from dqreg.kernels.threads import as_plain
 
@@ -217,15 +216,13 @@ class _Patches:
         if excess.max(initial=0.0) < SHARED:
             return None
         best = int(excess.argmax())
-        covariance = np.zeros((len(points), len(points)))
-        spherical_covariance(points, float(agreements[best] / norms[best]), float(ranges[best]), covariance)
-        return covariance
+        return spherical_covariance(points, float(agreements[best] / norms[best]), float(ranges[best]))
 
-    def left_by_fit(self, shared: FloatArray, pulls: FloatArray, bread: FloatArray) -> float:
+    def left_by_fit(self, shared: tuple[IntArray, FloatArray], pulls: FloatArray, bread: FloatArray) -> float:
         """Share of a covariance between patches that the fit leaves in their residuals: it has followed the rest.
 
         Residuals are ``P e`` of the errors e, so that products of theirs tell ``P K P^T`` where K was meant (Patterson
-        and Thompson 1971). Shapes: shared (m, m), pulls (k, m): weighted rows of each patch, bread (k, k).
+        and Thompson 1971). Shapes: pulls (k, m): weighted rows of each patch, bread (k, k).
         """
         from dqreg.kernels.patch_pairs import covariance_products
         from dqreg.kernels.threads import as_plain
@@ -234,7 +231,7 @@ class _Patches:
         hat = product((pulls / self.weights).T, bread)
         columns = np.concatenate([hat, pulls.T], axis=1)
         products = np.zeros(columns.shape)
-        meant = covariance_products(shared, as_plain(self.normals), columns, products)
+        meant = covariance_products(*shared, as_plain(self.normals), columns, products)
         held, pulled = np.split(products, 2, axis=1)
         followed = 2.0 * float(np.vdot(held, pulled)) - float(np.vdot(hat.T @ held, pulled.T @ pulls.T))
         return max(1.0 - followed / meant, LEAST_LEFT) if meant > 0.0 else 1.0

@@ -7,9 +7,8 @@ import math
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, dot, product
-from dqreg.geometry.vector_rows import nonzero_rows, row_dots
-from dqreg.solvers.quadratic import ROWS, plane_rows
+from dqreg._arrays import BoolArray, FloatArray, dot
+from dqreg.solvers.quadratic import ROWS
 from dqreg.solvers.row_sums import MotionSums
 from dqreg.solvers.sandwich import patch_starts, scatter_of_sums
 
@@ -22,6 +21,8 @@ FIRST = np.zeros(1, dtype=np.int64)
 # share of what the target's normals say is said by the scan's too, it is errors: right poses came to 0.4, slid ones of
 # round parts to 0.16 at most.
 CONFIRMED = 0.25
+# No normals.
+NONE = np.zeros((0, 3))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -168,10 +169,9 @@ def information_of(
     known = basis.T @ known @ basis
     values, vectors = np.linalg.eigh((sums.of_smooth() + known) / max(total, np.finfo(float).tiny))
     scaled = basis @ vectors
-    if own is None:
-        carriers = _carriers(points, smooth, scaled, weights, counts, centre, lever)
-    else:
-        carriers = _of_both(points, normals, own, scaled, weights, counts, centre, lever)
+    carriers = _carriers(
+        points, smooth if own is None else normals, NONE if own is None else own, scaled, weights, counts, centre, lever
+    )
     sigma = float(np.sqrt(variance))
     held = Information(np.maximum(values, 0.0), scaled, total, sigma, lever, centre, carriers)
     motions = vectors[:, ~held.free]
@@ -184,7 +184,7 @@ def information_of(
     return held if scatter is None else dataclasses.replace(held, scatter=outer @ scatter @ outer.T)
 
 
-def _of_both(
+def _carriers(
     points: FloatArray,
     normals: FloatArray,
     own: FloatArray,
@@ -194,36 +194,17 @@ def _of_both(
     centre: FloatArray,
     lever: float,
 ) -> FloatArray:
-    """Correspondences that carry each motion, (6, m) one a column, by the normals of both sides: (m,)."""
-    along = product(vectors.T, plane_rows(points, normals, centre, lever))
-    signed = own * np.where(row_dots(own, normals) < 0.0, -1.0, 1.0)[:, None]
-    shared = weights * along * product(vectors.T, plane_rows(points, signed, centre, lever))
-    compared = weights * nonzero_rows(own)
-    confirmed = shared.sum(axis=1) > CONFIRMED * (compared * along**2).sum(axis=1)
-    return np.where(confirmed, _effective(shared, counts), 0.0)
+    """Correspondences that carry each motion, (6, m) one a column: how many equal shares would add up as well, (m,).
 
-
-def _carriers(
-    points: FloatArray,
-    normals: FloatArray,
-    vectors: FloatArray,
-    weights: FloatArray,
-    counts: FloatArray | None,
-    centre: FloatArray,
-    lever: float,
-) -> FloatArray:
-    """The same by the normals of one: how many equal shares ``w (v . J)^2`` would add up as well, (m,)."""
+    A share is ``w (v . J)^2``, or, where the scan has normals of its own, the product of what both sides' say: none
+    carries a motion that these do not confirm.
+    """
     from dqreg.kernels.motion_sums import motion_shares
     from dqreg.kernels.threads import as_plain, over_chunks
 
-    sums = np.zeros((max(-(-len(weights) // ROWS), 1), 2, vectors.shape[1]))
-    columns = [as_plain(x) for x in (points, normals, vectors.T, weights, np.zeros(0) if counts is None else counts)]
-    over_chunks(motion_shares, len(weights), *columns, as_plain(centre), float(lever), ROWS, sums, chunk=ROWS)
-    shares, squared = sums.sum(axis=0)
-    return np.asarray(shares**2 / np.where(squared > 0.0, squared, np.inf))
-
-
-def _effective(shares: FloatArray, counts: FloatArray | None) -> FloatArray:
-    """How many equal shares would add up as well as those of some rows, (k, n), of so many points each: (k,)."""
-    squared = np.einsum("ij,ij->i", shares, shares if counts is None else shares / counts)
-    return np.asarray(np.maximum(shares.sum(axis=1), 0.0) ** 2 / np.where(squared > 0.0, squared, np.inf))
+    sums = np.zeros((max(-(-len(weights) // ROWS), 1), 3, vectors.shape[1]))
+    of_rows = points, normals, own, vectors.T, weights, np.zeros(0) if counts is None else counts, centre
+    over_chunks(motion_shares, len(weights), *map(as_plain, of_rows), float(lever), ROWS, sums, chunk=ROWS)
+    shares, squared, compared = sums.sum(axis=0)
+    carriers = np.maximum(shares, 0.0) ** 2 / np.where(squared > 0.0, squared, np.inf)
+    return np.where(shares > CONFIRMED * compared, carriers, 0.0)

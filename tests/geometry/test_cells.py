@@ -81,3 +81,20 @@ def test_where_cells_make_no_plane_their_nearest_ones_do() -> None:
     searched = CloudSurface(even.cloud).normals[beside]
     assert np.allclose(np.abs(even.surface.normals[beside]), np.abs(searched), atol=1e-9)
     assert np.abs(even.surface.normals[~beside, 2]).min() > 1.0 - 1e-9
+
+
+def test_planes_that_are_fitted_ahead_have_the_bits_of_those_fitted_where_they_are_met() -> None:
+    # A line off the sheet, where cells make no plane.
+    line = np.column_stack([np.linspace(4.0, 9.0, 300), np.zeros(300), np.ones(300)])
+    cloud = PointCloud(np.vstack([sheet(3, 8_000), line]))
+    ahead, met = (VoxelCloud.of(cloud, 0.25).surface for _ in range(2))
+    assert ahead is not None
+    assert met is not None
+    ahead.fit_cells()
+    assert 0 < np.count_nonzero(ahead._known) < len(ahead._known)
+    ahead.fit_rest()
+    assert ahead._known.all()
+    asked = ahead._points + 0.01
+    one, other = ahead.closest(asked), met.closest(asked)
+    np.testing.assert_array_equal(one.normals, other.normals)
+    np.testing.assert_array_equal(one.variances, other.variances)

@@ -17,7 +17,7 @@ COUNT = 2_000
 @pytest.fixture(autouse=True)
 def _of_few(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(estimators, "MANY", COUNT)
-    monkeypatch.setattr(estimators, "PLANES", 300)
+    monkeypatch.setattr(estimators, "CHUNK", 300)
 
 
 def near(turn_rad: float, seed: int = 0, shift: float = 0.0) -> tuple[Correspondences, np.ndarray]:

@@ -59,15 +59,21 @@ def test_threads_of_patches_add_up_to_the_same_bits() -> None:
 
 
 @pytest.mark.parametrize("counted", [False, True])
-def test_shares_of_motions_add_up(counted: bool) -> None:
+@pytest.mark.parametrize("both", [False, True])
+def test_shares_of_motions_add_up(counted: bool, both: bool) -> None:
     points, normals, _, weights = correspondences(3)
     rng = np.random.default_rng(4)
     vectors, counts = rng.normal(size=(5, 6)), rng.integers(1, 9, COUNT).astype(float) if counted else np.zeros(0)
-    sums = np.zeros((5, 2, 5))
+    # Of either sign, and none here and there.
+    own = normals[rng.permutation(COUNT)] * (rng.uniform(size=(COUNT, 1)) > 0.2)
+    sums = np.zeros((5, 3, 5))
     for first in range(0, COUNT, 20):
-        last = min(first + 20, COUNT)
-        motion_shares(first, last, points, normals, vectors, weights, counts, CENTRE, LEVER, 20, sums)
-    shares = weights * (vectors @ plane_rows(points, normals, CENTRE, LEVER)) ** 2
-    found = sums.sum(axis=0)
-    np.testing.assert_allclose(found[0], shares.sum(axis=1), rtol=1e-13)
+        given = points, normals, own if both else own[:0], vectors, weights, counts, CENTRE, LEVER, 20, sums
+        motion_shares(first, min(first + 20, COUNT), *given)
+    along = vectors @ plane_rows(points, normals, CENTRE, LEVER)
+    signed = own * np.where((own * normals).sum(axis=1, keepdims=True) < 0.0, -1.0, 1.0)
+    shares = weights * along * (vectors @ plane_rows(points, signed, CENTRE, LEVER) if both else along)
+    found, compared = sums.sum(axis=0), weights * (own.any(axis=1) if both else 1.0)
+    np.testing.assert_allclose(found[0], shares.sum(axis=1), rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(found[1], (shares**2 / (counts if counted else 1.0)).sum(axis=1), rtol=1e-13)
+    np.testing.assert_allclose(found[2], (compared * along**2).sum(axis=1), rtol=1e-13)
