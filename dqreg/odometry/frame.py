@@ -28,7 +28,7 @@ from dqreg.trust.records import Reason
 # Voxels a point, over the map's: of what enters the map, and of what the pose is found from.
 DENSE, SPARSE = 0.5, 1.5
 # Points that the pose is found from at most: beyond, they add time and hardly any accuracy.
-MOST = 6_000
+MOST = 4_500
 # Points of a fit: rings of a LiDAR leave few neighbours across them.
 NEIGHBOURS = 12
 # Coordinates beyond which a return is no measurement.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import functools
 from collections import deque
 from typing import Any
 
@@ -143,12 +142,11 @@ class Tracker:
         surface.about(self._T_last[:3, 3], frame.reach + lengths.reach)
         search = FrameSearch(surface, lengths, self.settings, self._usual_fraction, self._anchors(T_predicted))
         trusted = expected is not None or kiss.deviation <= lengths.voxel_size
-        seen = Later(functools.partial(View.of, frame.dense, lengths.near))
+        # With times it is deskewed once more, and seen then.
+        seen = Later(lambda: View.of(frame.dense, lengths.near), beside=frame.back is None)
         aligned, notes = search.find(frame.scan, trust_motion=trusted), raw.notes
         if frame.back is not None:
             deskewed = Deskewed(frame, aligned).repeated(search, WORTHWHILE * lengths.voxel_size)
-            if deskewed.frame is not frame:
-                seen = Later(lambda: View.of(deskewed.frame.dense, lengths.near), beside=False)
             frame, aligned, notes = deskewed.frame, deskewed.aligned, notes + deskewed.notes
         # After a frame that was not trusted constant velocity is worth nothing, and before any motion is known, little.
         is_first = expected is None and not self._usual
