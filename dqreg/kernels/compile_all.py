@@ -51,9 +51,11 @@ from dqreg.kernels.scattering import put_rows
 from dqreg.kernels.smooth_corners import smooth_corners
 from dqreg.kernels.split_sort import split_sorted_rows
 from dqreg.kernels.surrounded import shares_beside, squares_along, surrounded_rows
+from dqreg.kernels.swept_rows import swept_rows
 from dqreg.kernels.systematic_rows import systematic_rows
 from dqreg.kernels.triangle_tree import TriangleTree
 from dqreg.kernels.voxel_points import admit_points
+from dqreg.kernels.voxel_rows import first_of_voxels
 from dqreg.kernels.weighing import SUMS as WEIGHED
 from dqreg.kernels.weighing import follow_rows, place_rows, slide_rows, weigh_rows
 from dqreg.kernels.weighted_draws import drawn_rows
@@ -247,6 +249,8 @@ def _pairs() -> None:
 
 def _maps() -> None:
     GrowingTree().grow(FLAT, 3)
+    first_of_voxels(FLAT, 1.0)
+    swept_rows(0, 0, FLAT, ONE, np.zeros(6), FLAT)
     links, voxels = np.zeros((3, 2), dtype=np.int64), np.zeros((3, 5), dtype=np.int64)
     admit_points(FLAT, 1.0, 1.0, 1, np.zeros((3, 3)), links, np.full(8, -1), voxels, FIRST.repeat(2))
 

@@ -18,6 +18,7 @@ from dqreg.icp import (
     Stopping,
     smallest_kernel_scale,
 )
+from dqreg.icp.correspondences import Correspondences
 from dqreg.odometry.map_surface import MapSurface
 from dqreg.odometry.settings import OdometrySettings, Resolved
 from dqreg.odometry.starts import candidates, screen
@@ -84,7 +85,18 @@ class FrameSearch:
             run = min(runs, key=lambda run: np.inf if run.ended_early else coarse.mean_nll(run))
         if run.ended_early:
             return run
+        return self._fine(coarse, scan, run)
+
+    def settle(self, scan: Scan, T_map_frame: FloatArray, before: Alignment) -> Alignment:
+        """The pose of a frame, all but known: from there, where it was found before with its points a little off."""
+        plan = IcpSettings(ESTIMATORS[self.settings.method], self.lengths.reach)
+        level = Level(scan, self.surface, plan, smallest_kernel_scale(scan, self.surface), last=True)
+        return self._fine(level, scan, dataclasses.replace(before, T_target_source=T_map_frame), before.pairs)
+
+    def _fine(self, level: Level, scan: Scan, run: Alignment, before: Correspondences | None = None) -> Alignment:
+        """A run refined with all points, whose matches are near those that they had before."""
+        plan, lengths = level.plan, self.lengths
         fine = dataclasses.replace(plan, max_distance=lengths.near, stopping=Stopping(TOLERANCE, ITERATIONS))
-        level = dataclasses.replace(coarse, scan=scan, plan=fine, last=True)
+        level = dataclasses.replace(level, scan=scan, plan=fine, last=True)
         narrow = InlierMixture(min(run.mixture.scale, 0.5 * lengths.near), run.mixture.inlier_fraction, lengths.near)
-        return level.descend(narrow, run.T_target_source, FINE, None, run.next_number).after(run)
+        return level.descend(narrow, run.T_target_source, FINE, None, run.next_number, before=before).after(run)

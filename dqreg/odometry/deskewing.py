@@ -1,7 +1,10 @@
 """Deskewing: the motion during a sweep is removed with the last motion first, then with the one that was found.
 
-KISS-ICP takes the last frame's motion. Where the sensor has just changed its motion, that distorts the frame; the pose
-found with it is a better estimate, so the frame is deskewed once more and placed again from there.
+KISS-ICP takes the last frame's motion. Where the sensor has just changed its motion, that distorts the frame. So the
+motion is asked of the sweep itself: what was seen early and what was seen late must fit the map both.
+
+The way from the last pose would not do: a motion that is off by d shifts the pose at the end of its sweep by about d/2,
+and with it the motion of the next frame by as much with the other sign. Made to agree, that never dies away.
 """
 
 from __future__ import annotations
@@ -11,19 +14,21 @@ from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, as_float, as_pose, require_finite
+from dqreg._arrays import FloatArray, as_float, as_pose, product, require_finite
 from dqreg.errors import InputError
 from dqreg.icp import Alignment
 from dqreg.odometry.align import FrameSearch
-from dqreg.odometry.frame import DownsampledFrame, RawFrame, downsample_frame
-from dqreg.odometry.kiss import KissParts, rigid
-from dqreg.odometry.starts import predict
+from dqreg.odometry.frame import DownsampledFrame
+from dqreg.odometry.kiss import rigid
+from dqreg.odometry.sweep import swept
 from dqreg.rigid import Trajectory, pose, twist
 from dqreg.trust.records import Reason
 
 # The frame is deskewed again while the motion is wrong by this fraction of a voxel at the frame's edge, and so many
-# times at most; each round halves the error, about.
+# times at most.
 WORTHWHILE, ROUNDS = 0.1, 5
+# Share of the correspondences that has to face a motion for it to count: at this share, half of it is believed.
+HELD = 0.03
 # Loss of inliers at which a round is rejected: kernel scales estimated anew change the fraction by less.
 WORSE = 0.02
 
@@ -81,7 +86,7 @@ def deskew(points: Any, times: Any, motion: Any) -> FloatArray:
     else:
         # Points of one time are those of its end.
         back = (stamps - end) / span if span > 0.0 else np.zeros(len(rows))
-        moved = twist.exp(back[:, None] * twist.log(motion))
+        return swept(rows, back, motion)
     return np.asarray(np.einsum("nij,nj->ni", moved[:, :3, :3], rows) + moved[:, :3, 3])
 
 
@@ -89,42 +94,56 @@ def deskew(points: Any, times: Any, motion: Any) -> FloatArray:
 class Deskewed:
     """A frame without the motion during its sweep, and where it was placed."""
 
-    kiss: KissParts  # Removes motions
-    raw: RawFrame  # The frame, with times
-    voxel_size: float  # Edge of a voxel of the map
     frame: DownsampledFrame  # The frame without the motion
     aligned: Alignment  # Where it was placed
-    motion: FloatArray  # (4, 4): The motion that was undone
     notes: tuple[Reason, ...] = ()
 
-    def repeated(self, search: FrameSearch, T_last: FloatArray, ratio: float) -> Deskewed:
-        """The same with the motion that was found, until both agree."""
+    def repeated(self, search: FrameSearch, worthwhile: float) -> Deskewed:
+        """The same with the motion that makes the sweep fit best, until it stays within a length."""
         best = self
         if not search.fits(best.aligned):
             # The motion that was removed may have been far off, or the times are no times.
-            plain = self._again(np.eye(4), None, search)
-            if plain is not None and plain.aligned.inlier_fraction > best.aligned.inlier_fraction:
+            plain = best.frame.without(np.eye(4))
+            aligned = search.find(plain.scan, trust_motion=False)
+            if aligned.inlier_fraction > best.aligned.inlier_fraction:
                 words = "the sweep was not deskewed: the frame fits better as it is than with its times"
-                best = dataclasses.replace(plain, notes=(Reason(words, "not_deskewed"),))
+                best = Deskewed(plain, aligned, (Reason(words, "not_deskewed"),))
         for _ in range(ROUNDS):
             if not best.aligned.found:
                 break
-            T = best.aligned.T_target_source
-            motion = rigid(predict(np.eye(4), rigid(pose.inverse(T_last) @ T), 1.0 / max(ratio, 1.0)))
-            change = pose.inverse(best.motion) @ motion
-            off = best.frame.reach * float(pose.angle_between(np.eye(4), change)) + float(np.linalg.norm(change[:3, 3]))
-            if off <= WORTHWHILE * self.voxel_size:
+            step, change = sweep_steps(best.frame, best.aligned)
+            if off_at(best.frame.reach, change) <= worthwhile:
                 break
-            again = best._again(motion, T, search)
-            if again is None or again.aligned.inlier_fraction < best.aligned.inlier_fraction - WORSE:
+            frame = best.frame.without(rigid(twist.exp(twist.log(best.frame.motion) + change)))
+            T = rigid(best.aligned.T_target_source @ twist.exp(step))
+            aligned = search.settle(frame.scan, T, best.aligned)
+            if aligned.inlier_fraction < best.aligned.inlier_fraction - WORSE:
                 break
-            best = again
+            best = Deskewed(frame, aligned)
         return best
 
-    def _again(self, motion: FloatArray, T: FloatArray | None, search: FrameSearch) -> Deskewed | None:
-        """With another motion: placed near T, or searched anew."""
-        frame = downsample_frame(self.kiss.compensate(self.raw.points, self.raw.times, motion), self.voxel_size)
-        if frame is None:
-            return None
-        aligned = search.find(frame.scan, trust_motion=False) if T is None else search.refine(frame.scan, T)
-        return dataclasses.replace(self, frame=frame, aligned=aligned, motion=motion, notes=())
+
+def off_at(reach: float, change: FloatArray) -> float:
+    """How far a twist, (6,), moves points at a distance from the sensor, at most."""
+    return reach * float(np.linalg.norm(change[:3])) + float(np.linalg.norm(change[3:]))
+
+
+def sweep_steps(frame: DownsampledFrame, aligned: Alignment) -> tuple[FloatArray, FloatArray]:
+    """Twists, (6,) each, in the sensor's frame: of the pose at the end of the sweep, and of the motion during it.
+
+    With heights h over the planes and rows ``a = [x x n, n]`` a point of time ``s``, -1 to 0, comes to lie on its plane
+    where ``h + a (step + s change) = 0``. What the times hardly tell, as along a corridor, is left as it was.
+    """
+    pairs, s = aligned.pairs, frame.scan_back
+    assert s is not None
+    normals = pairs.closest.normals @ pairs.T_target_source[:3, :3]
+    points, weights = pairs.scan.points, np.where(normals.any(axis=1), aligned.weights, 0.0)
+    lever = float(np.sqrt(weights @ np.einsum("ij,ij->i", points, points) / weights.sum()))
+    rows = np.hstack([np.cross(points / lever, normals), normals])
+    first, second = rows * weights[:, None], rows * (weights * s)[:, None]
+    ends, both, sweeps = product(first.T, rows), product(second.T, rows), product(second.T, rows * s[:, None])
+    damping = HELD * (weights @ (s - weights @ s / weights.sum()) ** 2) * np.eye(6)
+    full = np.block([[ends + damping, both], [both, sweeps + damping]])
+    found = np.linalg.solve(full, -np.concatenate([first.T @ pairs.point_to_plane, second.T @ pairs.point_to_plane]))
+    scale = np.array([1.0 / lever] * 3 + [1.0] * 3)
+    return scale * found[:6], scale * found[6:]

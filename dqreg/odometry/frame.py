@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import os
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, as_float, median
+from dqreg._arrays import FloatArray, IntArray, as_float, median
 from dqreg.errors import InputError
 from dqreg.files import read_cloud
 from dqreg.files.cloud_data import TimedCloudData
@@ -19,13 +20,15 @@ from dqreg.geometry.normals import fit_planes, sample_rows
 from dqreg.geometry.objects import recognise
 from dqreg.geometry.spacing import spacing_of
 from dqreg.geometry.vector_rows import nonzero_rows
-from dqreg.odometry.kiss import KissParts, thin
+from dqreg.odometry.kiss import thin
+from dqreg.odometry.settings import Resolved
+from dqreg.odometry.sweep import swept
 from dqreg.trust.records import Reason
 
 # Voxels a point, over the map's: of what enters the map, and of what the pose is found from.
 DENSE, SPARSE = 0.5, 1.5
 # Points that the pose is found from at most: beyond, they add time and hardly any accuracy.
-MOST = 6_000
+MOST = 4_500
 # Points of a fit: rings of a LiDAR leave few neighbours across them.
 NEIGHBOURS = 12
 # Coordinates beyond which a return is no measurement.
@@ -39,8 +42,8 @@ class RawFrame:
     points: FloatArray  # (n, 3): Finite points in the sensor's frame; n may be 0
     times: FloatArray | None  # (n,): Time of each point, where they can be used to undo the motion
     notes: tuple[Reason, ...]  # What was left out and why
-    # What it was downsampled to ahead of its turn, and the parts that took what is out of range away
-    ahead: tuple[KissParts, DownsampledFrame | None] | None = None
+    # What it was downsampled to ahead of its turn, with which lengths
+    ahead: tuple[Resolved, DownsampledFrame | None] | None = None
 
 
 def read_frame(points: Any, timestamps: Any) -> RawFrame:
@@ -86,19 +89,44 @@ def _values_of(points: Any) -> tuple[FloatArray, FloatArray | None]:
     return found.points, found.times
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class DownsampledFrame:
     """A frame downsampled twice."""
 
-    dense: FloatArray  # (n, 3): What enters the map
-    scan: Scan  # What the pose is found from, with normals fitted among the dense points
+    seen: FloatArray  # (n, 3): What enters the map, each point where the sensor saw it
+    back: FloatArray | None  # (n,): Time of each, from -1 at the beginning of the sweep to 0 at its end, if it is known
+    scan: Scan  # What the pose is found from, with normals fitted among all of them
+    rows: IntArray  # (m,): Its rows among what enters the map
     reach: float  # Distance of the farthest point from the sensor
+    motion: FloatArray  # (4, 4): Motion during the sweep that was undone
+    seen_normals: FloatArray  # (m, 3): Normals of the scan as it was seen
+
+    @cached_property
+    def dense(self) -> FloatArray:
+        """What enters the map, (n, 3)."""
+        return self.seen if self.back is None else swept(self.seen, self.back, self.motion)
+
+    @cached_property
+    def scan_back(self) -> FloatArray | None:
+        """Time of each point of the scan, (m,)."""
+        return None if self.back is None else self.back[self.rows]
+
+    def without(self, motion: FloatArray) -> DownsampledFrame:
+        """The frame with another motion undone, (4, 4); as it is where its points have no times."""
+        back = self.scan_back
+        if back is None:
+            return self
+        points = swept(np.take(self.seen, self.rows, axis=0), back, motion)
+        normals = swept(self.seen_normals, back, motion, directions=True)
+        scan = dataclasses.replace(self.scan, points=points, normals=normals)
+        return dataclasses.replace(self, scan=scan, motion=motion)
 
 
-def downsample_frame(points: FloatArray, voxel_size: float) -> DownsampledFrame | None:
+def downsample_frame(raw: RawFrame, lengths: Resolved) -> DownsampledFrame | None:
     """Downsample a frame and fit its normals."""
-    dense = thin(points, DENSE * voxel_size) if len(points) else points
-    sparse = thin(dense, SPARSE * voxel_size) if len(points) else points
+    points, times = _in_range(raw, lengths)
+    dense = thin(points, DENSE * lengths.voxel_size) if len(points) else points
+    sparse = thin(dense, SPARSE * lengths.voxel_size) if len(points) else points
     if len(sparse) < 3:
         return None
     # KISS-ICP keeps the order of its hash table, which is none: sorted, a run repeats to the last bit.
@@ -118,4 +146,27 @@ def downsample_frame(points: FloatArray, voxel_size: float) -> DownsampledFrame 
         noise=median(fits.residuals[known]) if known.any() else 0.0,
         total=len(dense),
     )
-    return DownsampledFrame(dense, scan, reach)
+    back = None if times is None else _times_back(points, times, DENSE * lengths.voxel_size)
+    # Each point of the scan is its own nearest neighbour.
+    rows = np.zeros(0, dtype=np.int64) if fits.neighbours is None else fits.neighbours[:, 0]
+    return DownsampledFrame(dense, back, scan, rows, reach, np.eye(4), scan.normals)
+
+
+def _times_back(points: FloatArray, times: FloatArray, size: float) -> FloatArray:
+    """Times of what `thin` leaves of the points, in Morton order, from -1 at the beginning of the sweep to 0."""
+    from dqreg.kernels.voxel_rows import first_of_voxels
+
+    rows = first_of_voxels(points, size)
+    rows = rows[morton_order(np.take(points, rows, axis=0))]
+    return np.asarray((times[rows] - times.max()) / np.ptp(times))
+
+
+def _in_range(raw: RawFrame, lengths: Resolved) -> tuple[FloatArray, FloatArray | None]:
+    """Points in range, and their times where the motion is to be undone."""
+    points, times = raw.points, raw.times if lengths.deskew else None
+    squares = np.einsum("ij,ij->i", points, points)
+    near = (squares < lengths.max_range**2) & (squares > lengths.min_range**2)
+    if near.all():
+        return points, times
+    times = None if times is None else times[near]
+    return points[near], None if times is None or not np.ptp(times) > 0.0 else times

@@ -44,7 +44,7 @@ def thin(points: FloatArray, size: float) -> FloatArray:
 
 
 class KissParts:
-    """KISS-ICP's motion compensation and adaptive threshold, set up for one sequence."""
+    """KISS-ICP's adaptive threshold, set up for one sequence."""
 
     def __init__(self, settings: Resolved) -> None:
         s = settings
@@ -55,13 +55,7 @@ class KissParts:
         config.adaptive_threshold.initial_threshold = s.reach
         config.adaptive_threshold.min_motion_th = 0.1 * s.voxel_size
         config.registration.max_num_threads = s.threads
-        self._preprocessor = load_kiss("preprocess").get_preprocessor(config)
         self._threshold = load_kiss("threshold").get_threshold_estimator(config)
-
-    def compensate(self, points: FloatArray, times: FloatArray | None, motion: FloatArray) -> FloatArray:
-        """Points in range, each moved to where it would have been seen at the end of the sweep."""
-        stamps = np.zeros(0) if times is None else times
-        return np.array(self._preprocessor.preprocess(points, stamps, rigid(motion))).reshape(-1, 3)
 
     @property
     def deviation(self) -> float:

@@ -179,12 +179,12 @@ class Odometry(Tracker):
         raw = read_frame(points, None)
         if self._kiss is None or self._map is None or self._lengths is None:
             raise InputError("there is no map to be found in: register a frame first, or load a map")
-        frame = downsample_frame(self._kiss.compensate(raw.points, None, np.eye(4)), self._lengths.voxel_size)
+        frame = downsample_frame(raw, self._lengths)
         if frame is None or len(frame.scan) < FEWEST_POINTS:
             raise InputError(f"downsampling leaves too few of {len(raw.points)} points; {FEWEST_POINTS} are needed")
         found = register(PointCloud(frame.dense, viewpoint=np.zeros(3)), self._map.points, start)
         if found.verdict.level == "accepted":
-            self._T_last, self._motion = rigid(found.T_target_source), np.eye(4)
+            self._T_last, self._motion, self._first = rigid(found.T_target_source), np.eye(4), None
             self._T_doubtful, self._kept_out, self._timeline.missed, self._link = None, 0, 0, MapLink()
         return found
 

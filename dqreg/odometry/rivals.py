@@ -159,20 +159,26 @@ class _Comparison:
 
     def squares(self, T: FloatArray) -> FloatArray:
         """Truncated squared distances from the planes of the map, over the cap's; NaN where the map is empty."""
-        points = pose.apply(T, self.scan.points[self.rows])
+        found: FloatArray = self._squares(T, np.zeros((1, 3)))[0]
+        return found
+
+    def _squares(self, T: FloatArray, shifts: FloatArray) -> FloatArray:
+        """The same at a pose and shifts of it, (k, 3): (k, n)."""
+        points = (pose.apply(T, self.scan.points[self.rows]) + shifts[:, None]).reshape(-1, 3)
         normals = self.scan.normals[self.rows] @ T[:3, :3].T
         near = self.surface.closest(points)
         along = np.abs(np.einsum("ij,ij->i", points - near.points, near.normals))
-        agree = np.abs(np.einsum("ij,ij->i", normals, near.normals)) > AGREE
+        faces = near.normals.reshape(len(shifts), -1, 3)
+        agree = np.abs(np.einsum("ij,kij->ki", normals, faces)).ravel() > AGREE
         squares = np.where(agree, np.minimum(along / self.cap, 1.0), 1.0) ** 2
         # Where the map holds nothing near, it was not looked at: that speaks neither for a pose nor against it.
-        return np.where(near.distances < self.gate, squares, np.nan)
+        return np.where(near.distances < self.gate, squares, np.nan).reshape(len(shifts), -1)
 
     def along(self, T: FloatArray, axis: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Shifts along an axis, and how much worse each is than none."""
         shifts: FloatArray = self.cap * np.arange(-float(STEPS), STEPS + 1.0)
-        base = self.squares(T)
-        return shifts, np.array([_significance(self.squares(_shifted(T, s * axis)) - base) for s in shifts])
+        squares = self._squares(T, shifts[:, None] * axis)
+        return shifts, np.array([_significance(each - squares[STEPS]) for each in squares])
 
     def gain(self, one: Alignment, other: Alignment) -> float:
         """How much worse one pose is than another."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import functools
 from collections import deque
 from typing import Any
 
@@ -13,8 +12,8 @@ import numpy as np
 from dqreg._arrays import FloatArray, as_pose
 from dqreg.kernels.threads import Later
 from dqreg.odometry.align import FrameSearch
-from dqreg.odometry.assess import MapLink, first_frame, frame_result, without_pose
-from dqreg.odometry.deskewing import Deskewed
+from dqreg.odometry.assess import LOST, MapLink, first_frame, frame_result, without_pose
+from dqreg.odometry.deskewing import WORSE, WORTHWHILE, Deskewed, off_at
 from dqreg.odometry.frame import DownsampledFrame, RawFrame, downsample_frame
 from dqreg.odometry.kiss import KissParts, rigid
 from dqreg.odometry.prediction import Prediction
@@ -25,7 +24,7 @@ from dqreg.odometry.starts import predict
 from dqreg.odometry.timeline import Timeline
 from dqreg.odometry.voxel_map import VoxelMap
 from dqreg.registration.result import Registration
-from dqreg.rigid import pose
+from dqreg.rigid import pose, twist
 from dqreg.trust.doubts import fraction_fits
 from dqreg.trust.records import Reason
 
@@ -52,6 +51,8 @@ class Tracker:
         self._motion = np.eye(4)
         self._T_doubtful: FloatArray | None = None
         self._usual: deque[float] = deque(maxlen=MEMORY)
+        # The first frame, while nobody knows the motion during its sweep.
+        self._first: DownsampledFrame | None = None
         # Frames kept out of the map in a row.
         self._kept_out = 0
         self._timeline, self._link = Timeline(self.settings.history), MapLink()
@@ -66,7 +67,7 @@ class Tracker:
             step = rigid(pose.inverse(self._T_last) @ expected.T_map_frame)
             self._motion = rigid(predict(np.eye(4), step, 1.0 / max(ratio, 1.0)))
         with contextlib.nullcontext() if self._map is None else self._map.growing():
-            frame = self._downsampled(kiss, raw, lengths)
+            frame = _downsampled(raw, lengths)
         if frame is None or len(frame.scan) < FEWEST_POINTS:
             why = (
                 f"downsampling leaves {0 if frame is None else len(frame.scan)} of {len(raw.points)} points (within "
@@ -77,20 +78,47 @@ class Tracker:
             self._lengths, self._kiss, self._map = lengths, kiss, VoxelMap(lengths)
             self._T_last = self._T_last if expected is None else expected.T_map_frame
             self._merge(self._map, frame)
+            self._first = None if frame.back is None else frame
             return first_frame(self._T_last, raw.notes, self._words(frame))
+        if self._first is not None:
+            self._undo_first_sweep(self._first, lengths, frame, ratio)
+        frame = frame.without(self._motion)
         return self._register(kiss, self._map, lengths, frame, raw, ratio, expected, insert=insert)
 
-    def _downsampled(self, kiss: KissParts, raw: RawFrame, lengths: Resolved) -> DownsampledFrame | None:
-        if raw.ahead is not None and raw.ahead[0] is kiss:
-            return raw.ahead[1]
-        return downsample_frame(kiss.compensate(raw.points, raw.times, self._motion), lengths.voxel_size)
+    def _undo_first_sweep(
+        self, first: DownsampledFrame, lengths: Resolved, frame: DownsampledFrame, ratio: float
+    ) -> None:
+        """Make the map anew of the first frame without the motion during its sweep, which nobody knew then.
+
+        How the second frame is skewed against it is how its motion differs; half of that more and less than the way
+        between the middles of their sweeps is what both motions are.
+        """
+        assert self._map is not None
+        search = FrameSearch(self._map.surface, lengths, self.settings, np.nan, [(self._T_last, self._T_last)])
+        aligned = search.find(frame.scan, trust_motion=False)
+        skewed = Deskewed(frame, aligned).repeated(search, WORTHWHILE * lengths.voxel_size)
+        if not skewed.aligned.inlier_fraction >= LOST:
+            return
+        self._first = None
+        half = 0.5 * twist.log(skewed.frame.motion)
+        middle = rigid(pose.inverse(self._T_last) @ skewed.aligned.T_target_source @ twist.exp(-half))
+        mean = twist.log(middle) / max(ratio, 1.0)
+        self._motion = twist.exp(mean + half)
+        if off_at(frame.reach, mean - half) <= WORTHWHILE * lengths.voxel_size:
+            return
+        made = VoxelMap(lengths)
+        made.insert(first.without(twist.exp(mean - half)).dense, self._T_last)
+        there = dataclasses.replace(search, surface=made.surface)
+        straight = there.refine(frame.without(self._motion).scan, predict(self._T_last, self._motion, ratio))
+        # Times may be no times.
+        if straight.inlier_fraction >= aligned.inlier_fraction - WORSE:
+            self._map = made
 
     def _ahead(self, raw: RawFrame) -> RawFrame:
         """A frame downsampled ahead of its turn, beside the frame before, where that decides nothing of it."""
-        kiss, lengths = self._kiss, self._lengths
-        if kiss is None or lengths is None or raw.times is not None or not len(raw.points):
+        if self._lengths is None or not len(raw.points):
             return raw
-        return dataclasses.replace(raw, ahead=(kiss, self._downsampled(kiss, raw, lengths)))
+        return dataclasses.replace(raw, ahead=(self._lengths, _downsampled(raw, self._lengths)))
 
     def _failed(self, why: str, raw: RawFrame, status: str) -> Registration:
         self._timeline.missed += 1
@@ -114,13 +142,11 @@ class Tracker:
         surface.about(self._T_last[:3, 3], frame.reach + lengths.reach)
         search = FrameSearch(surface, lengths, self.settings, self._usual_fraction, self._anchors(T_predicted))
         trusted = expected is not None or kiss.deviation <= lengths.voxel_size
-        seen = Later(functools.partial(View.of, frame.dense, lengths.near))
+        # With times it is deskewed once more, and seen then.
+        seen = Later(lambda: View.of(frame.dense, lengths.near), beside=frame.back is None)
         aligned, notes = search.find(frame.scan, trust_motion=trusted), raw.notes
-        if raw.times is not None and self.settings.deskew:
-            deskewed = Deskewed(kiss, raw, lengths.voxel_size, frame, aligned, self._motion)
-            deskewed = deskewed.repeated(search, self._T_last, ratio)
-            if deskewed.frame is not frame:
-                seen = Later(functools.partial(View.of, deskewed.frame.dense, lengths.near), beside=False)
+        if frame.back is not None:
+            deskewed = Deskewed(frame, aligned).repeated(search, WORTHWHILE * lengths.voxel_size)
             frame, aligned, notes = deskewed.frame, deskewed.aligned, notes + deskewed.notes
         # After a frame that was not trusted constant velocity is worth nothing, and before any motion is known, little.
         is_first = expected is None and not self._usual
@@ -180,7 +206,7 @@ class Tracker:
     def _merge(self, world: VoxelMap, frame: DownsampledFrame, *, insert: bool = True) -> None:
         if insert:
             world.insert(frame.dense, self._T_last)
-        self._kept_out, self._T_doubtful = 0, None
+        self._kept_out, self._T_doubtful, self._first = 0, None, None
 
     def _words(self, frame: DownsampledFrame) -> dict[str, Any]:
         return {
@@ -191,3 +217,9 @@ class Tracker:
             "source_points": len(frame.dense),
             "source_scale": 1.0,
         }
+
+
+def _downsampled(raw: RawFrame, lengths: Resolved) -> DownsampledFrame | None:
+    if raw.ahead is not None and raw.ahead[0] is lengths:
+        return raw.ahead[1]
+    return downsample_frame(raw, lengths)

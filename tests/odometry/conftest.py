@@ -57,14 +57,14 @@ def sweep(world, T_start, T_end, rng, columns=300, rings=24):
     return rays * ranges[:, None], times
 
 
-def path(steps: int, turn_deg: float, *, moving: bool) -> FloatArray:
+def path(steps: int, turn_deg: float, *, moving: bool, rests: bool = True) -> FloatArray:
     T = [pose.from_parts(np.eye(3), [-2.0, 0.0, 0.0])]
     for i in range(steps):
         if moving:
             # At rest at first, so that the map begins straight; then a bend whose sense changes half way: where it
             # does, the last motion is the wrong one to undo.
             yaw = np.deg2rad(turn_deg if i <= steps // 2 else -turn_deg)
-            T.append(T[-1] @ twist.exp((i > 0) * np.array([0.0, 0.0, yaw, 0.3, 0.0, 0.0])))
+            T.append(T[-1] @ twist.exp((i > 0 or not rests) * np.array([0.0, 0.0, yaw, 0.3, 0.0, 0.0])))
             continue
         # Turns that change their sign make constant velocity wrong by twice the turn.
         yaw = np.deg2rad(turn_deg) * np.cos(1.3 * i)
@@ -72,9 +72,9 @@ def path(steps: int, turn_deg: float, *, moving: bool) -> FloatArray:
     return np.stack(T)
 
 
-def record(turn_deg: float, count: int, *, moving: bool, seed: int = 0) -> Sequence:
+def record(turn_deg: float, count: int, *, moving: bool, rests: bool = True, seed: int = 0) -> Sequence:
     world, rng = hall(), np.random.default_rng(seed)
-    T = path(count, turn_deg, moving=moving)
+    T = path(count, turn_deg, moving=moving, rests=rests)
     swept = [sweep(world, T[i] if moving else T[i + 1], T[i + 1], rng) for i in range(count)]
     return Sequence([points for points, _ in swept], T[1:], [times for _, times in swept])
 
@@ -89,3 +89,9 @@ def jerky() -> Sequence:
 def smooth() -> Sequence:
     """Moving while it looks: a bend to the left, then one to the right."""
     return record(5.0, 8, moving=True, seed=1)
+
+
+@pytest.fixture(scope="session")
+def moving() -> Sequence:
+    """The same, but under way at the first frame already."""
+    return record(5.0, 8, moving=True, rests=False, seed=1)

@@ -1,0 +1,24 @@
+"""The motion of the sensor during a sweep, undone along one screw."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.rigid import twist
+
+
+def swept(points: FloatArray, back: FloatArray, motion: FloatArray, *, directions: bool = False) -> FloatArray:
+    """Points, or directions, of a sweep as they are seen at its end, (n, 3).
+
+    ``back`` tells the time of each, from -1 at the beginning of the sweep to 0 at its end.
+    """
+    from dqreg.kernels.swept_rows import swept_rows
+    from dqreg.kernels.threads import as_plain, over_chunks
+
+    step = twist.log(motion)
+    if directions:
+        step[3:] = 0.0
+    moved = np.zeros(points.shape)
+    over_chunks(swept_rows, len(points), as_plain(points), as_plain(back), step, moved)
+    return moved
