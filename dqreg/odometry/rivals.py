@@ -29,6 +29,9 @@ WEAK, FREE = 0.15, 0.03
 # Steps to either side, of the largest distance of a pair each; points that are compared, and the least share of them
 # that the map must hold at both poses.
 STEPS, POINTS, COMMON = 40, 300, 0.2
+# Points face an axis whose normals are within this cosine of it, and fewer of them tell nothing closer: a bare corridor
+# has some at its edges.
+FACING, FACED = 0.5, 200
 # Normals that agree at least so well belong to one face; a difference of so many standard errors is one.
 AGREE, SIGNIFICANT = 0.7, 3.0
 # Points of the map that are held against the frame's lines of sight, and those in view that say something.
@@ -122,8 +125,26 @@ def _along_weakest(
     limit = deviation if measured else max(2.0 * off, deviation)
     meant = [T for T in poses if _off(T, T_predicted) <= limit]
     axis, share = _weakest(aligned)
-    rivals = tuple(Alternative(T, compare.rms(T)) for T in meant)
+    towards = np.abs(scan.normals[rows] @ (aligned.T_target_source[:3, :3].T @ axis)) > FACING
+    closer = dataclasses.replace(compare, rows=rows[towards])
+    rivals = tuple(Alternative(T, compare.rms(T)) for T in meant if _is_equal(search, closer, aligned, T))
     return Placed(aligned, axis, share, rivals, aligned is not first)
+
+
+def _is_equal(search: FrameSearch, compare: _Comparison, aligned: Alignment, T: FloatArray) -> bool:
+    """Whether a pose that fits as well on some of the points does so on all that face the axis between the two.
+
+    It, or where the loop ends from it: of a few points on all faces those that tell are a few dozen. Others slide along
+    their faces, and the rings of a LiDAR lie on themselves best where the sensor was before.
+    """
+    if len(compare.rows) < FACED:
+        return True
+    here, there = compare.squares(aligned.T_target_source), search.refine(compare.scan, T)
+    others = [T]
+    # Rings hold a frame where it is: that the loop comes back says nothing.
+    if there.found and _off(there.T_target_source, aligned.T_target_source) >= 0.5 * search.lengths.reach:
+        others.append(there.T_target_source)
+    return min(_significance(compare.squares(other) - here) for other in others) < SIGNIFICANT
 
 
 def _repeated(search: FrameSearch, scan: Scan, aligned: Alignment, view: View) -> tuple[Alternative, ...]:

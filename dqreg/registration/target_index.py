@@ -70,6 +70,9 @@ class TargetIndex:
                 surface = MeshSurface(self.geometry) if seen is None else VisibleSurface(self.geometry, seen)
             else:
                 surface = CloudSurface(self.geometry, self.fitted)
+                if not surface.oriented:
+                    # It holds them now; those turned to a viewpoint are others.
+                    object.__setattr__(self, "fitted", None)
             surface.closest(np.zeros((1, 3)))  # builds what is built lazily, while only one thread is here
             return surface
 

@@ -19,8 +19,8 @@ from dqreg._arrays import FloatArray
 # Keeps both populations of the mixture alive, so that the weight of a correspondence can always come back.
 LEAST_FRACTION = 1e-3
 # An EM round that changes scale and inlier fraction by less is the last: both are good to a percent of some thousand
-# distances, and each further digit takes about four rounds.
-STILL = 1e-6
+# distances, and what goes on in rounds of its own ends no sooner than they stand still.
+STILL = 1e-8
 # Where a fit starts: half of the points inliers, and a scale at which no distance within the limit is given up yet (at
 # the limit the Gaussian is exp(-2) of its peak), so that EM only has to narrow it.
 EVEN, WIDEST = 0.5, 0.5
