@@ -7,13 +7,15 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, median
+from dqreg.geometry.cells import CellSurface
 from dqreg.geometry.vector_rows import nonzero_rows
 from dqreg.icp.correspondences import Correspondences
 from dqreg.rigid import single_pose
 from dqreg.solvers import Fit, moments_of, solve_moments, svd
 from dqreg.solvers.newton import FLAT, least_cost
 from dqreg.solvers.quadratic import QuadraticForm
+from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 
 Estimator = Callable[[Correspondences, FloatArray, float], Fit]
 
@@ -28,6 +30,9 @@ BEND = 0.04
 # 0.005 to 0.1: their errors fell by 40 and 5 to 13 % against a share of the ratio itself. The points along a plane say
 # less than they seem to: where they are is of the scanner, the same at both poses.
 BEND_SHARE, LEAST_BEND = 0.7, 1e-3
+# Heights, in their usual size, at which a correspondence between cells counts half: simulated streets under a LiDAR
+# lost a fifth to a quarter of their errors, measured pairs none to a twentieth; at 3 some gained what these lost.
+HIGH = 6.0
 # Pairs that are summed in one go: to hand over fewer costs more than it saves.
 CHUNK = 8_192
 # Correspondences from which on a step so short that the first order of its rotation is all of it is taken by
@@ -150,10 +155,25 @@ def surfaces_to_surfaces(pairs: Correspondences, weights: FloatArray, noise: flo
 
     Between two clouds, where either side's planes are guesses, it beats point-to-plane; on an exact mesh it does not.
     """
+    weights = weights_by_height(pairs, weights)
     moments = _moments(pairs, weights)
     if moments[DIRECTED] < FEWEST_PLANES:
         return points_only(pairs, weights, noise)
     return _newton_step(_both_planes(pairs, weights, moments), pairs, weights)
+
+
+def weights_by_height(pairs: Correspondences, weights: FloatArray) -> FloatArray:
+    """Weights of correspondences between cells, less where they are far off the target's planes for most of them.
+
+    Cells are as far apart as they are wide, which is all that the kernel of their distances knows: beside a kerb, on
+    which they stand askew, they are off by a fraction of that, and by many times what others are. Cauchy's weight.
+    """
+    kept = np.flatnonzero(weights)
+    if not isinstance(pairs.surface, CellSurface) or not len(kept):
+        return weights
+    heights = np.abs(pairs.point_to_plane)
+    scale = HIGH * GAUSSIAN_MEDIAN * median(heights[kept])
+    return weights / (1.0 + (heights / scale) ** 2) if scale > 0.0 else weights
 
 
 def both_planes(pairs: Correspondences, weights: FloatArray) -> QuadraticForm:

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 
 from dqreg.errors import DegenerateGeometryError
 from dqreg.geometry import Closest, CloudSurface, PointCloud, prepare_scan
+from dqreg.geometry.cells import Cells, CellSurface
 from dqreg.geometry.normals import NEIGHBOURS
 from dqreg.icp import (
     ESTIMATORS,
@@ -20,7 +21,16 @@ from dqreg.icp import (
     points_to_planes,
     svd_points,
 )
-from dqreg.icp.estimators import BEND, BEND_SHARE, LEAST_BEND, Estimator, both_planes, plane_to_plane_form
+from dqreg.icp.estimators import (
+    BEND,
+    BEND_SHARE,
+    HIGH,
+    LEAST_BEND,
+    Estimator,
+    both_planes,
+    plane_to_plane_form,
+    weights_by_height,
+)
 from dqreg.rigid import pose, twist
 from dqreg.solvers import horn, solve
 from dqreg.solvers.quadratic import QuadraticForm, derivatives
@@ -258,6 +268,24 @@ def test_pairs_that_lie_close_to_the_planes_count_on_them(aside: float, bend: fl
     form = both_planes(Correspondences(scan, np.eye(4), closest, False), np.ones(count))
     # The plane counts once for the pair, whatever the bend; a direction in the plane by the bend.
     assert form.value(np.eye(4)) == pytest.approx(count * (aside**2 + 2.0 * bend), rel=1e-9)
+
+
+def test_cells_far_off_the_planes_for_most_count_less_and_points_do_not() -> None:
+    rng = np.random.default_rng(0)
+    means = PointCloud(np.column_stack([rng.uniform(size=(200, 2)), np.zeros(200)]))
+    heights = np.where(np.arange(200) < 20, 0.5, 0.01) * rng.choice([-1.0, 1.0], 200)
+    up = np.tile([0.0, 0.0, 1.0], (200, 1))
+    scan = prepare_scan(means)
+    closest = Closest(scan.points - heights[:, None] * up, up, np.abs(heights), np.arange(200))
+    weights = rng.uniform(size=200)
+    cells = CellSurface(means, Cells.of(means.points, 1e-9))
+    found = weights_by_height(Correspondences(scan, np.eye(4), closest, False, cells), weights) / weights
+    # By hand: most are 0.01 off, whose normal standard deviation is 0.01 / 0.6745.
+    size = HIGH * 0.01 / 0.67448975
+    np.testing.assert_allclose(found, 1.0 / (1.0 + (heights / size) ** 2), rtol=1e-5)
+    assert found[:20].max() < 0.1 < 0.9 < found[20:].min()
+    of_points = Correspondences(scan, np.eye(4), closest, False, CloudSurface(means))
+    np.testing.assert_array_equal(weights_by_height(of_points, weights), weights)
 
 
 def test_faces_that_agree_are_planes_and_faces_that_differ_fade() -> None:
