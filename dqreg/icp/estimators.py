@@ -156,10 +156,10 @@ def surfaces_to_surfaces(pairs: Correspondences, weights: FloatArray, noise: flo
     Between two clouds, where either side's planes are guesses, it beats point-to-plane; on an exact mesh it does not.
     """
     weights = weights_by_height(pairs, weights)
-    moments = _moments(pairs, weights)
+    moments = pair_sums(pairs, weights)
     if moments[DIRECTED] < FEWEST_PLANES:
         return points_only(pairs, weights, noise)
-    return _newton_step(_both_planes(pairs, weights, moments), pairs, weights)
+    return _newton_step(both_planes(pairs, weights, moments), pairs, weights)
 
 
 def weights_by_height(pairs: Correspondences, weights: FloatArray) -> FloatArray:
@@ -176,12 +176,8 @@ def weights_by_height(pairs: Correspondences, weights: FloatArray) -> FloatArray
     return weights / (1.0 + (heights / scale) ** 2) if scale > 0.0 else weights
 
 
-def both_planes(pairs: Correspondences, weights: FloatArray) -> QuadraticForm:
+def both_planes(pairs: Correspondences, weights: FloatArray, moments: FloatArray) -> QuadraticForm:
     """The plane-to-plane cost, in units in which the distance between two sure and parallel planes counts once."""
-    return _both_planes(pairs, weights, _moments(pairs, weights))
-
-
-def _both_planes(pairs: Correspondences, weights: FloatArray, moments: FloatArray) -> QuadraticForm:
     scan, found, bend = pairs.scan, pairs.closest, _bend(moments)
     standing = np.full(len(scan), bend) if found.variances is None else bend + found.variances
     spreads, normals, turn = (standing, bend + scan._variances), (found.normals, scan.normals), pairs.T_target_source
@@ -199,7 +195,7 @@ def _bend(moments: FloatArray) -> float:
     return min(max(BEND_SHARE * (0.5 * aside / beside) ** 2, LEAST_BEND), BEND) if beside > 0.0 else BEND
 
 
-def _moments(pairs: Correspondences, weights: FloatArray) -> FloatArray:
+def pair_sums(pairs: Correspondences, weights: FloatArray) -> FloatArray:
     """Sums over correspondences, see `pair_moments`."""
     from dqreg.kernels.threads import as_plain, over_chunks
     from dqreg.kernels.weighted_planes import OF_PAIRS, pair_moments

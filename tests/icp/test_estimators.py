@@ -28,6 +28,7 @@ from dqreg.icp.estimators import (
     LEAST_BEND,
     Estimator,
     both_planes,
+    pair_sums,
     plane_to_plane_form,
     weights_by_height,
 )
@@ -254,7 +255,7 @@ def test_the_pairs_bring_their_own_normals_and_variances() -> None:
         (BEND + stands, BEND + moves),
         2.0 * BEND * weights,
     )
-    assert both_planes(pairs, weights).value(T) == pytest.approx(expected, rel=1e-9)
+    assert both_planes(pairs, weights, pair_sums(pairs, weights)).value(T) == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize(("aside", "bend"), [(1.0, BEND), (0.3, BEND_SHARE * 0.045**2), (1e-3, LEAST_BEND)])
@@ -265,7 +266,8 @@ def test_pairs_that_lie_close_to_the_planes_count_on_them(aside: float, bend: fl
     up = np.tile([0.0, 0.0, 1.0], (count, 1))
     gaps = np.tile([1.0, -1.0, aside], (count, 1))
     closest = Closest(scan.points - gaps, up, np.linalg.norm(gaps, axis=1), np.arange(count))
-    form = both_planes(Correspondences(scan, np.eye(4), closest, False), np.ones(count))
+    pairs, weights = Correspondences(scan, np.eye(4), closest, False), np.ones(count)
+    form = both_planes(pairs, weights, pair_sums(pairs, weights))
     # The plane counts once for the pair, whatever the bend; a direction in the plane by the bend.
     assert form.value(np.eye(4)) == pytest.approx(count * (aside**2 + 2.0 * bend), rel=1e-9)
 
