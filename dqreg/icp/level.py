@@ -52,6 +52,7 @@ class IcpSettings:
     max_distance: float  # Largest distance of a pair, target units
     fine: Estimator | None = None  # Estimator of the finer levels, where the pose is near; None keeps the same
     last: Estimator | None = None  # Estimator of one last step on a mesh, after the fine one; None for no such step
+    cells: Estimator | None = None  # Estimator of the last level between clouds; None keeps the fine one
     finest: int | None = None  # Points of the last level; None takes all
     # Width of the kernel to begin with, for a start that is known to be near; None begins at half of the largest
     # distance and decides the basin
@@ -159,8 +160,9 @@ class Level:
         iterations = schedule.iterations or plan.stopping.iterations
         # Far from the answer normals say little; the angle closes as the width does.
         angle = min(max(math.pi * mixture.scale / plan.max_distance, plan.max_angle_rad), math.pi / 2)
+        of_cells = plan.cells if self.last and self.near else None
         icp = Icp(
-            estimator=plan.estimator,
+            estimator=of_cells or plan.estimator,
             kernel=mixture,
             rejectors=(
                 WithinDistance(plan.max_distance),

@@ -51,10 +51,12 @@ def on_common_faces(fit: Fit) -> Fit:
 
     The loop compares points with their neighbours in the other cloud, which stand elsewhere on the surface, or on
     another face beside an edge. Distances along the mean of both normals, at places on one face of both, are free of
-    that.
+    that. From a stand they are few and near, and cells beyond them have their say in the loop alone.
     """
     options = fit.problem.options
     if not isinstance(fit.target.geometry, PointCloud) or options.method != "auto" or fit.constraints.any:
+        return fit
+    if fit.prepared.is_from_a_stand:
         return fit
     for _ in range(STEPS):
         began = time.perf_counter()

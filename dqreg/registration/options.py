@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from dqreg._arrays import LARGEST
 from dqreg.errors import InputError
 from dqreg.icp import COARSE, ESTIMATORS, Estimator, IcpSettings, Stopping
+from dqreg.icp.estimators import cells_to_cells
 from dqreg.icp.history import Iteration
 from dqreg.icp.noise_by_face import (
     points_to_weighted_faces,
@@ -215,9 +216,11 @@ class Options:
         coarse: Estimator = ESTIMATORS["dq" if auto else self.method]
         fine: Estimator | None = points_to_weighted_planes if auto else None
         last: Estimator | None = points_to_weighted_faces if auto else None
+        cells: Estimator | None = None
         if auto and even:
-            fine = ESTIMATORS["generalised"]
+            fine, cells = ESTIMATORS["generalised"], cells_to_cells
         if constraints.any:
+            cells = None
             coarse = constraints.estimator(planes=self.method == "plane")
             fine, last = (
                 constraints.estimator(planes=True, weighed_by=weigh) if auto else None
@@ -227,6 +230,7 @@ class Options:
             estimator=coarse,
             fine=fine,
             last=last,
+            cells=cells,
             max_distance=max_distance,
             finest=EFFORTS[self.effort],
             first_kernel_scale=kernel_scale if auto else None,

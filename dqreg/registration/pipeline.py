@@ -10,7 +10,6 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import MeshSurface
-from dqreg.geometry.cells import CellSurface
 from dqreg.icp.rejectors import beyond_boundary
 from dqreg.kernels.threads import TimeUpError, until
 from dqreg.registration.assess import (
@@ -53,10 +52,6 @@ WELL_BELOW = 0.4
 # Points of the scan a cell below which its mean hides nothing: all points of 5,000 to 20,000 on 40,000 cost half as
 # much again, and left the error as it was on range scans, and larger on views of parts.
 CROWDED = 3.0
-# Unevenness of a target's cells from which on they hold what all points do: a LiDAR or a depth camera at its stand sees
-# the near places many times as densely, and came to 2 to 50, where all points gained nothing, or 5 to 10 % in five
-# times the time. Range scans of bodies came to 1.6 at most, and to errors of a half to a hundredth.
-STAND = 2.0
 # Share of the inliers below which they may hold a motion at a wrong place. In doubt all motions are asked: a step on
 # its neighbour's place holds the others there too.
 MAY_HOLD = 1.0
@@ -202,8 +197,7 @@ def all_points_say_more(fit: Fit) -> bool:
         return False
     spacing = prepared.scan.spacing
     if prepared.cell_size:
-        is_uneven = isinstance(prepared.surface, CellSurface) and prepared.surface.cells.unevenness > STAND
-        if is_uneven or prepared.scan.total < CROWDED * len(prepared.scan):
+        if prepared.is_from_a_stand or prepared.scan.total < CROWDED * len(prepared.scan):
             return False
         # Of a surface: that many points in as many cells, each the square of its edge.
         spacing = prepared.cell_size * np.sqrt(len(prepared.scan) / prepared.scan.total)

@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Callable
 
 from dqreg.geometry import PointCloud, Scan, Surface, prepare_scan
+from dqreg.geometry.cells import CellSurface
 from dqreg.geometry.voxels import WHOLE, VoxelCloud, cell_size, voxel_size
 from dqreg.kernels.threads import Later
 from dqreg.registration.target_index import Evening, TargetIndex
@@ -13,6 +14,10 @@ from dqreg.registration.target_index import Evening, TargetIndex
 # Begins what is asked of a thinned target beside the caller, once its cells are there; the scan may be whole.
 Begin = Callable[[Surface, bool], None]
 
+# Unevenness of a target's cells from which on they hold what all points do: a LiDAR or a depth camera at its stand sees
+# the near places many times as densely, and came to 2 to 50, where all points gained nothing, or 5 to 10 % in five
+# times the time. Range scans of bodies came to 1.6 at most, and to errors of a half to a hundredth.
+STAND = 2.0
 # A source that fills less than this share of the cells wanted is small beside the target, and asks for smaller ones.
 SMALL = 0.5
 
@@ -26,6 +31,11 @@ class Prepared:
     cell_size: float = 0.0  # Edge of the cells by whose means dense clouds stand, target units; 0 where there are none
     even: bool = False  # Whether both are clouds with a plane fitted at every point that is left
     is_whole: bool = True  # Whether the scan is of the points of the source, each place once, and not of means
+
+    @property
+    def is_from_a_stand(self) -> bool:
+        """Whether the cells of a target are crowded beside its sensor: they hold what all points do."""
+        return isinstance(self.surface, CellSurface) and self.surface.cells.unevenness > STAND
 
     @staticmethod
     def whole(cloud: PointCloud, target: TargetIndex, fitted: int | None) -> Prepared:

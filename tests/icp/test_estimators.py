@@ -24,12 +24,16 @@ from dqreg.icp import (
 from dqreg.icp.estimators import (
     BEND,
     BEND_SHARE,
+    FAR,
     HIGH,
     LEAST_BEND,
     Estimator,
     both_planes,
+    cells_to_cells,
     pair_sums,
     plane_to_plane_form,
+    surfaces_to_surfaces,
+    weights_by_distance,
     weights_by_height,
 )
 from dqreg.rigid import pose, twist
@@ -275,7 +279,7 @@ def test_pairs_that_lie_close_to_the_planes_count_on_them(aside: float, bend: fl
 def test_cells_far_off_the_planes_for_most_count_less_and_points_do_not() -> None:
     rng = np.random.default_rng(0)
     means = PointCloud(np.column_stack([rng.uniform(size=(200, 2)), np.zeros(200)]))
-    heights = np.where(np.arange(200) < 20, 0.5, 0.01) * rng.choice([-1.0, 1.0], 200)
+    heights = np.where(np.arange(200) < 20, 1.0, 0.01) * rng.choice([-1.0, 1.0], 200)
     up = np.tile([0.0, 0.0, 1.0], (200, 1))
     scan = prepare_scan(means)
     closest = Closest(scan.points - heights[:, None] * up, up, np.abs(heights), np.arange(200))
@@ -288,6 +292,41 @@ def test_cells_far_off_the_planes_for_most_count_less_and_points_do_not() -> Non
     assert found[:20].max() < 0.1 < 0.9 < found[20:].min()
     of_points = Correspondences(scan, np.eye(4), closest, False, CloudSurface(means))
     np.testing.assert_array_equal(weights_by_height(of_points, weights), weights)
+
+
+def test_cells_that_stand_far_apart_count_by_how_far_a_bend_would_lift_them() -> None:
+    rng = np.random.default_rng(1)
+    means = PointCloud(np.column_stack([rng.uniform(size=(201, 2)), np.zeros(201)]))
+    ways, scan = np.geomspace(0.1, 10.0, 201)[:, None] * [1.0, 0.0, 0.0], prepare_scan(means)
+    up = np.tile([0.0, 0.0, 1.0], (201, 1))
+    closest = Closest(scan.points - ways, up, ways[:, 0], np.arange(201))
+    cells = CellSurface(means, Cells.of(means.points, 1e-9))
+    weights = rng.uniform(size=201)
+    found = weights_by_distance(Correspondences(scan, np.eye(4), closest, False, cells), weights) / weights
+    # By hand: the middle one is at 1. A bend lifts by the square of the way, its variance adds to that of noise, and
+    # both are equal at the scale.
+    np.testing.assert_allclose(1.0 / found, 1.0 + (ways[:, 0] / FAR) ** 4, rtol=1e-12)
+    of_points = Correspondences(scan, np.eye(4), closest, False, CloudSurface(means))
+    np.testing.assert_array_equal(weights_by_distance(of_points, weights), weights)
+
+
+def test_a_bend_below_rings_that_stand_far_apart_does_not_tilt_the_pose() -> None:
+    # Rows of cells 0.2 apart near a sensor and 2 apart far off, on a plane; those of the target stand beside them, and
+    # lower by as much as the ground bends on the way. The truth is the identity, by construction.
+    rng, up = np.random.default_rng(0), np.array([0.0, 0.0, 1.0])
+    x = np.r_[np.arange(1.0, 12.0, 0.2), np.arange(14.0, 60.0, 2.0)]
+    grid = np.stack(np.meshgrid(x, np.linspace(-5.0, 5.0, 21), indexing="ij"), axis=-1).reshape(-1, 2)
+    means, normals = PointCloud(np.column_stack([grid, np.zeros(len(grid))])), np.tile(up, (len(grid), 1))
+    scan = prepare_scan(dataclasses.replace(means, normals=normals))
+    apart = np.where(scan.points[:, 0] < 13.0, 0.1, 1.0) * rng.choice([-1.0, 1.0], len(grid))
+    ways = np.column_stack([apart, np.zeros(len(grid)), 0.02 * apart**2])
+    closest = Closest(scan.points - ways, normals, np.linalg.norm(ways, axis=1), np.arange(len(grid)))
+    pairs = Correspondences(scan, np.eye(4), closest, False, CellSurface(means, Cells.of(means.points, 1e-9)))
+    weights = np.ones(len(grid))
+    tilts = [abs(fit(pairs, weights, 0.0).T_target_source[0, 2]) for fit in (surfaces_to_surfaces, cells_to_cells)]
+    # By hand: the far rows are 0.02 too high, at levers of up to 60.
+    assert 2e-4 < tilts[0] < 1e-3
+    assert tilts[1] < 0.05 * tilts[0]
 
 
 def test_faces_that_agree_are_planes_and_faces_that_differ_fade() -> None:
