@@ -67,6 +67,9 @@ EFFORTS: dict[str, int | None] = {"fast": 20_000, "normal": 60_000, "best": None
 CONVERGENCE = 1e-7
 # Cells of a dense cloud: the mean of each stands for its points.
 CELLS: dict[str, int | None] = {"fast": 6_000, "normal": 10_000, "best": None}
+# The same of clouds that a sensor saw from its stand, where all points say less: of 24 simulated streets under a LiDAR
+# 15,000 cells left half the error of all points, in a twentieth of the time; 20,000 left more again.
+CELLS_FROM_A_STAND = 15_000
 # When a global search may run beside an initial pose that was given.
 SEARCHES = ("never", "doubt", "always")
 
@@ -190,6 +193,11 @@ class Options:
     def cells(self) -> int | None:
         """Cells to which dense clouds are thinned; None leaves them whole."""
         return CELLS[self.effort] if self.method in ("auto", "generalised") else None
+
+    @property
+    def cells_from_a_stand(self) -> int | None:
+        """The same of those that were seen from one stand."""
+        return CELLS_FROM_A_STAND if self.method == "auto" and self.effort == "best" else self.cells
 
     @property
     def solves_scale(self) -> bool:

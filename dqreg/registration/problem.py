@@ -115,7 +115,7 @@ class Problem(SourceAndTarget):
             is_built = index is getattr(target, "indexed", target) or index.kind == "cloud"
             building = None if is_built else index.build_beside()
             # A search sees all points first.
-            cells = options.cells if T_start is not None and index.kind == "cloud" else None
+            cells = options.cells_from_a_stand if T_start is not None and index.kind == "cloud" else None
             evening = None if cells is None else index.begin_evened(cells)
             unit = options.target_units or index.units
             centred = centre_source(source, options.source_units, unit, options.seed, float(options.scale))
@@ -154,9 +154,13 @@ class Problem(SourceAndTarget):
         return prepared if is_over else self._downsampled() or prepared
 
     def _downsampled(self, begin: Begin | None = None) -> Prepared | None:
-        if self.options.cells is None or self.target.kind != "cloud":
+        most, count = self.options.cells, self.options.cells_from_a_stand
+        if count is None or self.target.kind != "cloud":
             return None
-        return Prepared.downsampled(self._in_time, self.target, self.options.cells, begin, self._evening)
+        prepared = Prepared.downsampled(
+            self._in_time, self.target, count, begin if most is not None else None, self._evening
+        )
+        return prepared if most is not None or prepared.is_from_a_stand else None
 
     def begin(self, name: str, make: Callable[[], T]) -> None:
         """Make ahead what `once` will be asked for, beside the caller; under a time limit nothing is."""

@@ -115,3 +115,16 @@ def test_the_cells_of_a_target_are_built_once() -> None:
     stands = target(SHEET)
     assert stands.evened(1_000) is stands.evened(1_000)
     assert downsampled(SHEET, stands).surface is stands.evened(1_000).surface
+
+
+def test_best_takes_all_points_of_a_body_and_cells_of_what_a_sensor_saw_from_its_stand() -> None:
+    # A sensor above the sheet sees as many points in each ring about it as in any other.
+    rng = np.random.default_rng(1)
+    ways, angles = np.geomspace(0.005, 1.0, 40_000), rng.uniform(0.0, 2.0 * np.pi, 40_000)
+    crowded = np.column_stack([ways * np.cos(angles), ways * np.sin(angles), 0.05 * rng.normal(size=40_000) * ways])
+    for points, is_whole in ((SHEET, True), (crowded, False)):
+        problem = problem_of(points, points, np.eye(4), effort="best")
+        prepared = problem.prepare()
+        assert prepared.is_whole == is_whole
+        assert (prepared.cell_size == 0.0) == is_whole
+        assert prepared.is_from_a_stand == (not is_whole)
