@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, say
+from dqreg.cli.overwriting import require_apart
 from dqreg.cli.values import FILE
 
 if TYPE_CHECKING:
@@ -84,9 +85,11 @@ def odometry_command(scans: Path, **options: Any) -> int:
 
     names = ("voxel_size", "max_range", "min_range", "deskew", "search_deg", "method")
     settings = OdometrySettings(**{name: options[name] for name in names})
-    for name in ("out", "frames", "plot"):
-        if options[name] is not None:
-            require_writable(options[name])
+    goals = {f"--{name}": options[name] for name in ("out", "frames", "plot")}
+    require_apart((scans, options["times"], scans / "times.txt", options["truth"]), goals)
+    for goal in goals.values():
+        if goal is not None:
+            require_writable(goal)
     # A table squeezed into a pipe's 80 columns cannot be read.
     console, shown = consoles(quiet=options["quiet"], as_json=options["as_json"], width=WIDTH)
     data = _first(
