@@ -27,6 +27,7 @@ LOSSES = [
     "odometry . --out times.txt",
     "evaluate truth.json --truth poses.txt --out truth.json",
     "evaluate poses.txt --truth truth.json --out truth.json",
+    "batch summary.csv --out .",
     "hand-eye poses.txt --out poses.txt",
     "compare scan.ply part.stl --truth truth.json --out truth.json",
     "compare recipe.toml --markdown recipe.toml",
@@ -48,6 +49,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name in FILES:
         (tmp_path / name).write_text(name)
     write_cloud(tmp_path / "scan.ply", np.random.default_rng(0).uniform(size=(50, 3)))
+    (tmp_path / "summary.csv").write_text("scan,target\nscan.ply,other.ply\n")
     (tmp_path / "link.stl").symlink_to("part.stl")
     monkeypatch.chdir(tmp_path)
     return tmp_path
