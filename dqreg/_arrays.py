@@ -172,14 +172,11 @@ def as_pose(value: Any, name: str, limit: float = ROUNDED) -> FloatArray:
     if determinant < 0.0:
         raise InputError(f"{name} holds a mirror image (determinant {determinant:.6g}); a rigid pose has +1")
     if not gap <= limit:
-        raise InputError(
-            f"{name} is not rigid: its rotation block departs from orthonormal by {gap:.3g} "
-            f"(allowed {limit:g}). Remove any scale or shear first"
-        )
-    if np.abs(T[:3, 3]).max() > LARGEST:
-        raise InputError(
-            f"{name} moves by {np.abs(T[:3, 3]).max():.3g}; lengths beyond {LARGEST:g} cannot be worked with"
-        )
+        off = f"its rotation block departs from orthonormal by {gap:.3g} (allowed {limit:g})"
+        raise InputError(f"{name} is not rigid: {off}. Remove any scale or shear first")
+    far = np.abs(T[:3, 3]).max()
+    if far > LARGEST:
+        raise InputError(f"{name} moves by {far:.3g}; lengths beyond {LARGEST:g} cannot be worked with")
     U, _, Vt = np.linalg.svd(R)
     pose = T.copy()
     pose[:3, :3] = U @ Vt
@@ -211,8 +208,7 @@ def pose_of(value: Any) -> Any:
     written = next((found for word in MATRICES if (found := getattr(value, word, None)) is not None), None)
     if written is None:
         return value.numpy() if hasattr(value, "numpy") else value  # NumPy itself cannot read Open3D's tensors
-    found = written() if callable(written) else written
-    matrix = np.asarray(found.numpy() if hasattr(found, "numpy") else found)
+    matrix = np.asarray(pose_of(written() if callable(written) else written))  # a tensor, for one
     if matrix.shape[-2:] != (3, 3):
         return matrix
     T = np.zeros((*matrix.shape[:-2], 4, 4))
