@@ -26,7 +26,7 @@ ROUNDED = 1e-2
 # Lengths within this of zero, and sizes above its inverse, can be squared and squared again in float64.
 LARGEST = 1e60
 # How classes of poses give their matrix.
-MATRICES = ("as_matrix", "matrix", "homogeneous")
+MATRICES = ("as_matrix", "matrix", "homogeneous", "T_target_source", "transformation")
 # Points that stand side by side where three numbers a row are too few for NumPy to be quick about.
 WIDE = 256
 # Multiplications of one product that BLAS leaves to one thread.
@@ -127,7 +127,9 @@ def as_vectors(value: Any, name: str, *, finite: bool = True) -> FloatArray:
     array = as_float(value, name)
     if array.ndim != 2 or array.shape[1] != 3:
         remedy = ""
-        if array.ndim == 2 and array.shape[1] > 3:
+        if array.ndim == 2 and array.shape[0] == 3 and array.shape[1] > 6:
+            remedy = "; where each column is a point, pass array.T"
+        elif array.ndim == 2 and array.shape[1] > 3:
             remedy = "; where the first three columns are x, y, z, pass array[:, :3]"
         elif array.ndim == 3 and array.shape[2] == 3:
             remedy = "; an image of points goes in as array.reshape(-1, 3)"
@@ -160,7 +162,8 @@ def as_pose(value: Any, name: str, limit: float = ROUNDED) -> FloatArray:
         raise InputError(f"{name} must be a 4x4 matrix; got shape {T.shape}")
     require_finite(T, name)
     if np.abs(T[3] - [0.0, 0.0, 0.0, 1.0]).max() > RIGID_TOLERANCE:
-        raise InputError(f"{name} must have the last row 0 0 0 1; got {T[3].tolist()}. Was it transposed?")
+        remedy = ". Was it transposed?" if np.abs(T[:, 3] - [0.0, 0.0, 0.0, 1.0]).max() <= RIGID_TOLERANCE else ""
+        raise InputError(f"{name} must have the last row 0 0 0 1; got {T[3].tolist()}{remedy}")
     R = T[:3, :3]
     # Numbers near float64's limit overflow to infinity or NaN, and neither is within the tolerance.
     with np.errstate(over="ignore", invalid="ignore"):
@@ -169,14 +172,11 @@ def as_pose(value: Any, name: str, limit: float = ROUNDED) -> FloatArray:
     if determinant < 0.0:
         raise InputError(f"{name} holds a mirror image (determinant {determinant:.6g}); a rigid pose has +1")
     if not gap <= limit:
-        raise InputError(
-            f"{name} is not rigid: its rotation block departs from orthonormal by {gap:.3g} "
-            f"(allowed {limit:g}). Remove any scale or shear first"
-        )
-    if np.abs(T[:3, 3]).max() > LARGEST:
-        raise InputError(
-            f"{name} moves by {np.abs(T[:3, 3]).max():.3g}; lengths beyond {LARGEST:g} cannot be worked with"
-        )
+        off = f"its rotation block departs from orthonormal by {gap:.3g} (allowed {limit:g})"
+        raise InputError(f"{name} is not rigid: {off}. Remove any scale or shear first")
+    far = np.abs(T[:3, 3]).max()
+    if far > LARGEST:
+        raise InputError(f"{name} moves by {far:.3g}; lengths beyond {LARGEST:g} cannot be worked with")
     U, _, Vt = np.linalg.svd(R)
     pose = T.copy()
     pose[:3, :3] = U @ Vt
@@ -204,11 +204,11 @@ def pose_of(value: Any) -> Any:
     """
     if isinstance(value, np.ndarray):
         return value
-    # SciPy and dqreg; gtsam and Sophus; Pinocchio.
+    # SciPy and dqreg; gtsam and Sophus; Pinocchio; results of dqreg and small_gicp; results of Open3D.
     written = next((found for word in MATRICES if (found := getattr(value, word, None)) is not None), None)
     if written is None:
         return value.numpy() if hasattr(value, "numpy") else value  # NumPy itself cannot read Open3D's tensors
-    matrix = np.asarray(written() if callable(written) else written)
+    matrix = np.asarray(pose_of(written() if callable(written) else written))  # a tensor, for one
     if matrix.shape[-2:] != (3, 3):
         return matrix
     T = np.zeros((*matrix.shape[:-2], 4, 4))

@@ -3,6 +3,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import types
 from pathlib import Path
 from typing import Any
 
@@ -198,7 +199,7 @@ def pose(**parts: Any) -> np.ndarray:
         (np.ones((2, 3, 4)), r"got shape \(2, 4, 4\)"),
         (pose(t=[1, np.nan, 0]), r"1 numbers that are NaN or infinite, the first at \(1, 3\)"),
         (pose(t=[1, 2, 3]).T, "the last row 0 0 0 1; got .* Was it transposed"),
-        (pose(last=[0, 0, 0, 2]), "the last row"),
+        (pose(last=[0, 0, 0, 2]), r"the last row 0 0 0 1; got .*2\.0\]$"),
         (pose(R=np.diag([1, 1, -1])), "a mirror image .determinant -1"),
         (pose(R=2 * np.eye(3)), "not rigid: .* Remove any scale"),
         (pose(R=[[1, 0.1, 0], [0, 1, 0], [0, 0, 1]]), "not rigid"),
@@ -213,6 +214,25 @@ def pose(**parts: Any) -> np.ndarray:
 def test_a_pose_that_is_not_rigid_is_named(value: Any, message: str) -> None:
     with pytest.raises(InputError, match=f"^start .*{message}"):
         as_pose(value, "start")
+
+
+@pytest.mark.parametrize("word", ["T_target_source", "transformation"])
+def test_a_result_is_its_pose(word: str) -> None:
+    """Of dqreg and small_gicp, and of Open3D."""
+    T = pose(R=Rotation.from_rotvec([0.3, -1.0, 2.0]).as_matrix(), t=[1, 2, 3])
+    result = types.SimpleNamespace(**{word: T})
+    np.testing.assert_array_equal(as_pose(result, "start"), as_pose(T, "start"))
+    assert departure(result, T) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("shape", "remedy"),
+    [((3, 50), "array.T"), ((50, 4), "array[:, :3]"), ((3, 4), "array[:, :3]"), ((5, 6, 3), "array.reshape(-1, 3)")],
+)
+def test_rows_of_another_shape_are_told_what_to_do(shape: tuple[int, ...], remedy: str) -> None:
+    with pytest.raises(InputError) as error:
+        as_vectors(np.zeros(shape), "points")
+    assert str(error.value).endswith(remedy)
 
 
 def test_importing_arrays_loads_nothing_heavy() -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, read_head, say
+from dqreg.cli.overwriting import require_apart
 from dqreg.cli.signals import PoliteSignals
 from dqreg.cli.values import FILE, UNITS, ToleranceType
 from dqreg.errors import printable
@@ -91,6 +92,7 @@ def batch(manifest: Path, target: Path | None, out: Path | None, as_json: bool, 
     fails or is undecided, 130 or 143 stopped by a signal.
     """
     from dqreg.registration.batch import Asked, Defaults, Workers, read_manifest, run_batch
+    from dqreg.registration.batch.run import SUMMARY_CSV, TRENDS_CSV, VALUES_CSV
     from dqreg.report.work_bar import WorkBar
 
     console, shown = consoles(quiet=quiet, as_json=as_json)
@@ -107,6 +109,8 @@ def batch(manifest: Path, target: Path | None, out: Path | None, as_json: bool, 
         shared = {name: options[name] for name in SHARED if options[name] is not None}
         rows = read_manifest(manifest, Defaults(target, options["start"], shared, asked))
         place = out or Path(f"{manifest.absolute().name if manifest.is_dir() else manifest.stem}-results")
+        for name in (SUMMARY_CSV, VALUES_CSV, TRENDS_CSV):
+            require_apart((manifest,), {"--out": place / name})
         stop.polite = True
         with WorkBar(shown) as bar:
             found = run_batch(

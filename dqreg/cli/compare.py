@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, say
+from dqreg.cli.overwriting import require_apart
 from dqreg.cli.values import FILE
 from dqreg.errors import printable
 
@@ -134,6 +135,8 @@ def _run(console: Console, shown: Console, inputs: tuple[Path, ...], options: di
     if options["out"] is None and sweep is not None:
         options["out"] = Path(f"dqreg-compare-{Path(sweep).stem}.json")
     goals = Goals(**{name: options[name] for name in ("out", "report", "markdown", "csv", "plots")})
+    read = (*inputs, *options["files"], *(Path(options[name]) for name in ("truth", "sweep") if options[name]))
+    require_apart(read, {f"--{name}": getattr(goals, name) for name in ("out", "report", "markdown", "csv")})
     settings: Any = ("manual", "same-loop") if options["setting"] == "both" else (options["setting"],)
     protocol = Protocol(
         settings=settings,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, say
+from dqreg.cli.overwriting import require_apart
 from dqreg.cli.values import FILE
 
 if TYPE_CHECKING:
@@ -51,6 +52,7 @@ def evaluate(
     from dqreg.files.atomic import require_writable, write_atomically
     from dqreg.files.strict_json import plain
 
+    require_apart((result, truth, target, scan), {"--out": out})
     if out is not None:
         require_writable(out)
     T = read_pose(result)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, say
+from dqreg.cli.overwriting import require_apart
 from dqreg.cli.values import FILE
 
 if TYPE_CHECKING:
@@ -72,6 +73,7 @@ def hand_eye_command(file: Path, eye: Path | None, **options: Any) -> int:
     from dqreg.files.atomic import require_writable, write_atomically
     from dqreg.files.strict_json import plain
 
+    require_apart((file, eye), {"--out": options["out"]})
     if options["out"] is not None:
         require_writable(options["out"])
     hand, sensor = _read(file, eye, options["eye_poses"], options["hand_poses"])

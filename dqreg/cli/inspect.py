@@ -136,7 +136,7 @@ def inspect_command(
     from dqreg.registration.display_unit import shown_target
     from dqreg.registration.inspected import inspect_registration
 
-    check_goals(goals)
+    check_goals(goals, (scan, part, plan))
     allowed = None if tolerance is None else tolerance_of(tolerance, "--tolerance")
     require_below_reach(allowed, taken["reach"])
     if required is not None and not 0.0 < required <= 100.0:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dqreg.cli.outputs import say, tell_decision
+from dqreg.cli.overwriting import require_apart
 from dqreg.errors import InputError
 
 if TYPE_CHECKING:
@@ -17,14 +18,20 @@ if TYPE_CHECKING:
     from dqreg.registration.result import Registration
 
 Goals = Mapping[str, Path | None]
+# Options that are not called as what they ask for.
+OPTIONS = {"table": "--csv", "as_json": "--json"}
+# JSON on the standard output.
+SCREEN = Path("-")
 
 
-def check_goals(goals: Goals) -> None:
-    """Refuse, before the work, what cannot be written."""
+def check_goals(goals: Goals, read: Iterable[Path | None]) -> None:
+    """Refuse, before the work, what cannot be written, and what would take the place of a file that is read."""
     from dqreg.files.atomic import require_writable
     from dqreg.inspection.deviation_files import require_suffix
     from dqreg.report.page_file import page_path
 
+    named = {OPTIONS.get(name, f"--{name}"): path for name, path in goals.items() if path != SCREEN}
+    require_apart(read, named)
     for name, path in goals.items():
         if path is not None:
             (page_path if name in ("report", "pdf") else require_writable)(path)

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dqreg.cli.outputs import print_json, say
+from dqreg.cli.overwriting import require_apart
 from dqreg.errors import InputError
 
 if TYPE_CHECKING:
@@ -34,6 +35,11 @@ def run_many(
             raise InputError(f"--{name} does not go with --multiway; --out, --markdown and --json do")
     if options["truth"] is None:
         raise InputError("--multiway needs --truth: the true poses T_world_scan, one a scan (KITTI, TUM or a result)")
+    goals = {f"--{name}": options[name] for name in ("out", "markdown")}
+    require_apart((*inputs, options["truth"]), goals)
+    for goal in goals.values():
+        if goal is not None:
+            require_writable(goal)
     truth = np.array(read_starts_file(options["truth"]))
     if len(truth) != len(inputs):
         raise InputError(f"--truth has {len(truth)} poses for {len(inputs)} scans")
@@ -43,9 +49,6 @@ def run_many(
         if isinstance(geometry, Mesh):
             raise InputError(f"{path} is a mesh; --multiway compares on clouds")
         clouds.append(geometry)
-    for name in ("out", "markdown"):
-        if options[name] is not None:
-            require_writable(options[name])
     scores = compare_many(clouds, truth, observe=lambda name: say(shown, f"running {name}"), workers=options["workers"])
     table = many_table(scores, len(clouds))
     print_tables(console, [table])

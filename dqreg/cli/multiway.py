@@ -12,6 +12,7 @@ import click
 
 from dqreg.cli.lazy_group import Choice, SectionedCommand
 from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, say
+from dqreg.cli.overwriting import require_apart
 from dqreg.cli.values import FILE
 
 if TYPE_CHECKING:
@@ -80,8 +81,9 @@ def multiway_command(scans: tuple[str, ...], quiet: bool, as_json: bool, **optio
     from dqreg.report.work_bar import WorkBar
 
     files = _files(scans)
+    _check(files, options)
+    # After all that can be refused: it removes the pairs of an earlier run.
     folder = _folder(options["out"], resume=options["resume"])
-    _check(options)
     console, shown = consoles(quiet=quiet, as_json=as_json, width=WIDTH)
     names = ("target", "edges", "order", "anchor", "effort", "seed", "workers", "time_limit")
     with _kept(folder), WorkBar(shown) as bar:
@@ -161,12 +163,14 @@ def _kept(folder: Path | None) -> Iterator[None]:
         raise
 
 
-def _check(options: dict[str, Any]) -> None:
+def _check(files: list[Path], options: dict[str, Any]) -> None:
     from dqreg.errors import InputError
     from dqreg.files.atomic import require_writable
     from dqreg.report.page_file import page_path
 
-    for name in ("out", "fused", "report", "graph"):
+    names = ("out", "fused", "report", "graph")
+    require_apart((*files, options["target"]), {f"--{name}": options[name] for name in names})
+    for name in names:
         if options[name] is not None:
             (page_path if name == "report" else require_writable)(options[name])
     if options["fused"] is not None and options["fused"].suffix.lower() != ".ply":

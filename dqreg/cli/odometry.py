@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, say
+from dqreg.cli.overwriting import require_apart
 from dqreg.cli.values import FILE
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ WIDTH = 120
 )
 @click.option("--engine", type=click.Choice(["dq", "kiss-icp"]), default="dq", show_default=True,
               help="Odometry engine.")  # fmt: skip
-@click.option("--truth", type=FILE, help="True trajectory (KITTI or TUM), to print the errors.")
+@click.option("--truth", type=FILE, help="True trajectory (KITTI, TUM, truth.json), to print the errors.")
 @click.option("--compare", is_flag=True, help="Run KISS-ICP, GenZ-ICP and small_gicp on the same frames: one table.")
 @click.option("--frames", type=FILE, help="Write a CSV: verdict, standard deviations and reasons of every frame.")
 @click.option("--plot", type=FILE, help="Plot the path, the errors and the uncertainty (.png, .svg, .pdf).")
@@ -84,9 +85,15 @@ def odometry_command(scans: Path, **options: Any) -> int:
 
     names = ("voxel_size", "max_range", "min_range", "deskew", "search_deg", "method")
     settings = OdometrySettings(**{name: options[name] for name in names})
-    for name in ("out", "frames", "plot"):
-        if options[name] is not None:
-            require_writable(options[name])
+    if options["plot"] is not None:
+        from dqreg.odometry.plot import plot_kind
+
+        plot_kind(options["plot"])
+    goals = {f"--{name}": options[name] for name in ("out", "frames", "plot")}
+    require_apart((scans, options["times"], scans / "times.txt", options["truth"]), goals)
+    for goal in goals.values():
+        if goal is not None:
+            require_writable(goal)
     # A table squeezed into a pipe's 80 columns cannot be read.
     console, shown = consoles(quiet=options["quiet"], as_json=options["as_json"], width=WIDTH)
     data = _first(
@@ -160,12 +167,20 @@ def _first(scans: Scans, count: int | None) -> Scans:
 
 
 def _truth(file: Path | None, scans: Scans) -> FloatArray | None:
+    import numpy as np
+
+    from dqreg.errors import InputError
+    from dqreg.multiway.starts import read_starts_file
     from dqreg.odometry.table import match_truth
     from dqreg.odometry.trajectory import read_trajectory
 
     if file is None:
         return scans.truth
-    poses, times = read_trajectory(file)
+    # The truth of a virtual case, and results of dqreg multiway.
+    is_record = file.suffix.lower() == ".json"
+    poses, times = (np.array(read_starts_file(file)), None) if is_record else read_trajectory(file)
+    if not np.isfinite(poses).all():
+        raise InputError(f"{file} holds scans without a pose; the truth has one for each frame")
     if times is None and len(poses) > len(scans):
         poses = poses[: len(scans)]
     return match_truth(poses, times, scans.times, len(scans))

@@ -20,6 +20,7 @@ from dqreg.cli.outputs import (
     tell_report,
     write_outputs,
 )
+from dqreg.cli.overwriting import require_apart
 from dqreg.cli.values import FILE, UNITS, ScaleType, ToleranceType
 from dqreg.errors import InputError
 from dqreg.kernels.second_process import start_where_nothing_is_kept
@@ -135,6 +136,7 @@ def register_command(
     from dqreg.report import make_progress, print_summary
 
     # Asked before the work starts, so that no result is lost after it.
+    require_apart((scan, target), {"--out": out, "--report": report, "--aligned": aligned, "--deviations": deviations})
     _check(out, aligned, deviations, report, {"--reach": reach})
     allowed = None if tolerance is None else tolerance_of(tolerance, "--tolerance")
     require_below_reach(allowed, reach)

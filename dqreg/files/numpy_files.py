@@ -25,7 +25,7 @@ MAX_NUMBERS = 3_000_000
 
 
 def read_npy(path: Path) -> CloudData:
-    """Cloud of an array of shape (n, 3), or (n, 6) with normals."""
+    """Cloud of an array of shape (n, 3), (n, 4) with an intensity, which is not used, or (n, 6) with normals."""
     try:
         # Mapped first: a header that promises too much fails before memory is taken. Then read, because a map of a
         # file that is cut short meanwhile ends the whole process.
@@ -34,7 +34,15 @@ def read_npy(path: Path) -> CloudData:
     except Exception as error:
         # A damaged header is parsed as Python, which fails in as many ways as Python has errors.
         raise unreadable(path, f"no plain array ({error})", "an array of numbers, as numpy.save writes it") from error
-    return nameless_cloud(path, _as_table(path, array, "the array"))
+    table = _as_table(path, array, "the array")
+    # Four rows of four are a pose.
+    if table.shape[1] not in (3, 4, 6) or table.shape == (4, 4):
+        is_wide = table.shape[1] > 6 and len(table) in (3, 4, 6)
+        remedy = "; where each column is a point, save its transpose" if is_wide else ""
+        shapes = "shape (n, 3), (n, 4) with an intensity, or (n, 6) with normals"
+        raise unreadable(path, f"an array of shape {table.shape}", f"{shapes}{remedy}")
+    # The fourth of four is an intensity, as in text and in KITTI's frames.
+    return nameless_cloud(path, table[:, :3] if table.shape[1] == 4 else table)
 
 
 def read_npz(path: Path) -> CloudData:

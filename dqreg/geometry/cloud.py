@@ -30,7 +30,8 @@ class PointCloud:
     Parameters
     ----------
     points : array_like, (n, 3)
-        Positions in the cloud's own frame, any length unit.
+        Positions in the cloud's own frame, any length unit. Not copied where they are rows of float64: an array that
+        is filled again, as by a driver, is given as a copy.
     normals : array_like, (n, 3), optional
         One direction per point; lengths other than one are normalised. A row that is zero or not finite costs
         its point, because a normal was promised there.

@@ -25,7 +25,7 @@ class Mesh:
     Parameters
     ----------
     vertices : array_like, (v, 3)
-        Corner positions in the part's frame, any length unit.
+        Corner positions in the part's frame, any length unit. Not copied where they are rows of float64.
     faces : array_like of int, (f, 3)
         Three vertex indices per triangle, counter-clockwise seen from outside.
     units : str, optional

@@ -53,8 +53,8 @@ def factors_of(edges: Sequence[Edge], count: int) -> Factors:
 def to_g2o(T_world_scan: FloatArray, edges: Sequence[Edge], anchor: int) -> str:
     """The used edges and the poses as a g2o file.
 
-    The information is that of a twist, translation first as the format has it and rotation in radians: what GTSAM,
-    Ceres' examples and Open3D read. (g2o itself counts rotations by the vector of the quaternion, half of that.)
+    The information is that of a twist, translation first as the format has it and rotation in radians: what GTSAM and
+    Ceres' examples read. (g2o itself counts rotations by the vector of the quaternion, half of that.)
     """
     factors = factors_of(edges, len(T_world_scan))
     placed = np.flatnonzero(np.isfinite(T_world_scan).all(axis=(1, 2)))

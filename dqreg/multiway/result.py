@@ -85,7 +85,15 @@ class Multiway:
         -------
         ndarray, (12, 12)
             Twist of scan i, then of scan j.
+
+        Raises
+        ------
+        InputError
+            If there are no such scans.
         """
+        count = len(self.T_world_scan)
+        if not (0 <= i < count and 0 <= j < count):
+            raise InputError(f"i and j must be numbers of scans, 0 to {count - 1}; got {i} and {j}")
         rows = np.r_[6 * i : 6 * i + 6, 6 * j : 6 * j + 6]
         return np.array(self.joint[np.ix_(rows, rows)])
 

@@ -24,6 +24,8 @@ from dqreg.trust.free_space import HIDDEN, hidden_share
 
 # Scans that are compared at least.
 FEWEST = 2
+# Scans of a faulty call that the message names.
+NAMED = 3
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -79,7 +81,10 @@ def read_views(scans: Sequence[Any], seed: int, viewpoints: Any = None) -> tuple
 
     Viewpoints are "origin", one place for all or one a scan, each in the scan's own frame; None where it is not known.
     """
-    if isinstance(scans, (str, os.PathLike)) or not hasattr(scans, "__len__"):
+    shape, kind = getattr(scans, "shape", ()), getattr(getattr(scans, "dtype", None), "kind", "")
+    if kind in tuple("fiu") and len(shape) < 3:
+        raise InputError(f"scans must be a list of paths, arrays or clouds; got one array of shape {shape}")
+    if isinstance(scans, (str, os.PathLike)) or not (hasattr(scans, "__len__") and hasattr(scans, "__getitem__")):
         raise InputError(f"scans must be a list of paths, arrays or clouds; got {type(scans).__name__}")
     if len(scans) < FEWEST:
         raise InputError(f"multiway registration needs two scans at least; got {len(scans)}")
@@ -165,10 +170,10 @@ def _hidden_share(cloud: PointCloud) -> float:
 def _require_some(views: Sequence[View]) -> None:
     usable = [view for view in views if view.usable]
     if len(usable) < FEWEST:
-        why = "; ".join(
-            f"{view.name}: {view.problem or f'a copy of scan {view.copy_of}'}" for view in views if not view.usable
-        )
-        raise InputError(f"multiway registration needs two usable scans at least; {why}")
+        bad = [view for view in views if not view.usable]
+        why = "; ".join(f"{view.name}: {view.problem or f'a copy of scan {view.copy_of}'}" for view in bad[:NAMED])
+        more = f"; and {len(bad) - NAMED} more" if len(bad) > NAMED else ""
+        raise InputError(f"multiway registration needs two usable scans at least; {why}{more}")
     units = {view.cloud.units: view.name for view in usable if view.cloud is not None and view.cloud.units}
     if len(units) > 1:
         listed = ", ".join(f"{name} in {unit}" for unit, name in units.items())

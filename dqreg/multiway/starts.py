@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import numpy as np
 from dqreg._arrays import FloatArray, as_pose
 from dqreg.errors import InputError
 from dqreg.files.poses import read_json
+from dqreg.files.untrusted import read_record
 from dqreg.multiway.edges import PART, Edge
 from dqreg.multiway.scans import View
 from dqreg.rigid import pose, quaternion
@@ -80,21 +82,40 @@ def contradicted_starts(
 def read_starts_file(path: Path) -> list[FloatArray]:
     """Poses of a KITTI or TUM file, or of an earlier result; NaN where there is none."""
     if path.suffix.lower() == ".json":
-        rows = read_json(path).get("T_world_scan")
-        if not isinstance(rows, list):
+        listed = read_json(path).get("T_world_scan")
+        if not isinstance(listed, list):
             raise InputError(f"{path}: the key 'T_world_scan' is missing; give a result of dqreg multiway")
-        return [np.array(T, dtype=np.float64) for T in rows]
-    try:
-        rows = np.loadtxt(path, ndmin=2)
-    except (OSError, ValueError) as error:
-        raise InputError(f"cannot read the initial poses {path}: {error}") from error
+        return [_matrix(T, f"{path}: T_world_scan[{k}]") for k, T in enumerate(listed)]
+    rows = _rows(path)
     if rows.shape[1:] not in ((8,), (12,), (16,)):
         raise InputError(f"{path}: lines of {rows.shape[1]} numbers; expected 12 (KITTI) or 8 (TUM) a scan")
     poses = np.tile(np.eye(4), (len(rows), 1, 1))
     if rows.shape[1] == 8:
+        if not rows[:, 4:].any(axis=1).all():
+            raise InputError(f"{path}: a quaternion of length 0; expected unit quaternions x y z w")
         poses[:, :3, :3] = quaternion.to_matrix(quaternion.normalize(rows[:, [7, 4, 5, 6]]))
         poses[:, :3, 3] = rows[:, 1:4]
     else:
         poses[:, :3] = rows.reshape(len(rows), -1, 4)[:, :3]
         poses[np.isnan(rows).any(axis=1)] = np.nan
     return list(poses)
+
+
+def _matrix(rows: Any, name: str) -> FloatArray:
+    try:
+        T = np.array(rows, dtype=np.float64)  # null is NaN
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} must be 4x4 numbers ({error})") from error
+    if T.shape != (4, 4):
+        raise InputError(f"{name} must be 4x4 numbers; got shape {T.shape}")
+    return T
+
+
+def _rows(path: Path) -> FloatArray:
+    lines = read_record(path, "initial poses").splitlines()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # NumPy only warns of a file without rows
+            return np.loadtxt(lines, ndmin=2)
+    except (ValueError, UserWarning) as error:
+        raise InputError(f"cannot read {path}: no table of initial poses ({error})") from error

@@ -20,10 +20,7 @@ BLUE, RED, _, _, ORANGE, _, GREY = PALETTE
 
 def plot_trip(path: str | Path, trip: TrajectoryRun, truth: FloatArray | None = None) -> None:
     """Draw the path, and below it each frame's share on the map, one-sigma and error. Shapes: truth (n, 4, 4)."""
-    path = Path(path)
-    kind = path.suffix.lower().lstrip(".") or "png"
-    if kind not in ("png", "svg", "pdf"):
-        raise InputError(f"cannot draw {path}: expected a name that ends in .png, .svg or .pdf")
+    kind = plot_kind(path)
     poses, _ = bridge_gaps(trip.poses)
     figure = new_figure(9.0, 9.0, 120)
     grid = figure.add_gridspec(3, 1, height_ratios=[2.2, 1.0, 1.0])
@@ -32,6 +29,14 @@ def plot_trip(path: str | Path, trip: TrajectoryRun, truth: FloatArray | None = 
     _draw_errors(numbers, poses, trip, truth)
     _draw_trust(figure.add_subplot(grid[2], sharex=numbers), trip)
     write_atomically(path, encode(figure, kind))
+
+
+def plot_kind(path: str | Path) -> str:
+    """Format of a picture by its name; asked before the run too, so that no run ends without it."""
+    kind = Path(path).suffix.lower().lstrip(".") or "png"
+    if kind not in ("png", "svg", "pdf"):
+        raise InputError(f"cannot draw {path}: expected a name that ends in .png, .svg or .pdf")
+    return kind
 
 
 def _plane(places: FloatArray) -> tuple[int, int]:

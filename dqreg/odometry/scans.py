@@ -115,7 +115,10 @@ def _from_bag(path: Path, topic: str | None) -> Scans:
 
 def _read_times(file: Path) -> FloatArray:
     try:
-        times = np.loadtxt(require_readable(file), ndmin=1, dtype=np.float64).reshape(-1)
+        readable = require_readable(file)
+        times = np.loadtxt(readable, ndmin=1, dtype=np.float64).reshape(-1)
+    except InputError:
+        raise
     except (OSError, ValueError) as error:
         raise InputError(f"cannot read the times {file}: {error}") from error
     if not np.isfinite(times).all():
@@ -194,7 +197,8 @@ def _from_loader(path: Path, loader: str, sequence: str | None) -> Scans:
             data = datasets.dataset_factory(loader, data_dir=path, sequence=sequence, meta=None, topic=None)
     except (Exception, SystemExit) as error:
         words = " ".join([*str(said.getvalue()).split(), str(error)]).strip()
-        raise InputError(f"KISS-ICP's data loader {loader!r} cannot read {path}: {words}") from error
+        hint = "" if sequence else "; data sets of several sequences need --sequence"
+        raise InputError(f"KISS-ICP's data loader {loader!r} cannot read {path}: {words}{hint}") from error
 
     def read(number: int) -> FrameData:
         try:

@@ -64,7 +64,7 @@ def text_of(poses: FloatArray, times: FloatArray, form: str) -> str:
 
 
 def graph_of(numbers: IntArray, poses: FloatArray, covariances: FloatArray | None) -> str:
-    """The placed frames and the steps between them as a g2o file, as GTSAM, Ceres and Open3D read it.
+    """The placed frames and the steps between them as a g2o file, as GTSAM and Ceres' examples read it.
 
     Covariances are of left increments about the sensors in the map's axes, rotation first; a step is as uncertain as
     the later frame is in the map. Shapes: numbers (n,), poses (n, 4, 4), covariances (n, 6, 6).

@@ -72,7 +72,8 @@ def centre_source(
 def require_spread(points: FloatArray, name: str) -> None:
     """Raise unless the points are three at least and not on one line."""
     if len(points) < 3:
-        raise InputError(f"{name} has {len(points)} usable points; at least three are needed to fix a pose")
+        many = "" if len(points) == 1 else "s"
+        raise InputError(f"{name} has {len(points)} usable point{many}; at least three are needed to fix a pose")
     # Some points that span an area settle it; only if they do not, all are looked at.
     if len(points) > 2 * SPREAD_SAMPLE:
         with contextlib.suppress(DegenerateGeometryError):
@@ -98,5 +99,6 @@ def _remedy(points: FloatArray) -> str:
         with contextlib.suppress(DegenerateGeometryError):
             require_spread(body, "points")
             strays = int(np.count_nonzero(away > 1e3 * np.quantile(away, BODY)))
-            return f"Remove the {strays} strays up to {away.max():.3g} from the middle: the others span an area"
+            many = "" if strays == 1 else "s"
+            return f"Remove the {strays} stray{many} up to {away.max():.3g} from the middle: the others span an area"
     return "Give points that span an area"

@@ -134,7 +134,7 @@ def _disagreeing_normals(evidence: Evidence) -> Iterator[str]:
     if not evidence.normals_apart <= NORMALS_APART:
         yield (
             f"{100 * evidence.normals_apart:.0f} % of the inliers have normals that disagree with the target: a local "
-            "minimum or another part"
+            "minimum, another part, or normals that were given without a side"
         )
 
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import os
 import subprocess
 import sys
@@ -26,6 +27,10 @@ def sequence(tmp_path_factory):
         frames.append(walls - [0.2 * i, 0, 0])
         poses.append([1, 0, 0, 0.2 * i, 0, 1, 0, 0, 0, 0, 1, 0])
     np.savetxt(folder / "truth.txt", poses)
+    matrices = [[*np.reshape(rows, (3, 4)).tolist(), [0, 0, 0, 1]] for rows in poses]
+    (folder / "truth.json").write_text(json.dumps({"T_world_scan": matrices}))
+    matrices[2] = [[None] * 4] * 4
+    (folder / "holes.json").write_text(json.dumps({"T_world_scan": matrices}))
     np.savez(folder / "good.npz", points=np.vstack(frames), offsets=np.arange(5) * 4000)
     np.savez(folder / "gap.npz", points=np.vstack(frames), offsets=[0, 4000, 4000, 12000, 16000])
     return folder
@@ -78,6 +83,10 @@ def test_kiss_icp_runs_through_the_same_command(sequence, tmp_path):
         (["good.npz", "--truth", "good.npz"], "expected a trajectory"),
         (["good.npz", "--out", "no/such/folder/a.txt"], "does not exist"),
         (["good.npz", "--method", "magic"], "unknown method"),
+        (["good.npz", "--times", "absent.txt"], "error: cannot read absent.txt: found no such file"),
+        (["good.npz", "--plot", "run.gif"], "expected a name that ends in .png, .svg or .pdf"),
+        ([".", "--loader", "kitti"], "--sequence"),
+        (["good.npz", "--truth", "holes.json"], "scans without a pose"),
     ],
 )
 def test_bad_input_is_one_line_and_code_2(sequence, monkeypatch, capsys, arguments, words):
@@ -86,6 +95,20 @@ def test_bad_input_is_one_line_and_code_2(sequence, monkeypatch, capsys, argumen
     error = capsys.readouterr().err
     assert words in error
     assert len(error.splitlines()) == 1
+
+
+def test_a_name_that_cannot_be_drawn_is_refused_before_the_run(sequence, tmp_path, monkeypatch):
+    monkeypatch.chdir(sequence)
+    assert run("odometry", "good.npz", "--out", tmp_path / "poses.txt", "--plot", "run.gif") == 2
+    assert not (tmp_path / "poses.txt").exists()
+
+
+def test_the_truth_of_a_virtual_case_is_one_of_odometry_too(sequence, capsys):
+    said = []
+    for name in ("truth.txt", "truth.json"):
+        assert run("odometry", sequence / "good.npz", "--truth", sequence / name) == 0
+        said.append([line for line in capsys.readouterr().out.splitlines() if "NEES" in line])
+    assert said[0] == said[1] != []
 
 
 def test_a_view_is_open_while_it_runs_and_is_of_our_engine_alone(sequence, monkeypatch, capsys):

@@ -24,6 +24,13 @@ def test_an_array_comes_back(tmp_path: Path, array: np.ndarray) -> None:
     assert (cloud.normals is None) == (array.shape[1] == 3)
 
 
+def test_a_fourth_column_is_an_intensity(tmp_path: Path) -> None:
+    np.save(tmp_path / "scan.npy", np.hstack([FAR, [[0.5], [np.nan]]]))
+    cloud = read_cloud(tmp_path / "scan.npy")
+    np.testing.assert_array_equal(cloud.points, FAR)
+    assert cloud.normals is None
+
+
 def test_integers_are_coordinates(tmp_path: Path) -> None:
     np.save(tmp_path / "scan.npy", np.arange(6, dtype=np.uint16).reshape(2, 3))
     assert read_cloud(tmp_path / "scan.npy").points.tolist() == [[0.0, 1.0, 2.0], [3.0, 4.0, 5.0]]
@@ -67,7 +74,9 @@ def test_a_bare_pickle_is_refused(tmp_path: Path) -> None:
     ("array", "message"),
     [
         (np.zeros(3), r"shape \(3,\)"),
-        (np.zeros((2, 4)), "4 columns"),
+        (np.zeros((2, 5)), r"of shape \(2, 5\); expected shape \(n, 3\), \(n, 4\) with an intensity"),
+        (np.zeros((3, 50)), r"of shape \(3, 50\); expected .* save its transpose"),
+        (np.eye(4), r"of shape \(4, 4\)"),
         (np.zeros((2, 3, 1)), r"shape \(2, 3, 1\)"),
         (np.zeros((2, 3), dtype=complex), "complex128"),
         (np.zeros((2, 3), dtype=bool), "bool"),

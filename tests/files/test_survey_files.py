@@ -79,6 +79,18 @@ def test_kitti_and_pts(tmp_path):
     assert read_cloud(tmp_path / "b.pts").points.tolist() == [[1, 2, 3], [1, 2, 3], [4, 5, 6]]
 
 
+def test_frames_of_nuscenes_have_a_fifth_number(tmp_path):
+    rings = np.column_stack([POINTS, np.full(len(POINTS), 200.0), np.arange(len(POINTS)) % 32]).astype("<f4")
+    # A number of points that KITTI's four numbers would divide as well.
+    whole = np.tile(rings, (4, 1))
+    whole.tofile(tmp_path / "a.pcd.bin")
+    frame = read_cloud(tmp_path / "a.pcd.bin")
+    np.testing.assert_array_equal(frame.points, np.tile(POINTS, (4, 1)).astype(np.float32))
+    whole[:, :4].tofile(tmp_path / "b.PCD.bin")
+    with pytest.raises(InputError, match="nuScenes' frames: five float32"):
+        read_cloud(tmp_path / "b.PCD.bin")
+
+
 @pytest.mark.parametrize(("module", "extension"), [("laspy", ".las"), ("lazrs", ".laz"), ("pye57", ".e57")])
 def test_a_missing_package_is_named_with_its_extra(monkeypatch, tmp_path, module, extension):
     monkeypatch.setitem(sys.modules, module, None)

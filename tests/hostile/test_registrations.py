@@ -287,6 +287,6 @@ def test_a_far_face_costs_the_others_nothing() -> None:
 
 
 def test_a_line_with_strays_names_the_strays() -> None:
-    with pytest.raises(DegenerateGeometryError, match="Remove the 1 strays up to 1e"):
+    with pytest.raises(DegenerateGeometryError, match="Remove the 1 stray up to 1e"):
         register(np.vstack([SCAN, [[1e12, 0.0, 0.0]]]), part(), START)
     assert math.isfinite(SIZE)

@@ -63,6 +63,8 @@ def test_the_answer_has_all_that_was_promised(turned: Turned) -> None:
     joint = result.joint_covariance(1, 2)
     np.testing.assert_array_equal(joint[:6, :6], result.covariances[1])
     assert np.linalg.eigvalsh(joint / np.sqrt(np.outer(np.diag(joint), np.diag(joint)))).min() > -1e-9
+    with pytest.raises(InputError, match="0 to 2; got 1 and 3"):
+        result.joint_covariance(1, 3)
     assert result.overlap.shape == (3, 3)
     assert all(edge.chi2 >= 0.0 for edge in result.edges if edge.used)
     assert result.loop_errors[0].used

@@ -55,6 +55,18 @@ def test_viewpoints_may_be_known_of_some_scans_alone(made: ManyViews) -> None:
     assert [view.scan.oriented for view in views] == [False, True, True, True]
 
 
+def test_one_cloud_is_no_list_of_scans(made: ManyViews) -> None:
+    for one in (made.scans[0], PointCloud(made.scans[0]), "scan.ply", iter(made.scans)):
+        with pytest.raises(InputError, match="scans must be a list of paths, arrays or clouds"):
+            read_views(one, 0)  # type: ignore[arg-type]
+
+
+def test_many_unusable_scans_are_one_short_message() -> None:
+    with pytest.raises(InputError, match=r"scan 2: .*; and 997 more") as error:
+        read_views([np.zeros(3)] * 1000, 0)
+    assert len(str(error.value)) < 600
+
+
 def verdict_of(codes: list[Code], views: list[View]) -> Verdict:
     """The verdict on five scans in a ring whose pairs give these reasons."""
     T = world(5, 0)

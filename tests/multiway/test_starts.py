@@ -1,16 +1,20 @@
 from __future__ import annotations
 
 import dataclasses
+import json
+import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from dqreg.errors import InputError
 from dqreg.geometry import PointCloud
 from dqreg.multiway.edges import PART, Edge
 from dqreg.multiway.pair_runs import PairJob, PairRunner
 from dqreg.multiway.plan import _held_by_starts
 from dqreg.multiway.scans import View, read_views
-from dqreg.multiway.starts import contradicted_starts
+from dqreg.multiway.starts import contradicted_starts, read_starts_file
 from dqreg.rigid import pose
 from dqreg.trust.records import Code, Reason, Verdict
 from tests.multiway.edges_of_truth import edges_of, world
@@ -76,3 +80,34 @@ def test_of_two_poses_that_fit_the_one_that_was_given_is_meant(
     monkeypatch.setattr(PairRunner, "run", lambda *_: near)
     found = _held_by_starts(runner, [PairJob(0, 1, np.eye(4))], far, [np.eye(4)] * 2)
     assert (found[0] is near[0]) == meant
+
+
+def test_poses_of_a_file_come_back_with_gaps(tmp_path: Path) -> None:
+    T = world(3, 1)
+    (tmp_path / "a.json").write_text(json.dumps({"T_world_scan": [T[0].tolist(), [[None] * 4] * 4, T[2].tolist()]}))
+    np.savetxt(tmp_path / "a.txt", np.array([T[0, :3].ravel(), np.full(12, np.nan), T[2, :3].ravel()]), fmt="%.17g")
+    for name in ("a.json", "a.txt"):
+        np.testing.assert_array_equal(read_starts_file(tmp_path / name), [T[0], np.full((4, 4), np.nan), T[2]])
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("a.txt", "", "an empty file"),
+        ("a.txt", "# nothing\n", "no table of initial poses"),
+        ("a.txt", "x y z", "no table of initial poses"),
+        ("a.txt", "1 2 3", "expected 12 .KITTI. or 8 .TUM. a scan"),
+        ("a.tum", "0 1 2 3 0 0 0 0", "a quaternion of length 0"),
+        ("a.json", "{}", "the key 'T_world_scan' is missing"),
+        ("a.json", '{"T_world_scan": ["a"]}', r"T_world_scan\[0\] must be 4x4 numbers"),
+        ("a.json", '{"T_world_scan": [[[1, 2], [3]]]}', r"T_world_scan\[0\] must be 4x4 numbers"),
+        ("a.json", '{"T_world_scan": [[1, 2]]}', r"got shape \(2,\)"),
+    ],
+)
+def test_a_file_without_poses_is_refused_by_name(tmp_path: Path, name: str, text: str, words: str) -> None:
+    (tmp_path / name).write_text(text)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(InputError, match=words) as error:
+            read_starts_file(tmp_path / name)
+    assert str(tmp_path / name) in str(error.value)

@@ -280,6 +280,7 @@ BAD: dict[str, tuple[dict[str, Any], type[DqregError], str]] = {
     "empty cloud": ({"source": np.zeros((0, 3))}, InputError, "source.*empty"),
     "all NaN": ({"source": np.full((5, 3), np.nan)}, InputError, "source.*5 rows"),
     "two points": ({"source": np.eye(3)[:2]}, InputError, "source has 2 usable points"),
+    "one point": ({"source": np.eye(3)[:1]}, InputError, "source has 1 usable point;"),
     "wrong shape": ({"source": np.zeros((5, 2))}, InputError, r"source.*\(5, 2\)"),
     "text": ({"source": [["a", "b", "c"]]}, InputError, "source"),
     "nothing": ({"source": None}, InputError, "source"),

@@ -136,7 +136,8 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
     ),
     "normals": (
         {"normals_apart": limits.NORMALS_APART + 0.01},
-        "16 % of the inliers have normals that disagree with the target",
+        "16 % of the inliers have normals that disagree with the target: a local minimum, another part, or normals "
+        "that were given without a side",
         "disagreeing_normals",
     ),
     "strays": ({"strays": limits.STRAYS + 0.01}, "51 % of all points are outliers", "outliers"),
