@@ -81,10 +81,11 @@ def _ratio(gap: float, width: float) -> float:
 def trends_of(lines: Sequence[Line]) -> tuple[Trend, ...]:
     """A trend for every value that two parts or more have in common: the same name and limits.
 
-    What is no number in a kept file is left out.
+    Parts whose alignment is not trusted are left out, for their values may be of another pose; so is what is no number
+    in a kept file.
     """
     found: dict[tuple[Any, ...], list[tuple[int, Line, dict[str, Any]]]] = {}
-    for line, number, value in _values(lines):
+    for line, number, value in _values([line for line in lines if line.verdict == "accepted"]):
         key = (str(value["name"]), str(value["kind"]), value["low"], value["high"])
         found.setdefault(key, []).append((number, line, value))
     trends = [_trend(rows) for rows in found.values() if len(rows) > 1]

@@ -20,9 +20,9 @@ from dqreg.report.control_chart import Sample
 VALUES = (10.01, 10.02, 10.00, 10.03)
 
 
-def line(number: int, value: float | None, **changes):
+def line(number: int, value: float | None, level: str = "accepted", **changes):
     record = {
-        "verdict": {"level": "accepted", "reasons": []},
+        "verdict": {"level": level, "reasons": []},
         "rms": 0.1,
         "inlier_fraction": 0.5,
         "T_target_source": np.eye(4).tolist(),
@@ -61,6 +61,12 @@ def test_a_zone_has_one_limit_and_equal_values_no_spread() -> None:
 
 def test_values_with_other_limits_are_another_trend() -> None:
     assert len(trends_of([*LINES, line(7, 1.0, high=11.0), line(8, 1.0, high=11.0), line(9, 1.0, high=12.0)])) == 2
+
+
+def test_parts_whose_alignment_is_not_trusted_change_no_trend() -> None:
+    lines = [*LINES, line(7, 12.0, "suspect"), line(8, 14.0, "failed")]
+    assert trends_of(lines) == trends_of(LINES)
+    assert "12.0" in values_csv(lines)
 
 
 def test_files_and_page_hold_every_value_and_lead_to_its_part() -> None:
