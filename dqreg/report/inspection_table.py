@@ -9,6 +9,7 @@ import numpy as np
 
 from dqreg.inspection import Characteristic, DatumAlignment, Decision, Inspection
 from dqreg.inspection.places import COVERAGE, PLACE
+from dqreg.report.decision_rows import decision_rows
 from dqreg.report.summary import ALIGNMENT, COLOURS
 from dqreg.report.table import Column, Table, print_tables, to_csv
 
@@ -84,13 +85,12 @@ def sheet_csv(found: Inspection | None, decision: Decision | None, unit: str) ->
                 rows.append((len(rows) + 1, label, "section", unit, *cells, "", int(cut.points[at]),
                              f"{100.0 * cut.coverage:.3g}", ""))  # fmt: skip
     if decision is not None:
-        shares = _cells(100.0, 100.0 * decision.required_share, math.nan, 100.0 * decision.share_within, math.nan)
-        rows.append((len(rows) + 1, "points within the tolerance", "share", "%", *shares, decision.share, "", "", ""))
+        for value in decision_rows(decision):
+            cells = _cells(value.nominal, value.low, value.high, value.value, value.uncertainty)
+            of = "%" if value.kind == "share" else unit
+            points = "" if value.points is None else value.points
+            rows.append((len(rows) + 1, value.name, value.kind, of, *cells, value.outcome, points, "", value.remark))
         ends = {region.number: (region.low, region.high) for region in decision.regions}
-        for region in sorted(decision.regions, key=lambda region: region.number):
-            name = f"face {region.number}, {region.name}: median deviation"
-            cells = _cells(0.0, region.low, region.high, region.median, decision.uncertainty)
-            rows.append((len(rows) + 1, name, "deviation", unit, *cells, region.outcome or "", region.points, "", ""))
         for place in decision.places:
             name = "place at " + " ".join(f"{x:.7g}" for x in place.position)
             cells = _cells(0.0, *ends.get(place.region, (decision.low, decision.high)), place.value, place.uncertainty)

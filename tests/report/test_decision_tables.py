@@ -7,16 +7,26 @@ import pytest
 
 from dqreg.geometry import Mesh, MeshSurface
 from dqreg.inspection import Decision, decide, measure_deviations
+from dqreg.report.decision_rows import decision_rows
 from dqreg.report.decision_tables import decision_words
 from dqreg.synth.parts import box
 
 
-@pytest.fixture(scope="module")
-def passed() -> Decision:
-    part = Mesh(*box((20.0, 20.0, 20.0)))
+def points() -> np.ndarray:
+    """Points on the upper and the right side of a cube."""
     points = np.random.default_rng(0).uniform(-10.0, 10.0, (4000, 3))
     points[:2000, 2], points[2000:, 0] = 10.0, 10.0
+    return points
+
+
+def decided(points: np.ndarray) -> Decision:
+    part = Mesh(*box((20.0, 20.0, 20.0)))
     return decide(measure_deviations(points, part, MeshSurface(part)), tolerance=0.1)
+
+
+@pytest.fixture(scope="module")
+def passed() -> Decision:
+    return decided(points())
 
 
 @pytest.mark.parametrize(
@@ -35,3 +45,17 @@ def test_the_regions_that_decide_are_told(passed: Decision, outcomes: tuple[str,
     words = decision_words(dataclasses.replace(passed, regions=regions), "mm", True)
     (new,) = set(words) - set(without)
     assert new.startswith(said)
+
+
+def test_a_region_that_fails_within_its_limits_says_why() -> None:
+    bump, lines = points(), points()
+    bump[:2000, 2] += 0.5 * (np.linalg.norm(bump[:2000, :2], axis=1) < 3.0)
+    # One point in ten out, none beside another: no place fails, the share does.
+    lines[:2000:10, 2] += 0.5
+    for moved, said in ((bump, "a place of it deviates by 0.5 +- "), (lines, "90.0 % of its points are within")):
+        share, *regions = decision_rows(decided(moved))
+        assert (share.kind, share.value) == ("share", pytest.approx(100.0 * decided(moved).share_within))
+        (bad,) = [row for row in regions if row.outcome == "fail"]
+        assert bad.low < bad.value < bad.high
+        assert bad.remark.startswith(said)
+        assert [row.remark for row in regions if row.outcome == "pass"] == [""]

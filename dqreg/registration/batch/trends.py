@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 # Moving range of two normal values: 1.128 sigma on average; control limits are three sigma.
 MOVING = 3.0 / 1.128
-VALUE_COLUMNS = ("row", "part", "number", "name", "kind", "nominal", "low", "high", "value", "uncertainty", "outcome",
-                 "remark")  # fmt: skip
+VALUE_NUMBERS = ("nominal", "low", "high", "value", "uncertainty")
+VALUE_COLUMNS = ("row", "verdict", "part", "number", "name", "kind", "unit", *VALUE_NUMBERS, "outcome", "remark")
 TREND_COLUMNS = ("number", "name", "unit", "low", "high", "parts", "mean", "spread", "smallest", "largest", "cp", "cpk",
                  "control_low", "control_high", "pass", "undecided", "fail")  # fmt: skip
 
@@ -99,7 +99,7 @@ def _trend(rows: list[tuple[int, Line, dict[str, Any]]]) -> Trend:
         for _, line, value in rows
         if value["value"] is not None
     )
-    unit = "" if first["kind"] == "angle" or "%" in str(first["name"]) else str(line.inspection["units"] or "")  # type: ignore[index]
+    unit = _unit(line, first)
     zone = first["kind"] != "deviation" and first["low"] == 0.0 and first["nominal"] == 0.0
     missing = len(rows) - len(samples)
     return Trend(
@@ -114,6 +114,11 @@ def _values(lines: Sequence[Line]) -> Iterator[tuple[Line, int, dict[str, Any]]]
                 yield line, number, value
 
 
+def _unit(line: Line, value: dict[str, Any]) -> str:
+    assert line.inspection is not None
+    return {"angle": "degree", "share": "%"}.get(str(value["kind"]), str(line.inspection["units"] or ""))
+
+
 def _number(value: Any) -> float:
     return math.nan if value is None else float(value)
 
@@ -121,7 +126,11 @@ def _number(value: Any) -> float:
 def values_csv(lines: Sequence[Line]) -> str:
     """Every value of every part as CSV, one a line."""
     rows = (
-        (line.row.name, line.part, number, *("" if value[name] is None else value[name] for name in VALUE_COLUMNS[3:]))
+        (
+            *(line.row.name, line.verdict, line.part, number, value["name"], value["kind"], _unit(line, value)),
+            *("" if value[name] is None else value[name] for name in VALUE_NUMBERS),
+            *(value["outcome"], value["remark"]),
+        )
         for line, number, value in _values(lines)
     )
     return to_csv(VALUE_COLUMNS, rows)
