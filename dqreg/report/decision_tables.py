@@ -35,6 +35,9 @@ def decision_words(found: Decision, unit: str, signed: bool) -> list[str]:
     against = tolerance_text(found, unit)
     share = f"{percent(found.share_within)} % of the points on the part are within {against}"
     words = [f"{share}; {percent(found.required_share)} % are required."]
+    if not np.isnan(found.scanned):
+        rest = "" if found.scanned == 1.0 else "; of the rest nothing is decided"
+        words.append(f"{percent(found.scanned)} % of the part's surface was scanned{rest}.")
     out = [place for place in found.places if place.outcome == "fail"]
     open_places = [place for place in found.places if place.outcome == "undecided"]
     if out:

@@ -49,6 +49,14 @@ def test_a_good_part_passes_everywhere() -> None:
     assert names(found) == {"flat face towards +z": "pass", "flat face towards +x": "pass"}
 
 
+def test_how_much_of_the_part_was_scanned_is_known() -> None:
+    # Two of six sides of the cube; then half of the upper one, and a margin of twice the spacing of 0.28.
+    assert decide(deviations(top()), TOLERANCE).scanned == pytest.approx(2 / 6, abs=0.002)
+    points = top()
+    half = points[(points[:, 2] > HALF - 1.0) & (points[:, 0] < 0.0)]
+    assert decide(deviations(half), TOLERANCE).scanned == pytest.approx((0.5 + 0.57 / 40) / 6, abs=0.002)
+
+
 @pytest.mark.parametrize("height", [0.3, -0.3])
 def test_a_bump_fails_though_the_share_passes(height: float) -> None:
     # The bump covers 0.8 % of the face.

@@ -47,6 +47,14 @@ def test_the_regions_that_decide_are_told(passed: Decision, outcomes: tuple[str,
     assert new.startswith(said)
 
 
+def test_what_was_not_scanned_is_not_decided(passed: Decision) -> None:
+    for scanned, said in ((0.112, "11.2 % of the part's surface was scanned; of the rest nothing is decided."),
+                          (1.0, "100 % of the part's surface was scanned.")):  # fmt: skip
+        assert said in decision_words(dataclasses.replace(passed, scanned=scanned), "mm", True)
+    without = decision_words(dataclasses.replace(passed, scanned=np.nan), "mm", True)
+    assert not any("scanned" in words for words in without)
+
+
 def test_a_region_that_fails_within_its_limits_says_why() -> None:
     bump, lines = points(), points()
     bump[:2000, 2] += 0.5 * (np.linalg.norm(bump[:2000, :2], axis=1) < 3.0)
