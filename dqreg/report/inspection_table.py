@@ -11,7 +11,8 @@ from dqreg.inspection import Characteristic, DatumAlignment, Decision, Inspectio
 from dqreg.inspection.places import COVERAGE, PLACE
 from dqreg.report.decision_rows import decision_rows
 from dqreg.report.summary import ALIGNMENT, COLOURS
-from dqreg.report.table import Column, Table, print_tables, to_csv
+from dqreg.report.table import EMPTY, Column, Table, print_tables, to_csv
+from dqreg.report.text import measured_text
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -31,8 +32,8 @@ def characteristics_table(found: Inspection, unit: str) -> Table:
         Column("nominal", spec=".6g"),
         Column("low", spec=".6g"),
         Column("high", spec=".6g"),
-        Column("measured", spec=".6g"),
-        Column("U (k=2)", spec=".2g"),
+        Column("measured", align="right"),
+        Column("U (k=2)", align="right"),
         Column("decision"),
         Column("points"),
         Column("scanned", "%", ".3g"),
@@ -45,8 +46,7 @@ def characteristics_table(found: Inspection, unit: str) -> Table:
             row.nominal,
             row.low,
             row.high,
-            row.value,
-            row.uncertainty,
+            *(text.replace("−", "-").replace("–", EMPTY) for text in measured_text(row.value, row.uncertainty)),
             row.outcome if row.measured else "not measured",
             row.points,
             100.0 * row.coverage,
@@ -125,14 +125,3 @@ def tell_inspection(console: Console, found: Inspection, unit: str) -> None:
     console.print(f"[bold {colour}]{found.outcome.upper()}[/]: part by its plan", highlight=False)
     if found.characteristics:
         print_tables(console, [characteristics_table(found, unit)])
-
-
-def decimals_of(uncertainty: float) -> int:
-    """Decimals that a value of that uncertainty has: down to its second digit.
-
-    >>> decimals_of(0.0123), decimals_of(0.9), decimals_of(0.0)
-    (3, 2, 6)
-    """
-    if not 0.0 < uncertainty < math.inf:
-        return 6
-    return max(0, 1 - math.floor(math.log10(uncertainty)))

@@ -5,10 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
+import dqreg
 from dqreg.geometry import Mesh, MeshSurface
 from dqreg.inspection import Decision, decide, measure_deviations
 from dqreg.report.decision_rows import decision_rows
-from dqreg.report.decision_tables import decision_words
+from dqreg.report.decision_tables import decision_words, regions_table
+from dqreg.report.report_data import collect
 from dqreg.synth.parts import box
 
 
@@ -67,3 +69,15 @@ def test_a_region_that_fails_within_its_limits_says_why() -> None:
         assert bad.low < bad.value < bad.high
         assert bad.remark.startswith(said)
         assert [row.remark for row in regions if row.outcome == "pass"] == [""]
+
+
+def test_regions_have_the_decimals_that_their_scatter_leaves_and_no_powers_of_ten() -> None:
+    part = Mesh(*box((20.0, 20.0, 20.0)))
+    result = dqreg.register(points(), Mesh(part.vertices - part.centre, part.faces), start=np.eye(4), units="ignore")
+    assert result.inputs is not None
+    data = collect(result, result.inputs, tolerance=0.1)
+    # Of 2000 points that scatter by 0.02 the median is known to 1.25 * 0.02 / sqrt(2000) = 0.00056.
+    for median, shown in ((3.9e-5, "+0.00004"), (-0.1, "−0.10000"), (1e-7, "0.00000")):
+        regions = tuple(dataclasses.replace(r, median=median, spread=0.02, within=0.0401) for r in data.regions)
+        row = regions_table(dataclasses.replace(data, regions=regions))["rows"][0]
+        assert (row["median"], row["spread"], row["p95"]) == (shown, "0.020", "0.040")

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dqreg.report.control_chart import Sample, control_chart
-from dqreg.report.inspection_table import decimals_of
 from dqreg.report.table import to_csv
+from dqreg.report.text import decimals_of
 
 if TYPE_CHECKING:
     from dqreg.registration.batch.line import Line
