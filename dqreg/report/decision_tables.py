@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from dqreg.inspection import Band, Decision
-from dqreg.inspection.places import MEDIAN_SIGMA
+from dqreg.inspection.places import MEDIAN_SIGMA, PLACE
 from dqreg.report.page_tables import goto, rounded
 from dqreg.report.report_data import ReportData
 from dqreg.report.text import decimals_of, fixed, limits_text, percent, place_text, text_of, tolerance_text, unit_words
@@ -45,7 +45,8 @@ def decision_words(found: Decision, unit: str, signed: bool) -> list[str]:
         worst = text_of(out[0].value, sign=signed)
         room = text_of(out[0].uncertainty, 2)
         many = "1 place is" if len(out) == 1 else f"{len(out)} places are"
-        words.append(f"{many} out of tolerance; the worst deviates by {worst} ± {room}{of} (k = 2).")
+        median = f"the median of {PLACE} neighbouring points deviates by {worst} ± {room}{of} (k = 2)"
+        words.append(f"{many} out of tolerance; at the worst {median}.")
     if open_places:
         many = "1 place is" if len(open_places) == 1 else f"{len(open_places)} places are"
         words.append(f"{many} within the uncertainty of the tolerance (k = 2): neither in nor out is proven.")
