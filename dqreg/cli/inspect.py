@@ -186,8 +186,9 @@ def _registered(scan: Path, unit: ShownTarget, shown: Console, options: dict[str
     with shows as progress:
         if scan.exists():
             load_open3d()
-        told = {"observe": progress, "observe_search": progress.search}
-        return register_files(scan, unit.geometry, began, shown, **told, **options)
+        options |= {"observe": progress, "observe_search": progress.search}
+        with unit.source_units(scan, options["source_units"]) as options["source_units"]:
+            return register_files(scan, unit.geometry, began, shown, **options)
 
 
 def _tell_failed(console: Console, result: Registration) -> None:

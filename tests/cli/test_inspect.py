@@ -94,6 +94,11 @@ def test_the_sheet_is_in_the_unit_that_is_asked_for(tmp_path: Path, capsys: pyte
     # Noise of 0.01 mm on hundreds of points.
     assert row["value"] == pytest.approx(10.0, abs=0.01)
     assert run(*common, "--quiet", "--out", tmp_path / "r.json") == 0
+    # A scan that names no unit is in that of the part's file.
+    unnamed = tuple(word for k, word in enumerate(common) if "--source-units" not in common[max(k - 1, 0) : k + 1])
+    capsys.readouterr()
+    assert run(*unnamed) == 0
+    assert json.loads(capsys.readouterr().out)["characteristics"][0]["value"] == pytest.approx(row["value"], rel=1e-9)
     # The result maps the scan to the part's file, which is in metres.
     result = json.loads((tmp_path / "r.json").read_text())
     assert result["settings"]["target_units"] == "m"
