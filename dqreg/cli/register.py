@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dqreg.cli.attempts import register_files
+from dqreg.cli.attempts import refuse_swapped, register_files
 from dqreg.cli.lazy_group import Choice, SectionedCommand
 from dqreg.cli.outputs import (
     consoles,
@@ -155,6 +155,8 @@ def register_command(
         with unit.source_units(scan, options["source_units"]) as options["source_units"]:
             result = register_files(scan, unit.geometry, began, console, **options)
     result = unit.named(result, target)
+    if allowed is not None:
+        refuse_swapped(result, scan, target)
     print_summary(console, result)
     write_outputs(unit.native(result), out, aligned, console)
     measured = decision = None

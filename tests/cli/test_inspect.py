@@ -44,9 +44,10 @@ def test_what_is_missing_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert "--plan FILE; dqreg inspect --suggest PART" in capsys.readouterr().err
     assert run("inspect", case.scan, case.part, "--plan", tmp_path / "none.toml") == 2
     assert "cannot read the plan" in capsys.readouterr().err
-    swapped = ("inspect", case.part, case.scan, "--tolerance", "0.1", "--time-limit", "1")
-    assert run(*swapped, "--source-units", "mm", "--target-units", "mm") == 2
-    assert "the files look swapped: part.stl is a mesh and scan.ply a cloud" in capsys.readouterr().err
+    swapped = (case.part, case.scan, "--tolerance", "0.1", "--time-limit", "1")
+    for command in ("inspect", "register"):
+        assert run(command, *swapped, "--source-units", "mm", "--target-units", "mm") == 2
+        assert "the files look swapped: part.stl is a mesh and scan.ply a cloud" in capsys.readouterr().err
 
 
 def test_sides_of_a_tolerance_stand_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
