@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from pathlib import Path
 
 import numpy as np
@@ -77,6 +78,20 @@ def test_the_picture_says_how_much_it_enlarges() -> None:
     # The largest deviation, 0.05, stands 1.8 off the outline of 30 at most: 20 times, not 50.
     assert "deviations 20 times enlarged" in picture
     assert "+0.05 mm" in picture
+
+
+def test_the_picture_says_where_its_axes_point_and_how_wide_it_is() -> None:
+    found = measure_deviations(block(0.05, 0.02), PART, MeshSurface(PART), reach=2.0)
+    for normal, words in (([0, 1, 0], "−x to the right, +z upward"), ([0, 0, -1], "−x to the right, +y upward")):
+        cut = section_of(found, [0, 0, 0], normal)
+        picture = section_picture(cut, "mm", 0.1)
+        assert f"{words}; the outline is 30 mm wide" in picture
+        # What is drawn goes that way: the first outline, in pixels across and down.
+        (path,) = re.findall(r'class="outline".*? points="(.*?)"', picture)[:1]
+        drawn = np.array([[float(x) for x in point.split(",")] for point in path.split()])
+        places, up = cut.curves[0], np.eye(3)[2 if normal[1] else 1]
+        assert np.corrcoef(drawn[:, 0], -places[:, 0])[0, 1] > 0.999
+        assert np.corrcoef(-drawn[:, 1], places @ up)[0, 1] > 0.999
 
 
 def test_wall_thickness_is_both_sides_together() -> None:
