@@ -122,6 +122,26 @@ def test_a_probe_of_few_points_is_judged_by_each() -> None:
     assert [round(place.value, 9) for place in found.places] == [0.3]
 
 
+def test_a_share_is_undecided_where_the_pose_decides_it() -> None:
+    # Of noise of half the tolerance 95.4 % are within; the pose may shift that to 89 or 98 %. No place is near a limit.
+    found = deviations(top(), 0.2 * NOISE)
+    made = decide(found, 2.0 * NOISE)
+    assert not made.places
+    assert made.share_within == pytest.approx(0.954, abs=0.004)
+    assert (made.share, made.outcome) == ("undecided", "undecided")
+    shares = {required: decide(found, 2.0 * NOISE, required).share for required in (0.88, 0.97, 0.99)}
+    assert shares == {0.88: "pass", 0.97: "undecided", 0.99: "fail"}
+
+
+def test_the_uncertainty_of_a_place_is_that_of_pose_and_median() -> None:
+    found = decide(deviations(bumped(0.3), 0.003), TOLERANCE)
+    # The median of 25 points scatters by 1.2533 / 5 of their noise, which the 25 themselves tell to a quarter.
+    median, pose = 1.2533 * NOISE / 5.0, 0.003
+    assert found.places[0].uncertainty == pytest.approx(2.0 * np.hypot(median, pose), rel=0.15)
+    alone = decide(deviations(bumped(0.3)), TOLERANCE).places[0]
+    assert alone.uncertainty == pytest.approx(2.0 * median, rel=0.5)
+
+
 def test_what_cannot_be_decided_is_named() -> None:
     found = deviations(top(100))
     with pytest.raises(InputError, match="needs a tolerance"):
