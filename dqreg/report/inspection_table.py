@@ -89,7 +89,9 @@ def sheet_csv(found: Inspection | None, decision: Decision | None, unit: str) ->
             cells = _cells(value.nominal, value.low, value.high, value.value, value.uncertainty)
             of = "%" if value.kind == "share" else unit
             points = "" if value.points is None else value.points
-            rows.append((len(rows) + 1, value.name, value.kind, of, *cells, value.outcome, points, "", value.remark))
+            # The share is of all that was scanned: how much of the part that is.
+            seen = f"{100.0 * decision.scanned:.3g}" if value.kind == "share" and decision.scanned >= 0.0 else ""
+            rows.append((len(rows) + 1, value.name, value.kind, of, *cells, value.outcome, points, seen, value.remark))
         ends = {region.number: (region.low, region.high) for region in decision.regions}
         for place in decision.places:
             name = "place at " + " ".join(f"{x:.7g}" for x in place.position)

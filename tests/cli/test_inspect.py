@@ -68,6 +68,9 @@ def test_sides_of_a_tolerance_stand_on_the_command_line(tmp_path: Path, capsys: 
     assert (found["decision"]["low"], found["decision"]["high"]) == (-0.06, 0.12)
     rows = [line.split(",") for line in (tmp_path / "s.csv").read_text().splitlines()]
     assert rows[1][1:9] == ["points within the tolerance", "share", "%", "100", "95", "", "100", ""]
+    # Points are spread over the whole part.
+    assert found["decision"]["scanned"] > 0.95
+    assert float(rows[1][11]) == pytest.approx(100.0 * found["decision"]["scanned"], abs=0.5)
     assert run(*common, "--tolerance", "+0.03/-0.12", "--quiet") == 3
     assert run(*common, "--tolerance", "500") == 2
     assert "is not below the reach" in capsys.readouterr().err
