@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dqreg.cli.outputs import say
+from dqreg.errors import InputError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -82,6 +83,14 @@ def _share_near(result: Registration, T: FloatArray) -> float:
     points = points[:: max(1, len(points) // FEW)]
     found = result.inputs.target.surface.closest(points)
     return float(np.mean(np.linalg.norm(found.points - points, axis=1) <= result.settings["max_distance"]))
+
+
+def refuse_swapped(result: Registration, scan: Path, part: Path) -> None:
+    """`InputError` where a part would be measured against its scan."""
+    if look_swapped(result):
+        raise InputError(
+            f"the files look swapped: {scan.name} is a mesh and {part.name} a cloud of points; the scan comes first"
+        )
 
 
 def look_swapped(result: Registration) -> bool:

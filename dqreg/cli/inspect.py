@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dqreg.cli.attempts import look_swapped, register_files
+from dqreg.cli.attempts import refuse_swapped, register_files
 from dqreg.cli.faces import read_part_in
 from dqreg.cli.inspection_outputs import check_goals, record_of, tell, write
 from dqreg.cli.lazy_group import Choice, SectionedCommand
@@ -151,10 +151,7 @@ def inspect_command(
     to_screen = goals["as_json"] == Path("-")
     console, shown = consoles(quiet=quiet, as_json=to_screen, apart=True, width=WIDTH)
     result = unit.named(_registered(scan, unit, shown, options), part)
-    if look_swapped(result):
-        raise InputError(
-            f"the files look swapped: {scan.name} is a mesh and {part.name} a cloud of points; the scan comes first"
-        )
+    refuse_swapped(result, scan, part)
     share = None if required is None else required / 100.0
     try:
         found = inspect_registration(result, asked, allowed, required_share=share, **taken)
@@ -186,8 +183,9 @@ def _registered(scan: Path, unit: ShownTarget, shown: Console, options: dict[str
     with shows as progress:
         if scan.exists():
             load_open3d()
-        told = {"observe": progress, "observe_search": progress.search}
-        return register_files(scan, unit.geometry, began, shown, **told, **options)
+        options |= {"observe": progress, "observe_search": progress.search}
+        with unit.source_units(scan, options["source_units"]) as options["source_units"]:
+            return register_files(scan, unit.geometry, began, shown, **options)
 
 
 def _tell_failed(console: Console, result: Registration) -> None:

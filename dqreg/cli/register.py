@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dqreg.cli.attempts import register_files
+from dqreg.cli.attempts import refuse_swapped, register_files
 from dqreg.cli.lazy_group import Choice, SectionedCommand
 from dqreg.cli.outputs import (
     consoles,
@@ -83,7 +83,8 @@ SECTIONS = {
 @click.option("--no-acceleration", "accelerate", flag_value=False, default=True, help="No Anderson acceleration.")
 @click.option("--seed", type=int, metavar="N", default=0, show_default=True, help="Seed of all random draws: the same "
               "seed gives the same pose.")  # fmt: skip
-@click.option("--source-units", type=UNITS, help="Length unit of SCAN, where its file does not say.")
+@click.option("--source-units", type=UNITS, help="Length unit of SCAN, where its file does not say  "
+              "[default: TARGET's].")  # fmt: skip
 @click.option("--target-units", type=UNITS, help="Length unit of TARGET, where its file does not say.")
 @click.option("--display-units", type=UNITS, help="Length unit of all that people read (screen, report, deviations), "
               "and of all lengths given here; --out and --aligned stay in TARGET's  [default: TARGET's].")  # fmt: skip
@@ -152,10 +153,12 @@ def register_command(
         # A file that is not there is said at once, without the second that Open3D takes to load.
         if scan.exists() and target.exists():
             load_open3d()
-        result = register_files(
-            scan, unit.geometry, began, console, observe=progress, observe_search=progress.search, **options
-        )
+        options |= {"observe": progress, "observe_search": progress.search}
+        with unit.source_units(scan, options["source_units"]) as options["source_units"]:
+            result = register_files(scan, unit.geometry, began, console, **options)
     result = unit.named(result, target)
+    if allowed is not None:
+        refuse_swapped(result, scan, target)
     print_summary(console, result)
     write_outputs(unit.native(result), out, aligned, console)
     measured = decision = None

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import (
-    BoolArray,
     FloatArray,
     as_float,
     as_vectors,
@@ -19,6 +18,7 @@ from dqreg._arrays import (
     shifted,
 )
 from dqreg.errors import InputError
+from dqreg.files.cloud_data import finite_rows
 from dqreg.geometry import exports
 from dqreg.geometry.depth import depth_points
 
@@ -76,10 +76,10 @@ class PointCloud:
         points = as_vectors(self.points, "points", finite=False)
         # What is not finite shows at the ends.
         ends = bounds(points) if len(points) else (np.zeros(3), np.zeros(3))
-        keep = np.ones(len(points), dtype=bool) if np.isfinite(ends).all() else _finite_rows(points)
+        keep = np.ones(len(points), dtype=bool) if np.isfinite(ends).all() else finite_rows(points)
         normals = None if self.normals is None else _unit_normals(self.normals, len(points))
         if normals is not None:
-            keep &= _finite_rows(normals)
+            keep &= finite_rows(normals)
         times = None if self.times is None else _times(self.times, len(points))
         lost = int(len(points) - np.count_nonzero(keep))
         if lost == len(points):
@@ -240,14 +240,6 @@ class PointCloud:
         """
         columns = exports.cloud_columns(self.points, self.normals)
         return exports.to_pointcloud2(columns, frame_id, stamp, precision)
-
-
-def _finite_rows(rows: FloatArray) -> BoolArray:
-    # One sum is thirty times as fast as a look at each number, and finite unless something is wrong or huge.
-    with np.errstate(over="ignore", invalid="ignore"):
-        if np.isfinite(rows.sum()):
-            return np.ones(len(rows), dtype=bool)
-    return np.asarray(np.isfinite(rows).all(axis=1))
 
 
 def _freeze(cloud: PointCloud, **values: Any) -> None:

@@ -1,10 +1,10 @@
 """From coarse to fine: few points and a wide kernel first, all points and a narrow kernel last.
 
-The coarse level, a few thousand points, decides the basin. Its first schedule ("patient") runs the loop to convergence
+The coarse level, a few thousand points, decides the basin. Its first schedule ("coarse") runs the loop to convergence
 at each kernel scale: from 15 degrees and 5 % of the size off, on four CAD parts, 60 of 64 initial poses converged to
 the true one, about half of them where the scale falls in every iteration. Where it leaves much of the scan
-unexplained, that other schedule ("quick") is tried as well, and the likelier explanation of the distances is kept: it
-keeps a near initial pose from being drawn to a table that holds three quarters of the points.
+unexplained, that other schedule ("annealed") is tried as well, and the likelier explanation of the distances is kept:
+it keeps a near initial pose from being drawn to a table that holds three quarters of the points.
 
 On the finer levels another estimator may take over: point-to-plane steps need 1 to 3 iterations where the closed form
 with extrapolation needs 5 to 80, for the same pose. The convergence rate is estimated on few points, so that the level
@@ -43,8 +43,8 @@ NEAR_WIDTH = 0.01
 # Points on which it is checked whether the initial pose is near already, and of the coarse level where it is.
 NEAR = 1_000
 
-PATIENT = AnnealingSchedule("patient", stages=30, iterations=None, rounds=30)
-QUICK = AnnealingSchedule("quick", stages=150, iterations=1, rounds=1)
+PATIENT = AnnealingSchedule("coarse", stages=30, iterations=None, rounds=30)
+QUICK = AnnealingSchedule("annealed", stages=150, iterations=1, rounds=1)
 # From an initial pose that is near, the scale is learned anew after each step.
 TRACKING = AnnealingSchedule(FINE.name, stages=30, iterations=1, rounds=30)
 

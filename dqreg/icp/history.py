@@ -12,7 +12,7 @@ class Iteration:
     """Record of one iteration."""
 
     number: int  # 1 for the first
-    # Which run of the loop it belongs to. "patient" and "quick" both begin at the start pose, and one of them is
+    # Which run of the loop it belongs to. "coarse" and "annealed" both begin at the start pose, and one of them is
     # dropped; "fine" goes on from the other, and "common faces" from that, between clouds
     stage: str
     points: int  # Source points used

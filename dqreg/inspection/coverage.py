@@ -9,13 +9,15 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.geometry import Mesh
-from dqreg.geometry.mesh_faces import triangle_areas
+from dqreg.geometry.mesh_faces import areas_of, triangle_areas
 
 # A place of a face is covered where a scan point of that face lies within so many usual spacings: of points that are
 # spread at random over a face, 0.0004 % of the places have none.
 NEAR = 2.0
 # Places that are asked on each face, and on all.
 PLACES, MOST = 400, 400_000
+# Points that are looked at for the share of a whole part: more say the same.
+LOOKED_AT = 200_000
 # The plastic number's powers: steps that fill a square evenly.
 STEPS = np.array([0.7548776662466927, 0.5698402909980532])
 
@@ -68,6 +70,30 @@ def covered(mesh: Mesh, of_triangle: IntArray, points: FloatArray, on: IntArray,
     gaps = tree.query(asked, distance_upper_bound=reach)[0]
     shares: FloatArray = np.isfinite(gaps).reshape(count, each).mean(axis=1)
     return shares
+
+
+def scanned_share(mesh: Mesh, of_triangle: IntArray, points: FloatArray, on: IntArray) -> float:
+    """Share of a part's area that scan points cover. Shapes: (f,), (n, 3), (n,); ``on`` is the face of each point."""
+    if not len(points):
+        return 0.0
+    step = -(-len(points) // LOOKED_AT)
+    points, on = points[::step], on[::step]
+    areas = areas_of(mesh, of_triangle)
+    shares = covered(mesh, of_triangle, points, on, usual_density(on, areas))
+    return float(shares @ areas / areas.sum())
+
+
+def usual_density(on: IntArray, areas: FloatArray) -> float:
+    """Points for an area on the faces that were scanned, by the points; ``on`` is the face of each."""
+    counts = np.bincount(on, minlength=len(areas))
+    return weighted_median(counts / np.maximum(areas, 1e-300), counts) if len(on) else 1.0
+
+
+def weighted_median(values: FloatArray, weights: IntArray) -> float:
+    """The value that half of the weight lies below."""
+    order = np.argsort(values)
+    reached = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(reached, 0.5 * reached[-1])])
 
 
 def _places(mesh: Mesh, of_triangle: IntArray, count: int, each: int) -> FloatArray:

@@ -10,9 +10,11 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
+from dqreg.geometry import Mesh
+from dqreg.inspection.coverage import scanned_share
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.places import COVERAGE, OutOfTolerance, places_of
-from dqreg.inspection.regions import Outcome, Region, cut_of, regions_of, require_faces
+from dqreg.inspection.regions import Cut, Outcome, Region, cut_of, regions_of, require_faces
 from dqreg.inspection.tolerances import PointLimits, Tolerance, limits_at, require_share, tolerance_of
 
 # Share of the points that must be within the tolerance, of the scan and of each region, unless another one is asked.
@@ -47,6 +49,9 @@ class Decision:
         Signed deviations allowed on faces without a tolerance of their own; infinite where they have none.
     own : int
         Faces with a tolerance of their own.
+    scanned : float
+        Share of the part's surface that scan points cover: of the rest nothing is decided. NaN where the target is a
+        cloud, or has too many faces.
     """
 
     outcome: Outcome
@@ -61,6 +66,7 @@ class Decision:
     low: float = -math.inf
     high: float = math.inf
     own: int = 0
+    scanned: float = math.nan
 
 
 def decide(
@@ -151,7 +157,16 @@ def decide(
         low=-math.inf if whole is None else whole.low,
         high=math.inf if whole is None else whole.high,
         own=len(own),
+        scanned=_scanned(deviations, cut),
     )
+
+
+def _scanned(deviations: Deviations, cut: Cut) -> float:
+    if cut.of_triangle is None:
+        return math.nan
+    assert isinstance(deviations.target, Mesh)
+    points = deviations.points[deviations.counted] - deviations.origin
+    return scanned_share(deviations.target, cut.of_triangle, points, cut.labels)
 
 
 def _asked(

@@ -17,6 +17,7 @@ from dqreg._arrays import FloatArray, IntArray
 from dqreg.errors import InputError
 from dqreg.files import write_cloud
 from dqreg.files.atomic import write_atomically
+from dqreg.inspection.tolerances import PointLimits
 
 # Blue and vermilion are those of Okabe and Ito (2008); either branch only darkens from the middle, and beyond the
 # limit follows a colour of its own. A reader who sees no red from green still sees blue from yellow, one a branch.
@@ -156,8 +157,9 @@ def write_coloured(
     reason: str,
     signed: bool,
     units: str | None,
+    allowed: PointLimits | None = None,
 ) -> None:
-    """Write deviations as a PLY cloud whose colours end at the limit."""
+    """Write deviations as a PLY cloud whose colours end at the limit, or where a point is out of its own tolerance."""
     unit = units or "target units"
     low = f"blue {-limit:.6g}, white 0, " if signed else "white 0, "
     comments = [f"deviation in {unit}: {reason}", f"colours: {low}orange {limit:.6g} {unit}; darker beyond"]
@@ -167,5 +169,8 @@ def write_coloured(
         comments.append(f"units {units}")
     comments.append("flag: 0 the part, 1 beyond reach, 2 another surface, 3 an outlier, 4 excluded; 0 is coloured")
     colours = colours_of(values, limit)
+    if allowed is not None:
+        colours[values < allowed.low], colours[values > allowed.high] = BELOW, ABOVE
+        comments.append("dark also: out of the tolerance of its own face")
     colours[flags != 0] = BEYOND
     write_cloud(path, points, colors=colours, fields={"deviation": values, "flag": flags}, comments=comments)

@@ -268,9 +268,9 @@ class Deviations:
             decimals = decimals_of(self.size, self.noise)
             write_table(path, lengths, self.faces, normals, self.flags, within, decimals=decimals, units=self.units)
         else:
-            about = {"reason": self.reason, "signed": self.signed, "units": self.units, "reach": self.reach}
+            about = {name: getattr(self, name) for name in ("reason", "signed", "units", "reach", "allowed")}
             limit = limit or self._colour_limit()
-            write_coloured(path, self.points, self.values, limit=limit, flags=self.flags, **about)  # type: ignore[arg-type]
+            write_coloured(path, self.points, self.values, limit=limit, flags=self.flags, **about)
 
     def to_pyvista(self) -> Any:
         """The scan under its pose as PyVista's PolyData, with its deviations.

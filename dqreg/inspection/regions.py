@@ -12,6 +12,7 @@ from dqreg._arrays import FloatArray, IntArray, bounds
 from dqreg.errors import InputError
 from dqreg.geometry import Mesh, PointCloud
 from dqreg.geometry.mesh_faces import areas_of, faces_of
+from dqreg.inspection.coverage import weighted_median
 from dqreg.inspection.deviations import Deviations
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 
@@ -76,6 +77,7 @@ class Cut:
     labels: IntArray  # (m,): Number of the region of each counted point
     areas: FloatArray | None  # Area of each region, where regions are faces of the part
     how: str  # In words
+    of_triangle: IntArray | None = None  # Number of the face of each triangle, where regions are faces of the part
 
 
 def cut_of(deviations: Deviations, *, by_face: bool = False) -> Cut:
@@ -84,7 +86,7 @@ def cut_of(deviations: Deviations, *, by_face: bool = False) -> Cut:
     if isinstance(target, Mesh):
         count, of_face = faces_of(target)
         if count <= MOST_FACES or by_face:
-            return Cut(of_face[deviations.faces[on]], areas_of(target, of_face), FACES)
+            return Cut(of_face[deviations.faces[on]], areas_of(target, of_face), FACES, of_face)
     middle = target.centre if isinstance(target, Mesh) else np.zeros(3)
     if isinstance(target, PointCloud):
         middle = 0.5 * np.add(*bounds(target.points))
@@ -120,13 +122,6 @@ def regions_of(deviations: Deviations, cut: Cut) -> tuple[Region, ...]:
         name = _box_name(int(number)) if cut.areas is None else _face_name(normals[rows])
         regions.append(_region(int(number), deviations.values[on[rows]], name, centre))
     return tuple(regions)
-
-
-def weighted_median(values: FloatArray, weights: IntArray) -> float:
-    """The value that half of the weight lies below."""
-    order = np.argsort(values)
-    reached = np.cumsum(weights[order])
-    return float(values[order][np.searchsorted(reached, 0.5 * reached[-1])])
 
 
 def edge_places(mesh: Mesh, of_triangle: IntArray, step: float) -> tuple[FloatArray, float]:

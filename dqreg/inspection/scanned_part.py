@@ -12,7 +12,7 @@ from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.geometry import Mesh, MeshSurface
 from dqreg.geometry.mesh_faces import faces_of
-from dqreg.inspection.coverage import covered
+from dqreg.inspection.coverage import covered, usual_density
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.features import Feature, fit_feature
 from dqreg.inspection.features.spread import covariance_on
@@ -20,7 +20,7 @@ from dqreg.inspection.medians import smoothed
 from dqreg.inspection.part_faces import Face, faces_at, faces_in_box, nearest_face, part_faces
 from dqreg.inspection.places import MEDIAN_SIGMA, PLACE
 from dqreg.inspection.plan.keys import FaceName
-from dqreg.inspection.regions import SCANNED, edge_places, weighted_median
+from dqreg.inspection.regions import SCANNED, edge_places
 from dqreg.inspection.statistics import PROBED
 from dqreg.inspection.zone_features import PlannedFit, zone_feature
 from dqreg.rigid import pose
@@ -56,10 +56,7 @@ class ScannedPart:
         self._from_edges: FloatArray | None = None
         self._mixed = 0.0
         self._on = self.of_triangle[self.triangles]
-        counts = np.bincount(self._on, minlength=len(self.faces))
-        areas = np.array([max(face.area, 1e-300) for face in self.faces])
-        # Points for an area on the faces that were scanned, by the points.
-        self._density = weighted_median(counts / areas, counts) if len(self._on) else 1.0
+        self._density = usual_density(self._on, np.array([face.area for face in self.faces]))
 
     @classmethod
     def of(cls, deviations: Deviations) -> ScannedPart:

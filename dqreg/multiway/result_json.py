@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import RIGID_TOLERANCE, FloatArray, as_pose
+from dqreg._arrays import RIGID_TOLERANCE, as_pose
 from dqreg.errors import InputError
 from dqreg.files.strict_json import fields_from, plain, record_from
 from dqreg.multiway.edges import WORDS, Edge
 from dqreg.registration import result_json
 from dqreg.registration.result import Registration
+from dqreg.registration.result_json import float_array
 
 FORMAT = "dqreg multiway 1"
 # Scans up to which the joint covariance is written whole; beyond, each pose's own.
@@ -60,22 +61,22 @@ def read_fields(path: str | Path, loop: type) -> dict[str, Any]:
 def _fields(values: dict[str, Any], loop: type) -> dict[str, Any]:
     names = tuple(str(name) for name in _listed(values["names"]))
     n = len(names)
-    poses = _array(values["T_world_scan"], (n, 4, 4))
+    poses = float_array(values["T_world_scan"], (n, 4, 4))
     for T in poses[np.isfinite(poses).all(axis=(1, 2))]:
         as_pose(T, "T_world_scan", RIGID_TOLERANCE)
     joint = values["joint"]
     if joint is None:
         joint = np.full((6 * n, 6 * n), np.nan)
-        for k, block in enumerate(_array(values["covariances"], (n, 6, 6))):
+        for k, block in enumerate(float_array(values["covariances"], (n, 6, 6))):
             joint[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] = block
     return {
         "T_world_scan": poses,
         "verdict": result_json.read_verdict(values["verdict"]),
         "edges": tuple(_edge(each, n) for each in _listed(values["edges"])),
         "loop_errors": tuple(record_from(loop, each) for each in _listed(values["loop_errors"])),
-        "overlap": _array(values["overlap"], (n, n)),
-        "centre": _array(values["centre"], (3,)),
-        "joint": _array(joint, (6 * n, 6 * n)),
+        "overlap": float_array(values["overlap"], (n, n)),
+        "centre": float_array(values["centre"], (3,)),
+        "joint": float_array(joint, (6 * n, 6 * n)),
         "names": names,
         "settings": _object(values["settings"]),
         "timings": {str(name): float(number) for name, number in _object(values["timings"]).items()},
@@ -104,10 +105,3 @@ def _listed(value: Any) -> list[Any]:
     if not isinstance(value, list):
         raise TypeError(f"expected a list, got {value!r:.60}")
     return value
-
-
-def _array(rows: Any, shape: tuple[int, ...]) -> FloatArray:
-    array = np.array(rows, dtype=np.float64)
-    if array.shape != shape:
-        raise ValueError(f"an array of shape {array.shape} instead of {shape}")
-    return array

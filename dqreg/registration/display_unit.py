@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.errors import InputError
+from dqreg.errors import InputError, UnitsError
 from dqreg.files.units import factor
 from dqreg.geometry import Mesh
 
@@ -30,6 +32,25 @@ class ShownTarget:
     units: str | None  # Its length unit now
     own: str | None  # That of the file
     scale: float  # From one to the other
+
+    @contextlib.contextmanager
+    def source_units(self, source: Path, given: str | None) -> Iterator[str | None]:
+        """Length unit of a scan: where nobody names one, that of the target's file, not the one it was converted to."""
+        from dqreg.geometry.opening import open_geometry
+
+        if given is not None or self.scale == 1.0:
+            yield given
+            return
+        named = open_geometry(source, "source").units
+        try:
+            yield named or self.own
+        except UnitsError as error:
+            if named is not None:
+                raise
+            raise UnitsError(
+                f"{source.name} names no length unit, and in {self.own} like the target its size does not fit; name "
+                'its unit: source_units="..." (--source-units)'
+            ) from error
 
     def start(self, start: Any) -> Any:
         """An initial pose to it."""

@@ -11,11 +11,12 @@ from typing import Any, get_args
 import numpy as np
 
 from dqreg.errors import InputError
-from dqreg.inspection import Decision, Deviations, Inspection, Plan, decide, inspect
+from dqreg.inspection import Characteristic, Decision, Deviations, Inspection, Plan, decide, inspect
 from dqreg.inspection.decision import REQUIRED_SHARE, worst_of
 from dqreg.inspection.regions import Outcome
 from dqreg.inspection.tolerances import Tolerance, limits_at, tolerance_of
 from dqreg.registration.result import Registration
+from dqreg.report.decision_rows import DecisionRow, decision_rows
 
 # Fields of one measured value in a file.
 WORDS, NUMBERS = ("name", "kind", "outcome", "remark"), ("nominal", "low", "high", "value", "uncertainty")
@@ -112,36 +113,13 @@ def require_record(record: Any) -> None:
             raise TypeError("no word")
 
 
-def _of_characteristic(row: Any) -> dict[str, Any]:
+def _of_characteristic(row: Characteristic | DecisionRow) -> dict[str, Any]:
     return {name: _plain(getattr(row, name)) for name in (*WORDS, *NUMBERS)}
 
 
 def _of_decision(found: Decision) -> list[dict[str, Any]]:
     """Share, and the median of each region: what a trend over many parts shows."""
-    rows = [
-        _value(
-            "points within the tolerance, %", 100.0 * found.share_within, found.share, low=100.0 * found.required_share
-        )
-    ]
-    for region in sorted(found.regions, key=lambda region: region.number):
-        if region.outcome is None:
-            continue
-        name = f"median deviation of face {region.number}, {region.name}"
-        ends = {"low": region.low, "high": region.high}
-        rows.append(_value(name, region.median, region.outcome, **ends, uncertainty=found.uncertainty))
-    return rows
-
-
-def _value(name: str, value: float, outcome: Outcome, *, low: float = math.nan, high: float = math.nan,
-           uncertainty: float = math.nan) -> dict[str, Any]:  # fmt: skip
-    found = {"nominal": math.nan, "low": low, "high": high, "value": value, "uncertainty": uncertainty}
-    return {
-        "name": name,
-        "kind": "deviation",
-        **{k: _plain(v) for k, v in found.items()},
-        "outcome": outcome,
-        "remark": "",
-    }
+    return [_of_characteristic(row) for row in decision_rows(found) if row.outcome]
 
 
 def _plain(value: Any) -> Any:

@@ -85,9 +85,9 @@ def _settings(values: dict[str, Any]) -> dict[str, Any]:
         raise ValueError(f"scale_sigma of {values['scale_sigma']!r:.60}")
     if values.get("viewpoint") is not None:
         places = np.array(values["viewpoint"], dtype=np.float64)
-        require_finite(_array(values["viewpoint"], (len(places), 3)), "viewpoint")
+        require_finite(float_array(values["viewpoint"], (len(places), 3)), "viewpoint")
     if "centre" in values:
-        require_finite(_array(values["centre"], (3,)), "centre")
+        require_finite(float_array(values["centre"], (3,)), "centre")
     return values
 
 
@@ -122,7 +122,7 @@ def _of(kind: type | tuple[type, ...], value: Any) -> Any:
 
 
 def _pose(rows: Any) -> FloatArray:
-    T = _array(rows, (4, 4))
+    T = float_array(rows, (4, 4))
     if not np.isnan(T).all():
         # Looked at, but kept as it was: to the last bit.
         as_pose(T, "T_target_source", RIGID_TOLERANCE)
@@ -130,13 +130,13 @@ def _pose(rows: Any) -> FloatArray:
 
 
 def _finite(rows: Any) -> FloatArray:
-    matrix = _array(rows, (6, 6))
+    matrix = float_array(rows, (6, 6))
     require_finite(matrix, "partial_information")
     return matrix
 
 
-def _array(rows: Any, shape: tuple[int, ...]) -> FloatArray:
-    # None becomes NaN in a float array.
+def float_array(rows: Any, shape: tuple[int, ...]) -> FloatArray:
+    """Rows of a file as an array of that shape, None as NaN; `ValueError` where they have another one."""
     array = np.array(rows, dtype=np.float64)
     if array.shape != shape:
         raise ValueError(f"an array of shape {array.shape} instead of {shape}")
@@ -148,7 +148,7 @@ CHECKS = {
     "T_target_source": _pose,
     "verdict": read_verdict,
     "observability": lambda directions: tuple(_direction(direction) for direction in _of(list, directions)),
-    "covariance": lambda rows: _array(rows, (6, 6)),
+    "covariance": lambda rows: float_array(rows, (6, 6)),
     "partial_information": lambda rows: None if rows is None else _finite(rows),
     "settings": lambda values: _settings(_of(dict, values)),
     "history": lambda records: tuple(_iteration(record) for record in _of(list, records)),

@@ -15,7 +15,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.icp.history import Iteration
 from dqreg.report.colours import Scale
-from dqreg.report.text import in_unit, unit_words
+from dqreg.report.text import in_unit, percent, unit_words
 
 # Canvases in CSS pixels: for a desk and paper, and for a phone. Text is never scaled down.
 WIDE, NARROW = (760, 300), (380, 260)
@@ -67,7 +67,7 @@ def histogram(
     edges = np.linspace(low, reach, BARS + 1)
     counts, _ = np.histogram(values, edges)
     shares = 100.0 * counts / max(len(values), 1)
-    below, above = (100.0 * float(np.mean(far)) if len(values) else 0.0 for far in (values < low, values > reach))
+    below, above = (float(np.mean(far)) if len(values) else 0.0 for far in (values < low, values > reach))
     axes = Axes((low, reach), (0.0, max(float(shares.max()), 1e-9) * 1.08), size)
     table = scale.table()
     colours = table[scale.codes(0.5 * (edges[1:] + edges[:-1]))]
@@ -128,14 +128,12 @@ def _band(axes: Axes, scale: Scale, limits: tuple[float, float]) -> str:
 
 def _beyond(axes: Axes, below: float, above: float, unit: str, signed: bool) -> str:
     # With the length they are beyond: the share out of tolerance is another one, and stands in the table.
-    low, high = (f"{limit:.3g}".replace("-", "−") for limit in axes.x)
-    texts = [
-        f'<text class="end" x="{axes.end}" y="{TOP - 6}">above {high}{escape(unit_words(unit))}: {above:.1f} %</text>'
-    ]
-    if signed:
-        texts.append(
-            f'<text class="start" x="{LEFT}" y="{TOP - 6}">below {low}{escape(unit_words(unit))}: {below:.1f} %</text>'
-        )
+    ends = [("end", axes.end, "above", axes.x[1], above), ("start", LEFT, "below", axes.x[0], below)]
+    texts = []
+    for place, x, word, limit, share in ends if signed else ends[:1]:
+        length = f"{limit:.3g}".replace("-", "−") + unit_words(unit)
+        words = escape(f"{word} {length}: {percent(share)} %")
+        texts.append(f'<text class="{place}" x="{x}" y="{TOP - 6}">{words}</text>')
     return "".join(texts)
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from dqreg._arrays import FloatArray
 from dqreg.inspection.deviation_files import colours_of
+from dqreg.inspection.tolerances import PointLimits
 
 TARGET = "#b9bec6"
 SOURCE = "#d96f00"
@@ -40,12 +41,18 @@ class Scale:
         """Where the scale begins, target units."""
         return -self.limit if self.signed else 0.0
 
-    def codes(self, values: FloatArray) -> ByteArray:
-        """Code of each value: 0 below the scale, 255 above it, 1 to 254 along it."""
+    def codes(self, values: FloatArray, allowed: PointLimits | None = None) -> ByteArray:
+        """Code of each value: 0 below the scale, 255 above it, 1 to 254 along it.
+
+        What is out of the tolerance of its own face is below or above, though the scale ends at the largest.
+        """
         share = (values - self.low) / (self.limit - self.low)
         codes = np.rint(FIRST + (LAST - FIRST) * np.clip(share, 0.0, 1.0)).astype(np.uint8)
         codes[share < 0.0] = 0
         codes[~(share <= 1.0)] = 255
+        if allowed is not None:
+            codes[values < allowed.low] = 0
+            codes[values > allowed.high] = 255
         return codes
 
     def table(self) -> ByteArray:

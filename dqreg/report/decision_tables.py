@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 
 from dqreg.inspection import Band, Decision
+from dqreg.inspection.places import MEDIAN_SIGMA, PLACE
 from dqreg.report.page_tables import goto, rounded
 from dqreg.report.report_data import ReportData
-from dqreg.report.text import limits_text, percent, place_text, text_of, tolerance_text, unit_words
+from dqreg.report.text import decimals_of, fixed, limits_text, percent, place_text, text_of, tolerance_text, unit_words
 
 OUTCOME_SIGNS = {"pass": "✓", "undecided": "?", "fail": "✗"}
 # Rows of the table of regions.
@@ -35,13 +36,17 @@ def decision_words(found: Decision, unit: str, signed: bool) -> list[str]:
     against = tolerance_text(found, unit)
     share = f"{percent(found.share_within)} % of the points on the part are within {against}"
     words = [f"{share}; {percent(found.required_share)} % are required."]
+    if not np.isnan(found.scanned):
+        rest = "" if found.scanned == 1.0 else "; of the rest nothing is decided"
+        words.append(f"{percent(found.scanned)} % of the part's surface was scanned{rest}.")
     out = [place for place in found.places if place.outcome == "fail"]
     open_places = [place for place in found.places if place.outcome == "undecided"]
     if out:
         worst = text_of(out[0].value, sign=signed)
         room = text_of(out[0].uncertainty, 2)
         many = "1 place is" if len(out) == 1 else f"{len(out)} places are"
-        words.append(f"{many} out of tolerance; the worst deviates by {worst} ± {room}{of} (k = 2).")
+        median = f"the median of {PLACE} neighbouring points deviates by {worst} ± {room}{of} (k = 2)"
+        words.append(f"{many} out of tolerance; at the worst {median}.")
     if open_places:
         many = "1 place is" if len(open_places) == 1 else f"{len(open_places)} places are"
         words.append(f"{many} within the uncertainty of the tolerance (k = 2): neither in nor out is proven.")
@@ -82,6 +87,14 @@ def _range(band: Band) -> str:
     return f"{text_of(band.low, 4)} to {text_of(band.high, 4)}"
 
 
+def _decimals(data: ReportData) -> tuple[int, int]:
+    """Decimals of the medians and of the spreads of all regions: down to the second digit of what is usual there."""
+    spreads = np.array([region.spread for region in data.regions] or [0.0])
+    counts = np.array([region.points for region in data.regions] or [1])
+    usual = float(np.median(spreads))
+    return decimals_of(float(np.median(MEDIAN_SIGMA * spreads / np.sqrt(counts)))), decimals_of(usual)
+
+
 def regions_table(data: ReportData) -> dict[str, Any]:
     """Rows of the regions."""
     toleranced, unit = data.tolerance is not None, data.unit
@@ -92,14 +105,15 @@ def regions_table(data: ReportData) -> dict[str, Any]:
     columns += [("Middle x, y, z", unit, False), ("", "", False)]
     # Those that do not pass must be seen.
     shown = sorted(data.regions, key=lambda region: ("fail", "undecided", "pass", None).index(region.outcome))[:ROWS]
+    of_median, of_spread = _decimals(data)
     rows = [
         {
             "number": str(region.number),
             "name": region.name,
             "points": f"{region.points:,}",
-            "median": text_of(region.median, 2, sign=signed),
-            "spread": text_of(region.spread, 2),
-            "p95": text_of(region.within, 2),
+            "median": fixed(region.median, of_median, sign=signed),
+            "spread": fixed(region.spread, of_spread),
+            "p95": fixed(region.within, of_spread),
             "tolerance": limits_text(region.low, region.high) if toleranced else None,
             "within": "" if region.share_within is None else percent(region.share_within),
             "outcome": region.outcome or "",

@@ -9,8 +9,10 @@ import numpy as np
 
 from dqreg.inspection import Characteristic, DatumAlignment, Decision, Inspection
 from dqreg.inspection.places import COVERAGE, PLACE
+from dqreg.report.decision_rows import decision_rows
 from dqreg.report.summary import ALIGNMENT, COLOURS
-from dqreg.report.table import Column, Table, print_tables, to_csv
+from dqreg.report.table import EMPTY, Column, Table, print_tables, to_csv
+from dqreg.report.text import measured_text
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -30,8 +32,8 @@ def characteristics_table(found: Inspection, unit: str) -> Table:
         Column("nominal", spec=".6g"),
         Column("low", spec=".6g"),
         Column("high", spec=".6g"),
-        Column("measured", spec=".6g"),
-        Column("U (k=2)", spec=".2g"),
+        Column("measured", align="right"),
+        Column("U (k=2)", align="right"),
         Column("decision"),
         Column("points"),
         Column("scanned", "%", ".3g"),
@@ -44,8 +46,7 @@ def characteristics_table(found: Inspection, unit: str) -> Table:
             row.nominal,
             row.low,
             row.high,
-            row.value,
-            row.uncertainty,
+            *(text.replace("−", "-").replace("–", EMPTY) for text in measured_text(row.value, row.uncertainty)),
             row.outcome if row.measured else "not measured",
             row.points,
             100.0 * row.coverage,
@@ -84,13 +85,14 @@ def sheet_csv(found: Inspection | None, decision: Decision | None, unit: str) ->
                 rows.append((len(rows) + 1, label, "section", unit, *cells, "", int(cut.points[at]),
                              f"{100.0 * cut.coverage:.3g}", ""))  # fmt: skip
     if decision is not None:
-        shares = _cells(100.0, 100.0 * decision.required_share, math.nan, 100.0 * decision.share_within, math.nan)
-        rows.append((len(rows) + 1, "points within the tolerance", "share", "%", *shares, decision.share, "", "", ""))
+        for value in decision_rows(decision):
+            cells = _cells(value.nominal, value.low, value.high, value.value, value.uncertainty)
+            of = "%" if value.kind == "share" else unit
+            points = "" if value.points is None else value.points
+            # The share is of all that was scanned: how much of the part that is.
+            seen = f"{100.0 * decision.scanned:.3g}" if value.kind == "share" and decision.scanned >= 0.0 else ""
+            rows.append((len(rows) + 1, value.name, value.kind, of, *cells, value.outcome, points, seen, value.remark))
         ends = {region.number: (region.low, region.high) for region in decision.regions}
-        for region in sorted(decision.regions, key=lambda region: region.number):
-            name = f"face {region.number}, {region.name}: median deviation"
-            cells = _cells(0.0, region.low, region.high, region.median, decision.uncertainty)
-            rows.append((len(rows) + 1, name, "deviation", unit, *cells, region.outcome or "", region.points, "", ""))
         for place in decision.places:
             name = "place at " + " ".join(f"{x:.7g}" for x in place.position)
             cells = _cells(0.0, *ends.get(place.region, (decision.low, decision.high)), place.value, place.uncertainty)
@@ -125,14 +127,3 @@ def tell_inspection(console: Console, found: Inspection, unit: str) -> None:
     console.print(f"[bold {colour}]{found.outcome.upper()}[/]: part by its plan", highlight=False)
     if found.characteristics:
         print_tables(console, [characteristics_table(found, unit)])
-
-
-def decimals_of(uncertainty: float) -> int:
-    """Decimals that a value of that uncertainty has: down to its second digit.
-
-    >>> decimals_of(0.0123), decimals_of(0.9), decimals_of(0.0)
-    (3, 2, 6)
-    """
-    if not 0.0 < uncertainty < math.inf:
-        return 6
-    return max(0, 1 - math.floor(math.log10(uncertainty)))

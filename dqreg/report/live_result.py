@@ -64,7 +64,7 @@ def _add_scan(server: Any, data: ReportData) -> Any:
     if data.deviations is not None and data.scale is not None:
         table = np.asarray(data.scale.table(), dtype=np.uint8).reshape(-1, 3)
         on = data.deviations.counted[rows]
-        colours[on] = table[data.scale.codes(data.deviations.values[rows[on]])]
+        colours[on] = table[data.colour_codes(rows[on])]
         colours[~on] = rgb(OFF_PART)
     points = data.points[rows] / data.size
     return server.scene.add_point_cloud("/scan", points, colours, point_size=0.003, precision="float32")

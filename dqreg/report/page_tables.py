@@ -117,7 +117,8 @@ def scale_words(data: ReportData) -> dict[str, Any] | None:
         else in_unit("distance", data.unit)
     )
     if data.tolerance is not None:
-        words += f"; the scale ends at {scale_end(data.limits)}, dark ends are out of it"
+        out = "out of it" if data.limits is not None else "out of the tolerance of their face"
+        words += f"; the scale ends at {scale_end(data.limits)}, dark points are {out}"
     else:
         words += "; dark ends: beyond the scale"
     return {

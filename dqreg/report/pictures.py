@@ -120,7 +120,7 @@ def _layers(data: ReportData, state: str) -> list[Dots]:
         rows = _some(np.arange(len(moved)))
         return [*layers, Dots(moved[rows], _colour(SOURCE), radius * _thinner(len(moved)))]
     on, off = _some(np.flatnonzero(deviations.counted)), _some(np.flatnonzero(~deviations.counted))
-    colours = _colour(ALIGNED) if state == "after" else scale.table()[scale.codes(deviations.values[on])]
+    colours = _colour(ALIGNED) if state == "after" else scale.table()[data.colour_codes(on)]
     return [
         *layers,
         Dots(points[off], _colour(OFF_PART), 0.5 * radius),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import warnings
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,7 +15,7 @@ from dqreg.inspection import Decision, Deviations, Inspection, Place, Region, de
 from dqreg.inspection.decision import REQUIRED_SHARE
 from dqreg.inspection.regions import cut_of, regions_of
 from dqreg.report.cameras import best_corner
-from dqreg.report.colours import Scale, nice_above
+from dqreg.report.colours import ByteArray, Scale, nice_above
 from dqreg.report.result_protocol import RegisteredPair, RegistrationResult
 from dqreg.report.sheet import Label, labels_of
 
@@ -47,6 +48,13 @@ class ReportData:
     view: str  # Name of the view that shows most of the scan
     labels: tuple[Label, ...]  # Numbers on the part: characteristics of a plan, else worst places
     limits: tuple[float, float] | None = None  # Deviations allowed, signed, where all faces have the same
+
+    def colour_codes(self, rows: Any) -> ByteArray:
+        """Code of the colour of some points of the scan, by the tolerance of their faces; there must be deviations."""
+        assert self.deviations is not None
+        assert self.scale is not None
+        allowed = self.deviations.allowed
+        return self.scale.codes(self.deviations.values[rows], None if allowed is None else allowed.of(rows))
 
     @property
     def ellipsoid(self) -> FloatArray | None:

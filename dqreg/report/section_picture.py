@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from html import escape
 
 import numpy as np
@@ -9,9 +10,14 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.inspection.sections import Section
 from dqreg.report.colours import Scale
+from dqreg.report.text import text_of, unit_words
 
 # Canvas in CSS pixels, its margin, and how far the largest deviation stands off the outline, in sizes of the picture.
 WIDE, MARGIN, LIFT = 760.0, 40.0, 0.06
+# Height of the two lines of the caption, and of one.
+CAPTION, LINE = 44.0, 20.0
+# Cosine from which on a direction is told as an axis.
+ALONG = 0.9999
 
 
 def section_picture(section: Section, unit: str, tolerance: float | None = None) -> str:
@@ -26,11 +32,11 @@ def section_picture(section: Section, unit: str, tolerance: float | None = None)
     # Never less than it is: a deviation larger than that is seen anyway.
     factor = max(_round(LIFT * float(size.max()) / largest), 1.0)
     pixels = (WIDE - 2.0 * MARGIN) / float(max(size[0], 1.2 * size[1]))
-    height = size[1] * pixels + 2.0 * MARGIN + 24.0
+    height = size[1] * pixels + 2.0 * MARGIN + CAPTION
 
     def placed(points: FloatArray) -> FloatArray:
         shifted = (points - low) * pixels + MARGIN
-        return np.column_stack([shifted[:, 0], height - 24.0 - shifted[:, 1]])
+        return np.column_stack([shifted[:, 0], height - CAPTION - shifted[:, 1]])
 
     lines = [
         f'<polyline class="outline" fill="none" stroke="#7d8590" stroke-width="1.5" points="{_path(placed(curve))}"/>'
@@ -41,25 +47,63 @@ def section_picture(section: Section, unit: str, tolerance: float | None = None)
     outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-12)
     shown = np.where(known, section.values, 0.0)
     tips = placed(feet + factor * shown[:, None] * outward)
-    scale = Scale(limit, signed=True)
-    colours = scale.table()[scale.codes(shown)]
-    for start, end, colour, value in zip(placed(feet)[known], tips[known], colours[known], shown[known], strict=True):
-        lines.append(
-            f'<line x1="{start[0]:.1f}" y1="{start[1]:.1f}" x2="{end[0]:.1f}" y2="{end[1]:.1f}" stroke-width="2" '
-            f'stroke="#{colour[0]:02x}{colour[1]:02x}{colour[2]:02x}"><title>{value:+.4g} {escape(unit)}</title></line>'
-        )
+    lines += _whiskers(placed(feet)[known], tips[known], shown[known], Scale(limit, signed=True), unit)
     for number in range(len(flat)):
         own = np.flatnonzero(known & (section.curve == number))
         lines += [
             f'<polyline fill="none" stroke="#33383f" stroke-width="1" points="{_path(tips[run])}"/>'
             for run in np.split(own, 1 + np.flatnonzero(np.diff(own) > 1))
         ]
-    words = f"deviations {factor:g} times enlarged; {100.0 * section.coverage:.0f} % of the outline was scanned"
-    lines.append(f'<text x="{MARGIN:g}" y="{height - 8.0:.1f}" font-size="13" fill="currentColor">{words}</text>')
+    captions = _captions(section, factor, (across, up), f"{text_of(float(size[0]), 4)}{unit_words(unit)}")
+    return _svg([*lines, *_below(captions, height)], height, "; ".join(captions))
+
+
+def _whiskers(feet: FloatArray, tips: FloatArray, values: FloatArray, scale: Scale, unit: str) -> list[str]:
+    """Deviations as lines off the outline, each with its value for the pointer."""
+    colours = scale.table()[scale.codes(values)]
+    return [
+        f'<line x1="{start[0]:.1f}" y1="{start[1]:.1f}" x2="{end[0]:.1f}" y2="{end[1]:.1f}" stroke-width="2" '
+        f'stroke="#{colour[0]:02x}{colour[1]:02x}{colour[2]:02x}"><title>{value:+.4g} {escape(unit)}</title></line>'
+        for start, end, colour, value in zip(feet, tips, colours, values, strict=True)
+    ]
+
+
+def _svg(lines: Sequence[str], height: float, title: str) -> str:
     return (
-        f'<svg viewBox="0 0 {WIDE:g} {height:.0f}" role="img" aria-label="{escape(words)}" '
+        f'<svg viewBox="0 0 {WIDE:g} {height:.0f}" role="img" aria-label="{escape(title)}" '
         f'xmlns="http://www.w3.org/2000/svg" font-family="sans-serif">{"".join(lines)}</svg>'
     )
+
+
+def _below(captions: Sequence[str], height: float) -> list[str]:
+    """Lines of text at the foot of the picture."""
+    rows = [height - 8.0 - LINE * (len(captions) - 1 - k) for k in range(len(captions))]
+    return [
+        f'<text x="{MARGIN:g}" y="{y:.1f}" font-size="13" fill="currentColor">{escape(words)}</text>'
+        for y, words in zip(rows, captions, strict=True)
+    ]
+
+
+def _captions(section: Section, factor: float, axes: tuple[FloatArray, FloatArray], width: str) -> tuple[str, str]:
+    """How to read the picture: where its axes point in the part and how wide it is; what is enlarged."""
+    across, up = (direction_text(axis) for axis in axes)
+    scanned = f"{100.0 * section.coverage:.0f} % of the outline was scanned"
+    return (
+        f"{across} to the right, {up} upward; the outline is {width} wide",
+        f"deviations {factor:g} times enlarged; {scanned}",
+    )
+
+
+def direction_text(direction: FloatArray) -> str:
+    """A direction in words: an axis, or three numbers.
+
+    >>> direction_text(np.array([0.0, -1.0, 0.0])), direction_text(np.array([0.6, 0.0, 0.8]))
+    ('−y', '(0.60, 0.00, 0.80)')
+    """
+    largest = int(np.argmax(np.abs(direction)))
+    if abs(direction[largest]) > ALONG:
+        return ("−" if direction[largest] < 0.0 else "+") + "xyz"[largest]
+    return "(" + ", ".join(f"{x + 0.0:.2f}".replace("-", "−") for x in direction) + ")"
 
 
 def _axes(normal: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -19,9 +19,9 @@ from dqreg.inspection.places import COVERAGE
 from dqreg.inspection.sections import Section
 from dqreg.report.alignment_table import alignment_of
 from dqreg.report.definitions import definitions_of
-from dqreg.report.inspection_table import decimals_of, frame_words, kind_words
+from dqreg.report.inspection_table import frame_words, kind_words
 from dqreg.report.section_picture import section_picture
-from dqreg.report.text import percent, text_of, unit_words
+from dqreg.report.text import measured_text, percent, text_of, unit_words
 
 SIGNS = {"pass": "✓", "undecided": "?", "fail": "✗"}
 # Fields of the head that have words of their own, in their order; others follow as they are named.
@@ -90,7 +90,7 @@ def _rows(found: Inspection) -> list[dict[str, Any]]:
             "cells": [str(k + 1), row.name, kind_words(row)],
             "numbers": [
                 *(text_of(x, 6) for x in (row.nominal, row.low, row.high)),
-                *(_value(row.value, row.uncertainty) if row.measured else ("not measured", "–")),
+                *(measured_text(row.value, row.uncertainty) if row.measured else ("not measured", "–")),
                 percent(row.coverage),
             ],
             "outcome": row.outcome,
@@ -124,10 +124,6 @@ def section_words(cut: Section, unit: str) -> str:
     ends = f"{text_of(float(known.min()), sign=True)} to {text_of(float(known.max()), sign=True)}{behind}"
     spread = text_of(COVERAGE * float(np.nanmax(cut.sigma)), 2)
     return f"{words} Deviations along it: {ends}, medians of the scan points there, U (k = 2) {spread}{behind} at most."
-
-
-def _value(value: float, uncertainty: float) -> tuple[str, str]:
-    return f"{value:.{decimals_of(uncertainty)}f}".replace("-", "−"), text_of(uncertainty, 2)
 
 
 def _coverage(found: Inspection, unit: str) -> dict[str, Any] | None:

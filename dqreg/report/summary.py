@@ -49,7 +49,7 @@ def summary_rows(result: RegistrationResult) -> list[tuple[str, str]]:
         rows.append(("viewpoint", words))
     if np.isfinite(result.rms):
         rows.append(
-            ("inliers", f"{100 * result.inlier_fraction:.1f} % of the points, rms distance {result.rms:.4g}{unit}")
+            ("inliers", f"{100 * result.inlier_fraction:.1f} % of the points used, rms distance {result.rms:.4g}{unit}")
         )
         weakest = result.observability[0]
         known = f"one sigma {weakest.sigma:.2g}{unit}" if np.isfinite(weakest.sigma) else "no sigma is known"

@@ -35,6 +35,42 @@ def text_of(value: float | None, digits: int = 3, *, sign: bool = False) -> str:
     return text.replace("-", "−") if not text.count("e") else text.replace("-", "−", 1) if value < 0 else text
 
 
+def decimals_of(uncertainty: float) -> int:
+    """Decimals that a value of that uncertainty has: down to its second digit.
+
+    >>> decimals_of(0.0123), decimals_of(0.9), decimals_of(0.0)
+    (3, 2, 6)
+    """
+    if not 0.0 < uncertainty < np.inf:
+        return 6
+    return max(0, 1 - int(np.floor(np.log10(uncertainty))))
+
+
+def measured_text(value: float, uncertainty: float, *, sign: bool = False) -> tuple[str, str]:
+    """A measured value and its uncertainty with the same decimals, as many as two digits of the uncertainty take.
+
+    >>> measured_text(0.26224, 0.01), measured_text(5.4e-7, 0.0019), measured_text(-3.9e-5, 0.00033, sign=True)
+    (('0.262', '0.010'), ('0.0000', '0.0019'), ('−0.00004', '0.00033'))
+    >>> measured_text(float("nan"), float("nan"))
+    ('–', '–')
+    """
+    decimals = decimals_of(uncertainty)
+    return fixed(value, decimals, sign=sign), fixed(uncertainty, decimals)
+
+
+def fixed(value: float, decimals: int, *, sign: bool = False) -> str:
+    """A number with so many decimals; what rounds to nothing has no sign.
+
+    >>> fixed(-0.00123, 4), fixed(-1e-9, 3), fixed(0.5, 2, sign=True), fixed(float("nan"), 2)
+    ('−0.0012', '0.000', '+0.50', '–')
+    """
+    if not np.isfinite(value):
+        return "–"
+    rounded = round(value, decimals) + 0.0
+    plus = "+" if sign and rounded else ""
+    return f"{rounded:{plus}.{decimals}f}".replace("-", "−")
+
+
 def percent(share: float) -> str:
     """A share in percent, never rounded to all or nothing.
 

@@ -104,7 +104,7 @@ def _cloud(data: ReportData, rows: IntArray, *, with_values: bool) -> dict[str, 
     if with_values and data.deviations is not None and data.scale is not None:
         values = data.deviations.values[rows]
         step = data.deviations.reach / 32767.0
-        cloud["codes"] = _encoded(data.scale.codes(values))
+        cloud["codes"] = _encoded(data.colour_codes(rows))
         cloud["values"] = _encoded(np.rint(values / step).astype("<i2"))
         cloud["step"] = step
     return cloud

@@ -107,7 +107,7 @@ def shapes_of(data: ReportData) -> list[Any]:
     if data.deviations is None or data.scale is None:
         scan.paint_uniform_color(np.array(rgb(SOURCE)) / 255.0)
     else:
-        colours = data.scale.table()[data.scale.codes(data.deviations.values)]
+        colours = data.scale.table()[data.colour_codes(slice(None))]
         colours[~data.deviations.counted] = rgb(OFF_PART)
         scan.colors = vectors(colours / 255.0)
     return [target, scan]

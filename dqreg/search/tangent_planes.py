@@ -63,10 +63,6 @@ class TangentPlanes:
         in_place = away[variances <= np.median(variances)] <= SAME * self.diagonal
         return bool(np.mean(in_place) >= IN_PLACE and np.mean(is_off) <= LEAST_OFF)
 
-    def closest_again(self, points: FloatArray, before: Closest, places: FloatArray) -> Closest:
-        """The same."""
-        return self.closest(points)
-
     def on_rim(self, closest: Closest) -> BoolArray:
         """None of it is known."""
         return np.zeros(len(closest.distances), dtype=bool)

@@ -138,9 +138,10 @@ def _drawing(place: Place, found: Deviations, limit: float | None) -> dict[str, 
     if limit is None:
         limit = nice_above(float(np.quantile(sizes, SHOWN))) if len(sizes) else 1.0
     scale = Scale(limit, found.signed)
+    allowed = None if found.allowed is None else found.allowed.of(rows[0])
     values, step = found.values[rows[0]], found.reach / 32767.0 if np.isfinite(found.reach) else limit / 1000.0
     data += b"\0" * (-len(data) % 4) + np.clip(np.rint(values / step), -32767, 32767).astype("<i2").tobytes()
-    data += b"\0" * (-len(data) % 4) + scale.codes(values).tobytes()
+    data += b"\0" * (-len(data) % 4) + scale.codes(values, allowed).tobytes()
     place.write("judged.bin", data)
     gradient = {"low": scale.low, "high": scale.limit, "table": scale.table().ravel().tolist(), "signed": scale.signed}
     stand = drawn_pose(np.eye(4), 1.0, frame, frame)

@@ -44,9 +44,10 @@ def test_what_is_missing_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert "--plan FILE; dqreg inspect --suggest PART" in capsys.readouterr().err
     assert run("inspect", case.scan, case.part, "--plan", tmp_path / "none.toml") == 2
     assert "cannot read the plan" in capsys.readouterr().err
-    swapped = ("inspect", case.part, case.scan, "--tolerance", "0.1", "--time-limit", "1")
-    assert run(*swapped, "--source-units", "mm", "--target-units", "mm") == 2
-    assert "the files look swapped: part.stl is a mesh and scan.ply a cloud" in capsys.readouterr().err
+    swapped = (case.part, case.scan, "--tolerance", "0.1", "--time-limit", "1")
+    for command in ("inspect", "register"):
+        assert run(command, *swapped, "--source-units", "mm", "--target-units", "mm") == 2
+        assert "the files look swapped: part.stl is a mesh and scan.ply a cloud" in capsys.readouterr().err
 
 
 def test_sides_of_a_tolerance_stand_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -67,6 +68,9 @@ def test_sides_of_a_tolerance_stand_on_the_command_line(tmp_path: Path, capsys: 
     assert (found["decision"]["low"], found["decision"]["high"]) == (-0.06, 0.12)
     rows = [line.split(",") for line in (tmp_path / "s.csv").read_text().splitlines()]
     assert rows[1][1:9] == ["points within the tolerance", "share", "%", "100", "95", "", "100", ""]
+    # Points are spread over the whole part.
+    assert found["decision"]["scanned"] > 0.95
+    assert float(rows[1][11]) == pytest.approx(100.0 * found["decision"]["scanned"], abs=0.5)
     assert run(*common, "--tolerance", "+0.03/-0.12", "--quiet") == 3
     assert run(*common, "--tolerance", "500") == 2
     assert "is not below the reach" in capsys.readouterr().err
@@ -94,6 +98,11 @@ def test_the_sheet_is_in_the_unit_that_is_asked_for(tmp_path: Path, capsys: pyte
     # Noise of 0.01 mm on hundreds of points.
     assert row["value"] == pytest.approx(10.0, abs=0.01)
     assert run(*common, "--quiet", "--out", tmp_path / "r.json") == 0
+    # A scan that names no unit is in that of the part's file.
+    unnamed = tuple(word for k, word in enumerate(common) if "--source-units" not in common[max(k - 1, 0) : k + 1])
+    capsys.readouterr()
+    assert run(*unnamed) == 0
+    assert json.loads(capsys.readouterr().out)["characteristics"][0]["value"] == pytest.approx(row["value"], rel=1e-9)
     # The result maps the scan to the part's file, which is in metres.
     result = json.loads((tmp_path / "r.json").read_text())
     assert result["settings"]["target_units"] == "m"

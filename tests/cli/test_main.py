@@ -49,7 +49,7 @@ def test_piped_iterations_are_one_line_each(case, start, capsys):
     assert "iteration " not in captured.out
     lines = captured.err.splitlines()
     assert lines[0].split()[:2] == ["iteration", "stage"]
-    numbers = [int(line.split()[0]) for line in lines[1:] if line.strip()[:1].isdigit() and "patient" in line]
+    numbers = [int(line.split()[0]) for line in lines[1:] if line.strip()[:1].isdigit() and "coarse" in line]
     assert numbers == list(range(1, len(numbers) + 1))
 
 

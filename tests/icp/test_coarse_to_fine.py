@@ -122,12 +122,12 @@ def test_records_run_through_all_stages_in_order(surface: MeshSurface, small: Sc
     assert [record.number for record in seen] == list(range(1, len(seen) + 1))
     assert seen == list(run.history)
     stages = [record.stage for record in seen]
-    assert list(dict.fromkeys(stages)) == ["patient", "quick", "fine"]
-    assert stages == sorted(stages, key=["patient", "quick", "fine"].index)
+    assert list(dict.fromkeys(stages)) == ["coarse", "annealed", "fine"]
+    assert stages == sorted(stages, key=["coarse", "annealed", "fine"].index)
     fine = [record for record in seen if record.stage == "fine"]
     assert fine[-1].points == len(small)
     # The quick schedule's width falls in every iteration, by half at most.
-    widths = np.array([record.kernel_scale for record in seen if record.stage == "quick"])
+    widths = np.array([record.kernel_scale for record in seen if record.stage == "annealed"])
     assert (widths[1:] >= 0.5 * widths[:-1] - 1e-12).all()
     assert widths[-1] < 0.01 * widths[0]
 
@@ -139,7 +139,7 @@ def test_no_iteration_is_run_twice(surface: MeshSurface, small: Scan) -> None:
     scan = prepare_scan(PointCloud(np.vstack([small.points, strays])))
     run = align_coarse_to_fine(scan, surface, start_of(0), PLAN)
     records = [(r.stage, r.points, r.kernel_scale, r.rms) for r in run.history if r.stage != "fine"]
-    assert {stage for stage, *_ in records} == {"patient", "quick"}
+    assert {stage for stage, *_ in records} == {"coarse", "annealed"}
     assert len(set(records)) == len(records)
     assert [record.number for record in run.history] == list(range(1, len(run.history) + 1))
 
@@ -149,7 +149,7 @@ def test_an_explained_scan_needs_no_second_schedule(surface: MeshSurface, small:
     mixture = run.mixture
     levels = list(dict.fromkeys((record.stage, record.points) for record in run.history))
     # Few points find the basin and are gone over again with planes; the last level is the favoured share or all.
-    assert levels == [("patient", 2_000), ("fine", 2_000), ("fine", len(small))]
+    assert levels == [("coarse", 2_000), ("fine", 2_000), ("fine", len(small))]
     assert mixture.inlier_fraction >= 0.99
     # At most one look at all points, and one to confirm it.
     assert sum(record.points == len(small) for record in run.history) <= 2
@@ -186,7 +186,7 @@ def test_on_a_mesh_all_points_have_their_say_for_few_questions(surface: MeshSurf
     assert run.history[-1].rms == pytest.approx(everything.history[-1].rms, rel=0.05)
 
 
-@pytest.mark.parametrize("last", ["patient", "quick", "fine"])
+@pytest.mark.parametrize("last", ["coarse", "annealed", "fine"])
 def test_the_observer_ends_all_stages_at_once(surface: MeshSurface, small: Scan, last: str) -> None:
     plan = dataclasses.replace(PLAN, fine=None)
     full = align_coarse_to_fine(small, surface, start_of(0), plan)
@@ -206,7 +206,7 @@ def test_out_of_reach_is_no_correspondences(surface: MeshSurface, small: Scan) -
 def test_one_iteration_at_each_width_is_respected(surface: MeshSurface, small: Scan) -> None:
     plan = dataclasses.replace(PLAN, fine=None, stopping=Stopping(iterations=1))
     run = align_coarse_to_fine(small, surface, start_of(0), plan)
-    widths = [record.kernel_scale for record in run.history if record.stage == "patient"]
+    widths = [record.kernel_scale for record in run.history if record.stage == "coarse"]
     assert len(set(widths)) == len(widths)
 
 

@@ -49,6 +49,14 @@ def test_a_good_part_passes_everywhere() -> None:
     assert names(found) == {"flat face towards +z": "pass", "flat face towards +x": "pass"}
 
 
+def test_how_much_of_the_part_was_scanned_is_known() -> None:
+    # Two of six sides of the cube; then half of the upper one, and a margin of twice the spacing of 0.28.
+    assert decide(deviations(top()), TOLERANCE).scanned == pytest.approx(2 / 6, abs=0.002)
+    points = top()
+    half = points[(points[:, 2] > HALF - 1.0) & (points[:, 0] < 0.0)]
+    assert decide(deviations(half), TOLERANCE).scanned == pytest.approx((0.5 + 0.57 / 40) / 6, abs=0.002)
+
+
 @pytest.mark.parametrize("height", [0.3, -0.3])
 def test_a_bump_fails_though_the_share_passes(height: float) -> None:
     # The bump covers 0.8 % of the face.
@@ -112,6 +120,26 @@ def test_a_probe_of_few_points_is_judged_by_each() -> None:
     found = decide(deviations(points), TOLERANCE)
     assert found.outcome == "fail"
     assert [round(place.value, 9) for place in found.places] == [0.3]
+
+
+def test_a_share_is_undecided_where_the_pose_decides_it() -> None:
+    # Of noise of half the tolerance 95.4 % are within; the pose may shift that to 89 or 98 %. No place is near a limit.
+    found = deviations(top(), 0.2 * NOISE)
+    made = decide(found, 2.0 * NOISE)
+    assert not made.places
+    assert made.share_within == pytest.approx(0.954, abs=0.004)
+    assert (made.share, made.outcome) == ("undecided", "undecided")
+    shares = {required: decide(found, 2.0 * NOISE, required).share for required in (0.88, 0.97, 0.99)}
+    assert shares == {0.88: "pass", 0.97: "undecided", 0.99: "fail"}
+
+
+def test_the_uncertainty_of_a_place_is_that_of_pose_and_median() -> None:
+    found = decide(deviations(bumped(0.3), 0.003), TOLERANCE)
+    # The median of 25 points scatters by 1.2533 / 5 of their noise, which the 25 themselves tell to a quarter.
+    median, pose = 1.2533 * NOISE / 5.0, 0.003
+    assert found.places[0].uncertainty == pytest.approx(2.0 * np.hypot(median, pose), rel=0.15)
+    alone = decide(deviations(bumped(0.3)), TOLERANCE).places[0]
+    assert alone.uncertainty == pytest.approx(2.0 * median, rel=0.5)
 
 
 def test_what_cannot_be_decided_is_named() -> None:

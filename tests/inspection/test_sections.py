@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,8 @@ import pytest
 
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.geometry import Mesh, MeshSurface
-from dqreg.inspection import inspect, measure_deviations, section_of, thickness_of
+from dqreg.geometry.sampling import sample_mesh
+from dqreg.inspection import inspect, measure_deviations, part_faces, section_of, thickness_of
 from dqreg.inspection.plan.file import plan_of
 from dqreg.inspection.sections import outlines
 from dqreg.report.section_picture import section_picture
@@ -79,6 +81,20 @@ def test_the_picture_says_how_much_it_enlarges() -> None:
     assert "+0.05 mm" in picture
 
 
+def test_the_picture_says_where_its_axes_point_and_how_wide_it_is() -> None:
+    found = measure_deviations(block(0.05, 0.02), PART, MeshSurface(PART), reach=2.0)
+    for normal, words in (([0, 1, 0], "−x to the right, +z upward"), ([0, 0, -1], "−x to the right, +y upward")):
+        cut = section_of(found, [0, 0, 0], normal)
+        picture = section_picture(cut, "mm", 0.1)
+        assert f"{words}; the outline is 30 mm wide" in picture
+        # What is drawn goes that way: the first outline, in pixels across and down.
+        (path,) = re.findall(r'class="outline".*? points="(.*?)"', picture)[:1]
+        drawn = np.array([[float(x) for x in point.split(",")] for point in path.split()])
+        places, up = cut.curves[0], np.eye(3)[2 if normal[1] else 1]
+        assert np.corrcoef(drawn[:, 0], -places[:, 0])[0, 1] > 0.999
+        assert np.corrcoef(-drawn[:, 1], places @ up)[0, 1] > 0.999
+
+
 def test_wall_thickness_is_both_sides_together() -> None:
     from dqreg.geometry.mesh_faces import faces_of
 
@@ -103,6 +119,21 @@ def test_wall_thickness_is_both_sides_together() -> None:
     few = np.concatenate([one[one[:, 2] > 0], one[one[:, 2] < 0][:10]])
     (row,) = inspect(measure_deviations(few, PART, MeshSurface(PART), reach=2.0), plan_of(plan)).characteristics
     assert "far side" in row.remark
+
+
+def test_a_far_side_that_faces_elsewhere_is_no_wall() -> None:
+    # A wedge of 26.6 degrees: behind its base the slope is a wall, behind its back, 63.4 degrees off, it is none.
+    corners = [[0, 0, 0], [10, 0, 0], [10, 0, 5], [0, 8, 0], [10, 8, 0], [10, 8, 5]]
+    sides = [[0, 1, 2], [3, 5, 4], [0, 3, 4], [0, 4, 1], [1, 4, 5], [1, 5, 2], [2, 5, 3], [2, 3, 0]]
+    wedge = Mesh(np.array(corners, dtype=float), np.array(sides))
+    points = sample_mesh(wedge, 20_000, np.random.default_rng(0)).points
+    scan = measure_deviations(points, wedge, MeshSurface(wedge), reach=1.0)
+    faces = {tuple(np.round(face.feature.axis).astype(int)): face.number for face in part_faces(wedge) if face.feature}
+    wall = thickness_of(scan, faces[0, 0, -1])
+    # As thick as the wedge is high there.
+    np.testing.assert_allclose(wall.nominals, wall.positions[:, 0] / 2.0, atol=0.2)
+    with pytest.raises(DegenerateGeometryError, match="no wall lies behind"):
+        thickness_of(scan, faces[1, 0, 0])
 
 
 def test_deviations_along_sections_are_a_table(tmp_path: Path) -> None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from dqreg.errors import InputError
+from dqreg.errors import InputError, UnitsError
+from dqreg.files import read_cloud, write_cloud
 from dqreg.registration.display_unit import in_unit, shown_target
 from dqreg.registration.register import register
 from dqreg.registration.result import Registration
@@ -56,3 +58,23 @@ def test_a_part_is_shown_in_a_unit_only_where_its_own_is_known(found: Registrati
     assert shown.start("identity") == "identity"
     native = shown.native(in_unit(found, "inch"))
     np.testing.assert_allclose(native.T_target_source, found.T_target_source, rtol=1e-13, atol=1e-13)
+
+
+@pytest.mark.parametrize("stated", [None, "m"])
+def test_a_scan_without_a_unit_is_in_that_of_the_file_of_the_part(tmp_path: Path, stated: str | None) -> None:
+    case = load_case(demo_case())
+    points = read_cloud(case.scan).points
+    shown = shown_target(case.part, "mm", "m", asked=True)
+    for scale, unit in ((1.0, "mm"), (1.0 / 1000.0, stated)):
+        write_cloud(tmp_path / "scan.ply", points * scale, comments=[] if stated is None else [f"units {unit}"])
+        with shown.source_units(tmp_path / "scan.ply", None) as units:
+            assert units == (unit or "mm")
+    # A scan in metres that says so is converted; one that does not is asked for its unit.
+    start = shown.start(case.T_target_source)
+    with contextlib.ExitStack() as stack:
+        if stated is None:
+            stack.enter_context(pytest.raises(UnitsError, match=r"scan.ply names no length unit, and in mm .*--source"))
+        with shown.source_units(tmp_path / "scan.ply", None) as units:
+            register(tmp_path / "scan.ply", shown.geometry, start, source_units=units, effort="fast")
+    with shown.source_units(tmp_path / "scan.ply", "cm") as units:
+        assert units == "cm"

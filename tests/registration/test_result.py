@@ -18,7 +18,7 @@ from dqreg.trust.records import Reason
 from tests.strategies import FloatArray, points, poses
 
 NAN, INF = float("nan"), float("inf")
-RECORD = Iteration(1, "patient", 500, 480, 0.96, 0.1, 0.2, 0.01, 0.3, INF, 0.002, np.eye(4))
+RECORD = Iteration(1, "coarse", 500, 480, 0.96, 0.1, 0.2, 0.01, 0.3, INF, 0.002, np.eye(4))
 
 
 def covariance() -> FloatArray:

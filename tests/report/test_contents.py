@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 import xml.etree.ElementTree as ET
 
 import numpy as np
@@ -8,8 +9,11 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from dqreg._open3d import load_open3d
 from dqreg.geometry import Mesh
 from dqreg.geometry.mesh_faces import areas_of, faces_of
+from dqreg.inspection.deviation_files import ABOVE, BELOW
+from dqreg.inspection.tolerances import PointLimits, Tolerance, limits_at
 from dqreg.report.charts import NARROW, WIDE, convergence, histogram, ticks
 from dqreg.report.colours import Scale, nice_above
 from dqreg.report.facts import facts_of
@@ -98,6 +102,30 @@ def test_colour_codes_run_along_the_scale():
     assert Scale(2.0, False).codes(np.array([0.0, 2.0, 2.1])).tolist() == [1, 254, 255]
 
 
+def test_what_is_out_of_the_tolerance_of_its_face_is_dark_though_the_scale_goes_on():
+    values = np.array([-1.5, -0.5, 0.5, 1.5, 1.5])
+    allowed = PointLimits(np.full(5, -1.0), np.array([1.0, 1.0, 1.0, 1.0, np.inf]))
+    scale = Scale(2.0, True)
+    codes = scale.codes(values, allowed)
+    assert codes[[0, 3]].tolist() == [0, 255]
+    assert codes[[1, 2, 4]].tolist() == scale.codes(values[[1, 2, 4]]).tolist()
+
+
+def test_a_bump_within_the_tolerance_of_another_face_is_dark_in_the_view(tmp_path):
+    # The bump of 0.8 is within 4.0, where the scale ends, and out of the 0.2 that its face has.
+    result = bumpy()
+    found = result.deviations(4.0)
+    allowed = limits_at(np.zeros(len(found), dtype=np.int64), Tolerance(-0.2, 0.2), {})
+    data = dataclasses.replace(data_of(result, 4.0), deviations=dataclasses.replace(found, allowed=allowed))
+    out = found.counted & (np.abs(found.values) > 0.2)
+    assert out.sum() > 50
+    assert ((data.colour_codes(slice(None)) % 255 == 0) == out)[found.counted].all()
+    data.deviations.save(tmp_path / "dev.ply")
+    shown = load_open3d().t.io.read_point_cloud(str(tmp_path / "dev.ply")).point.colors.numpy()
+    dark = (shown == ABOVE).all(axis=1) | (shown == BELOW).all(axis=1)
+    assert (dark == out)[found.counted].all()
+
+
 @given(st.floats(1e-12, 1e12))
 def test_nice_limits_are_just_above(value):
     assert value * (1 - 1e-6) <= nice_above(value) <= 1.35 * value
@@ -131,10 +159,15 @@ def test_what_lies_beyond_the_histogram_stands_with_the_length_it_is_beyond():
     values = np.r_[np.zeros(70), np.full(20, 0.12), np.full(10, 0.2)]
     texts = [element.text for element in ET.fromstring(histogram(values, Scale(0.1, True), "mm", (-0.1, 0.1)))]
     assert "above 0.16 mm: 10.0 %" in texts
-    assert "below −0.16 mm: 0.0 %" in texts
+    assert "below −0.16 mm: 0 %" in texts
     unnamed = [element.text for element in ET.fromstring(histogram(values, Scale(0.1, True), "", (-0.1, 0.1)))]
     assert "above 0.16: 10.0 %" in unnamed
     assert "deviation" in unnamed
+    # A few are never rounded to more than they are: in the table below, of a wider band, they are "< 0.1" too.
+    few = np.r_[np.zeros(9993), np.full(7, 0.2)]
+    assert "above 0.16 mm: < 0.1 %" in [
+        element.text for element in ET.fromstring(histogram(few, Scale(0.1, True), "mm", (-0.1, 0.1)))
+    ]
 
 
 def test_convergence_is_well_formed_and_escaped():

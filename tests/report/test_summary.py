@@ -3,10 +3,13 @@ from __future__ import annotations
 import io
 
 import numpy as np
+import pytest
 from rich.console import Console
 
 from dqreg import register
+from dqreg.geometry import Mesh, sample_mesh
 from dqreg.report import print_summary, summary_rows
+from dqreg.synth.parts import box
 
 
 def shown(result) -> str:
@@ -39,3 +42,14 @@ def test_conversion_is_said():
     cloud = np.random.default_rng(0).normal(size=(500, 3))
     rows = dict(summary_rows(register(cloud / 1e3, cloud, "identity", source_units="m", target_units="mm")))
     assert rows["units"] == "source converted from m: x 1000"
+
+
+def test_the_share_of_inliers_is_of_the_points_used():
+    # Half of the points lie far off the box.
+    rng = np.random.default_rng(0)
+    part = Mesh(*box((1.0, 0.7, 0.4)))
+    points = np.vstack([sample_mesh(part, 3_000, rng).points, rng.uniform(2.0, 3.0, (3_000, 3))])
+    result = register(points, part, np.eye(4), units="ignore")
+    used, share = result.settings["used_points"], result.inlier_fraction
+    assert dict(summary_rows(result))["inliers"].startswith(f"{100 * share:.1f} % of the points used, ")
+    assert round(share * used) == pytest.approx(len(points) / 2, rel=0.1)

@@ -85,7 +85,7 @@ def test_the_table_fills_while_the_batch_runs_and_a_row_opens_its_part(tmp_path)
         assert judged["characteristics"][0]["name"] == "flatness of A"
         # The pose is refined once more from where the batch left it.
         assert judged["characteristics"][0]["value"] == pytest.approx(values["flatness of A"], rel=1e-2)
-        share = values["points within the tolerance, %"]
+        share = values["points within the tolerance"]
         assert 100.0 * judged["decision"]["share_within"] == pytest.approx(share, abs=0.05)
         assert page.input_value("#tolerance") == "0.15"
         assert page.evaluate("studio.visit.head") == [["part", "bracket"]]

@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dqreg.report.control_chart import Sample, control_chart
-from dqreg.report.inspection_table import decimals_of
 from dqreg.report.table import to_csv
+from dqreg.report.text import decimals_of
 
 if TYPE_CHECKING:
     from dqreg.registration.batch.line import Line
 
 # Moving range of two normal values: 1.128 sigma on average; control limits are three sigma.
 MOVING = 3.0 / 1.128
-VALUE_COLUMNS = ("row", "part", "number", "name", "kind", "nominal", "low", "high", "value", "uncertainty", "outcome",
-                 "remark")  # fmt: skip
+VALUE_NUMBERS = ("nominal", "low", "high", "value", "uncertainty")
+VALUE_COLUMNS = ("row", "verdict", "part", "number", "name", "kind", "unit", *VALUE_NUMBERS, "outcome", "remark")
 TREND_COLUMNS = ("number", "name", "unit", "low", "high", "parts", "mean", "spread", "smallest", "largest", "cp", "cpk",
                  "control_low", "control_high", "pass", "undecided", "fail")  # fmt: skip
 
@@ -81,10 +81,11 @@ def _ratio(gap: float, width: float) -> float:
 def trends_of(lines: Sequence[Line]) -> tuple[Trend, ...]:
     """A trend for every value that two parts or more have in common: the same name and limits.
 
-    What is no number in a kept file is left out.
+    Parts whose alignment is not trusted are left out, for their values may be of another pose; so is what is no number
+    in a kept file.
     """
     found: dict[tuple[Any, ...], list[tuple[int, Line, dict[str, Any]]]] = {}
-    for line, number, value in _values(lines):
+    for line, number, value in _values([line for line in lines if line.verdict == "accepted"]):
         key = (str(value["name"]), str(value["kind"]), value["low"], value["high"])
         found.setdefault(key, []).append((number, line, value))
     trends = [_trend(rows) for rows in found.values() if len(rows) > 1]
@@ -98,7 +99,7 @@ def _trend(rows: list[tuple[int, Line, dict[str, Any]]]) -> Trend:
         for _, line, value in rows
         if value["value"] is not None
     )
-    unit = "" if first["kind"] == "angle" or "%" in str(first["name"]) else str(line.inspection["units"] or "")  # type: ignore[index]
+    unit = _unit(line, first)
     zone = first["kind"] != "deviation" and first["low"] == 0.0 and first["nominal"] == 0.0
     missing = len(rows) - len(samples)
     return Trend(
@@ -113,6 +114,11 @@ def _values(lines: Sequence[Line]) -> Iterator[tuple[Line, int, dict[str, Any]]]
                 yield line, number, value
 
 
+def _unit(line: Line, value: dict[str, Any]) -> str:
+    assert line.inspection is not None
+    return {"angle": "degree", "share": "%"}.get(str(value["kind"]), str(line.inspection["units"] or ""))
+
+
 def _number(value: Any) -> float:
     return math.nan if value is None else float(value)
 
@@ -120,7 +126,11 @@ def _number(value: Any) -> float:
 def values_csv(lines: Sequence[Line]) -> str:
     """Every value of every part as CSV, one a line."""
     rows = (
-        (line.row.name, line.part, number, *("" if value[name] is None else value[name] for name in VALUE_COLUMNS[3:]))
+        (
+            *(line.row.name, line.verdict, line.part, number, value["name"], value["kind"], _unit(line, value)),
+            *("" if value[name] is None else value[name] for name in VALUE_NUMBERS),
+            *(value["outcome"], value["remark"]),
+        )
         for line, number, value in _values(lines)
     )
     return to_csv(VALUE_COLUMNS, rows)

@@ -20,9 +20,9 @@ from dqreg.report.control_chart import Sample
 VALUES = (10.01, 10.02, 10.00, 10.03)
 
 
-def line(number: int, value: float | None, **changes):
+def line(number: int, value: float | None, level: str = "accepted", **changes):
     record = {
-        "verdict": {"level": "accepted", "reasons": []},
+        "verdict": {"level": level, "reasons": []},
         "rms": 0.1,
         "inlier_fraction": 0.5,
         "T_target_source": np.eye(4).tolist(),
@@ -63,14 +63,28 @@ def test_values_with_other_limits_are_another_trend() -> None:
     assert len(trends_of([*LINES, line(7, 1.0, high=11.0), line(8, 1.0, high=11.0), line(9, 1.0, high=12.0)])) == 2
 
 
+def test_parts_whose_alignment_is_not_trusted_change_no_trend() -> None:
+    lines = [*LINES, line(7, 12.0, "suspect"), line(8, 14.0, "failed")]
+    assert trends_of(lines) == trends_of(LINES)
+    assert "12.0" in values_csv(lines)
+
+
 def test_files_and_page_hold_every_value_and_lead_to_its_part() -> None:
     rows = list(csv.DictReader(io.StringIO(values_csv(LINES))))
     assert [row["value"] for row in rows] == [*map(str, VALUES), ""]
+    assert {(row["verdict"], row["unit"]) for row in rows} == {("accepted", "mm")}
     (trend,) = csv.DictReader(io.StringIO(trends_csv(trends_of(LINES))))
     assert (float(trend["mean"]), trend["parts"], trend["pass"]) == (pytest.approx(np.mean(VALUES)), "4", "4")
     page = to_html("t", LINES)
     assert page.count('<a href="reports/part%201.html">') == 2
     assert "width <b>" not in page
+
+
+@pytest.mark.parametrize(("kind", "unit"), [("share", "%"), ("angle", "degree"), ("deviation", "mm")])
+def test_what_is_no_length_has_its_own_unit(kind: str, unit: str) -> None:
+    lines = [line(k, value, kind=kind) for k, value in enumerate(VALUES)]
+    assert {row["unit"] for row in csv.DictReader(io.StringIO(values_csv(lines)))} == {unit}
+    assert [trend.unit for trend in trends_of(lines)] == [unit]
 
 
 def test_a_changed_file_is_no_record() -> None:

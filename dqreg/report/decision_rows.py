@@ -1,0 +1,60 @@
+"""The decision on the deviations as measured values: the same rows in the table of one part and in those of a batch."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+from dqreg.inspection import Decision, Region
+from dqreg.report.text import percent, text_of
+
+
+@dataclasses.dataclass(frozen=True)
+class DecisionRow:
+    """One value that a decision rests on."""
+
+    name: str
+    kind: str  # "share" in percent, "deviation" in target units
+    nominal: float
+    # low, high: NaN or infinite where there is no such limit
+    low: float
+    high: float
+    value: float
+    uncertainty: float
+    outcome: str  # "" where nothing is asked
+    points: int | None
+    remark: str = ""
+
+
+def decision_rows(found: Decision) -> list[DecisionRow]:
+    """The share within the tolerance, then the median deviation of each region."""
+    of_all = DecisionRow(
+        "points within the tolerance",
+        "share",
+        100.0,
+        100.0 * found.required_share,
+        math.nan,
+        100.0 * found.share_within,
+        math.nan,
+        found.share,
+        None,
+    )
+    return [of_all, *(_of_region(found, region) for region in sorted(found.regions, key=lambda each: each.number))]
+
+
+def _of_region(found: Decision, region: Region) -> DecisionRow:
+    name = f"face {region.number}, {region.name}: median deviation"
+    numbers = (0.0, region.low, region.high, region.median, found.uncertainty)
+    return DecisionRow(name, "deviation", *numbers, region.outcome or "", region.points, region_remark(found, region))
+
+
+def region_remark(found: Decision, region: Region) -> str:
+    """Why a region does not pass, which its median does not say: its places, or the share of its points."""
+    if region.outcome in ("pass", None):
+        return ""
+    own = [place for place in found.places if place.region == region.number and place.outcome == region.outcome]
+    if own:
+        # The worst is the first.
+        value, room = text_of(own[0].value), text_of(own[0].uncertainty, 2)
+        return f"a place of it deviates by {value} +- {room}".replace("−", "-")
+    return f"{percent(region.share_within or 0.0)} % of its points are within the tolerance"
