@@ -261,9 +261,8 @@ class Overlap:
         """Strain of one cloud against the other that matters to a size; zeros else."""
         # Places on both are no clutter, a whole face that is off may be what a strain explains; but they are chosen.
         flat = self.on_no_edge
-        found = strain_of(flat.points, flat.normals, flat.residuals)
-        found = dataclasses.replace(found, significant=SIGNIFICANT_CLUTTER)
-        return found if found.shown >= SHOWN * size else Strain()
+        found = strain_of(flat.points, flat.normals, flat.residuals, faults=True, least=SHOWN * size)
+        return dataclasses.replace(found, significant=SIGNIFICANT_CLUTTER)
 
     def deformation(self, size: float) -> float:
         """Displacement of the surface of one cloud by a deformation, root mean square; 0 for none."""
