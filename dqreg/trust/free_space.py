@@ -22,8 +22,8 @@ STEP = 4.0
 # there, and it lies that share of the size outside of the points, or the far points are so many times as far as the
 # near ones, as around a LiDAR. Depth cameras came to 0.029, LiDARs to 0.04, several sides of a body to 0.06 and more.
 BEHIND, OUTSIDE, FAR = 0.045, 0.15, 4.5
-# Points of which the distance to the nearest is asked: their median is good to four per cent.
-SAMPLE = 300
+# Points of which the distance to the nearest is asked: their median is good to two per cent.
+SAMPLE = 1_000
 # Points compared that say something; points of a scan that are looked at from its viewpoint, and the share of them that
 # may stand behind others: up to 0.07 from where scanners stood, 0.06 to 0.4 from beside, where some scans show it and
 # others do not.

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable
 from functools import partial
-from typing import TypeVar
 
 import numpy as np
 
@@ -17,8 +15,6 @@ from dqreg.kernels.threads import Later, all_results, unlocked_property
 from dqreg.trust.closed_holes import Asked, closed_hole
 from dqreg.trust.face_rims import BESIDE, SAME, Faces, Held, Plane, Points, Rims, stand_near
 from dqreg.trust.overlap import IndexedPoints
-
-T = TypeVar("T")
 
 # Share of the neighbours of a point that lie in the plane with it: faces that cross the plane are no part of it.
 # Distances, in spacings, beyond which a point has none of the other cloud beside it; points in the planes without which
@@ -89,14 +85,15 @@ class ShownPlanes:
     @unlocked_property
     def shown(self) -> list[tuple[Shown, Shown]]:
         """What either cloud shows in each of the planes."""
-        heights = self.heights
-
-        def shown(k: int, side: int) -> Shown:
-            points, tree = self.sides[side]
-            faces = Faces.of(tree, heights[side][k], self.within)
-            return Shown(faces, Held.of(points, faces, self.planes[k], self.within))
-
-        return _pairs(partial(shown, k, side) for k in range(len(self.planes)) for side in (0, 1))
+        # Many small steps, here and below: two threads that take turns at them take as long, and more of both cores.
+        found = []
+        for k, plane in enumerate(self.planes):
+            both = []
+            for (points, tree), heights in zip(self.sides, self.heights, strict=True):
+                faces = Faces.of(tree, heights[k], self.within)
+                both.append(Shown(faces, Held.of(points, faces, plane, self.within)))
+            found.append((both[0], both[1]))
+        return found
 
     @unlocked_property
     def rims(self) -> list[tuple[Rims | None, Rims | None]]:
@@ -105,7 +102,7 @@ class ShownPlanes:
         def rims(held: Held | None) -> Rims | None:
             return None if held is None else held.rims(self.planes)
 
-        return _pairs(partial(rims, side.held) for shown in self.shown for side in shown)
+        return [(rims(one.held), rims(other.held)) for one, other in self.shown]
 
     def rims_beside(self, most: int, *, rest: bool = False) -> list[tuple[int, Rims, Rims]]:
         """Rims of the sparser cloud, of so many points of its faces, and those of the other beside them; by planes.
@@ -117,38 +114,31 @@ class ShownPlanes:
         both = [(k, one, other) for k, one, other in held if one is not None and other is not None]
         step = math.ceil(sum(len(one.rows) for _, one, _ in both) / most)
 
-        def rims(k: int, one: Held, other: Held) -> tuple[int, Rims, Rims]:
+        found = []
+        for k, one, other in both:
             # Along a curve: every so manieth is an even sample.
             is_asked = (np.arange(len(one.rows)) % step == 0) != rest
-            found = one.rims(self.planes, np.flatnonzero(is_asked))
-            near = other.near(found.points, SAME * max(one.spacing, other.spacing))
-            return k, found, other.rims(self.planes, near)
-
-        return all_results([Later(partial(rims, *each)) for each in both])
+            rims = one.rims(self.planes, np.flatnonzero(is_asked))
+            near = other.near(rims.points, SAME * max(one.spacing, other.spacing))
+            found.append((k, rims, other.rims(self.planes, near)))
+        return found
 
     def hole(self, asked: Asked) -> float:
         """Diameter of the largest hole of either cloud in a plane that the other's faces close; 0 for none."""
         (one, _), (other, _) = self.sides
-        begun = []
-        for here, there in self.shown:
-            if here.held is not None and there.held is not None:
-                begun += [Later(partial(closed_hole, here.held, there.held, other, asked))]
-                begun += [Later(partial(closed_hole, there.held, here.held, one, asked))]
-        return max(all_results(begun), default=0.0)
+        held = [(here.held, there.held) for here, there in self.shown]
+        both = [(here, there) for here, there in held if here is not None and there is not None]
+        return max(
+            (max(closed_hole(here, there, other, asked), closed_hole(there, here, one, asked)) for here, there in both),
+            default=0.0,
+        )
 
     def beyond(self, side: int) -> float:
         """Share of a cloud's faces in the planes that has no point of the other one beside it; NaN for few points."""
         (points, _), (others, _) = self.sides[side], self.sides[1 - side]
         faces = [(shown[side].faces, shown[1 - side].faces) for shown in self.shown]
-        found = all_results([Later(partial(_beyond, points, *each, others, GAP * self.spacing)) for each in faces])
-        inside, beyond = np.sum(found, axis=0)
+        inside, beyond = np.sum([_beyond(points, *each, others, GAP * self.spacing) for each in faces], axis=0)
         return float(beyond / inside) if inside >= FEWEST else np.nan
-
-
-def _pairs(made: Iterable[Callable[[], T]]) -> list[tuple[T, T]]:
-    """What is made of one cloud and of the other, in turns, by all threads."""
-    found = all_results([Later(each) for each in made])
-    return list(zip(found[::2], found[1::2], strict=True))
 
 
 def _thinned(points: FloatArray, cloud: IndexedPoints) -> tuple[Points, IndexedPoints]:
