@@ -7,21 +7,27 @@ import math
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import BoolArray, FloatArray, IntArray, product
+from dqreg.geometry.normals import sample_rows
 from dqreg.kernels.threads import unlocked_property
 from dqreg.rigid import pose
 from dqreg.trust.closed_holes import CLOSED, PERHAPS_CLOSED
 from dqreg.trust.face_rims import FEWEST_RIMS, SAME, Plane, Rims, shared_along, shared_count, shared_rims
-from dqreg.trust.fullest_planes import ALL, CORNER, NOISY, WITHIN, fullest_planes, shares_alike
 from dqreg.trust.limits import CLOSED_HOLE, RIMS_SHARED_MANY
 from dqreg.trust.opposed_edges import Opposed, opposed_share
 from dqreg.trust.overlap import IndexedPoints, Overlap
 from dqreg.trust.shown_planes import ShownPlanes
 from dqreg.trust.turning_rims import Turning, shared_turning
 
-# A plane that holds less than this of the places that look its way is no wall: on a figure, where planes are chance,
-# they came to 0.11 at most, in streets and rooms to 0.26 and more.
-LEAST_ALIKE = 0.125
+# Planes of a corner, which fix a pose and leave nothing to check it by; most planes that are found, of which a corner
+# may have some more by chance or beside a face's edges; the share of the common places that they hold, and the share
+# below which a plane is none; places that are tried as one of it.
+CORNER, PLANES, ALL, LEAST_SHARE, TRIED = 3, 6, 0.95, 0.02, 30
+# A plane: normals within this angle, and distances within this share of the size, or so many times the noise.
+SAME_COS, WITHIN, NOISY = np.cos(np.deg2rad(8.0)), 5e-3, 3.0
+# Places look the same way within this angle; a plane that holds less of them than this is no wall: on a figure, where
+# planes are chance, they came to 0.11 at most, in streets and rooms to 0.26 and more.
+ALIKE_COS, LEAST_ALIKE = np.cos(np.deg2rad(30.0)), 0.125
 # Points of the faces in more planes than a corner has of which it is asked first whether they are rims of both clouds;
 # standard errors by which a share of them is above its limit for certain; share of its limit below which a hole in them
 # is none.
@@ -48,13 +54,13 @@ class CommonPlanes:
     ) -> CommonPlanes | None:
         """Of two clouds of a size at a pose, (4, 4); None where they have no plane in common."""
         within = max(WITHIN * size, NOISY * float(np.median(overlap.noise)))
-        planes, shares = fullest_planes(overlap, within)
+        planes, shares = _planes(overlap, within)
         if not planes:
             return None
         placed = pose.apply(T_target_source, moves.points)
         sides = (placed, moves.tree), (stands.points, stands.tree)
         return CommonPlanes(
-            ShownPlanes(planes, within, sides, (moves, stands)), shares, shares_alike(overlap, planes, shares)
+            ShownPlanes(planes, within, sides, (moves, stands)), shares, _alike(overlap, planes, shares)
         )
 
     @property
@@ -207,3 +213,39 @@ class CommonPlanes:
         asked = [k for k, alike in enumerate(self.alike) if alike >= LEAST_ALIKE and k not in self._hardly_opposed]
         within = self.shown.within
         return [Opposed.of(self.shown.sides, (one[k], other[k]), self.planes[k], within) for k in asked]
+
+
+def _planes(overlap: Overlap, within: float) -> tuple[tuple[Plane, ...], tuple[float, ...]]:
+    """Planes that hold the common places, the fullest first, and the share that each of them holds."""
+    left = np.ones(len(overlap.points), dtype=bool)
+    planes: list[Plane] = []
+    shares: list[float] = []
+    for k in range(PLANES):
+        rows = np.flatnonzero(left)
+        if len(rows) < LEAST_SHARE * len(left) or (k >= CORNER and sum(shares) >= ALL):
+            break
+        held = _fullest(overlap, rows[sample_rows(len(rows), TRIED)], left, within)
+        points = overlap.points[held]
+        middle = points.mean(axis=0)
+        planes.append(Plane(middle, np.linalg.eigh((points - middle).T @ (points - middle))[1][:, 0]))
+        shares.append(float(np.mean(held)))
+        left &= ~held
+    return tuple(planes), tuple(shares)
+
+
+def _alike(overlap: Overlap, planes: tuple[Plane, ...], shares: tuple[float, ...]) -> tuple[float, ...]:
+    """Share of the places that look the same way as each of the planes, held by it and those parallel to it."""
+    normals = np.array([plane.normal for plane in planes])
+    looking = np.mean(np.abs(product(normals, overlap.normals.T)) > ALIKE_COS, axis=1)
+    held = (np.abs(normals @ normals.T) > SAME_COS) @ np.array(shares)
+    return tuple((held / np.maximum(looking, held)).tolist())
+
+
+def _fullest(overlap: Overlap, tried: IntArray, left: BoolArray, within: float) -> BoolArray:
+    """Which places, (n,), of those left lie in the plane of one of some, of that in which most do."""
+    normals = overlap.normals[tried]
+    offsets = np.einsum("ij,ij->i", overlap.points[tried], normals)[:, None]
+    held = left & (np.abs(product(normals, overlap.points.T) - offsets) < within)
+    held &= np.abs(product(normals, overlap.normals.T)) > SAME_COS
+    fullest: BoolArray = held[np.count_nonzero(held, axis=1).argmax()]
+    return fullest
