@@ -38,6 +38,8 @@ from dqreg.kernels.patch_pairs import binned_agreements, covariance_products, ne
 from dqreg.kernels.patch_sums import BESIDE, patch_sums
 from dqreg.kernels.plane_elimination import eliminate_planes
 from dqreg.kernels.plane_fits import fit_plane_rows
+from dqreg.kernels.plane_gaps import COLUMNS as OF_GAPS
+from dqreg.kernels.plane_gaps import enclosed_gaps, hold_cells
 from dqreg.kernels.plane_growth import measure_pieces, take_pieces
 from dqreg.kernels.plane_rows import plane_row_columns, strain_row_columns
 from dqreg.kernels.point_tree import LEAF, PointTree
@@ -200,6 +202,11 @@ def _rims() -> None:
     squares_along(FLAT, ONE, FIRST, FIRST[:0], 1, 0, NOTHING)
     flat = FIRST[:0], np.zeros((0, 2)), FIRST[:0], FIRST[:0]
     surrounded_rows(0, 0, *flat, FLAT, FIRST[:0], few, 1, 1, 1.0, -0.5, none)
+    cells = np.zeros((1, 1), dtype=np.bool_)
+    hold_cells(flat[1], ONE[:2].copy(), 1.0, cells)
+    enclosed_gaps(
+        cells, cells, 1, np.zeros((1, 1), dtype=np.int32), FIRST.copy(), np.zeros((1, OF_GAPS), dtype=np.int64)
+    )
 
 
 def _search() -> None:

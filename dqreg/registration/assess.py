@@ -139,13 +139,14 @@ def _between(fit: Fit, covariance: FloatArray) -> Evidence:
     # From the last on that was begun beside the caller, who is at the first.
     strain, deformation, waviness = fit.once("shapes", lambda: overlap.shapes(size))
     faces_apart, opposed_edges = overlap.apart(size, covariance), planes.opposed_edges() if planes else np.nan
+    ends_apart, rims_shared = planes.ends_and_rims() if planes and planes.are_all else (np.nan, np.nan)
     return dataclasses.replace(
         fit.agreement,
         faces_apart=faces_apart,
         opposed_edges=opposed_edges,
-        ends_apart=planes.ends_apart() if planes and planes.are_all else np.nan,
-        closed_hole=planes.closed_hole() if planes and planes.are_all else np.nan,
-        rims_shared=planes.rims_shared() if planes and planes.are_all else np.nan,
+        ends_apart=ends_apart,
+        closed_hole=planes.closed_hole(size) if planes and planes.are_all else np.nan,
+        rims_shared=rims_shared,
         rims_elsewhere=planes.rims_elsewhere(size) if planes and planes.are_a_corner else (np.nan, 0.0),
         largest_plane=planes.largest if planes and planes.are_a_corner else np.nan,
         deformation=deformation,
@@ -157,17 +158,14 @@ def _between(fit: Fit, covariance: FloatArray) -> Evidence:
 
 
 def _planes_of(fit: Fit) -> CommonPlanes | None:
-    """The planes that two clouds have in common at the pose of a fit, already asked about beside; None for none."""
+    """The planes that two clouds have in common at the pose of a fit; None for none."""
 
     def found() -> CommonPlanes | None:
         moves, stands, overlap = overlap_of(fit)
         if overlap is None:
             return None
         size = fit.prepared.surface.diagonal
-        planes = CommonPlanes.of(overlap.on_no_edge, moves, stands, fit.T_target_source, size)
-        if planes is not None:
-            planes.begin()
-        return planes
+        return CommonPlanes.of(overlap.on_no_edge, moves, stands, fit.T_target_source, size)
 
     return fit.once("planes", found)
 
@@ -194,16 +192,16 @@ def begin_judging(fit: Fit) -> None:
 
 
 def begin_comparing(fit: Fit) -> None:
-    """Make what takes longest of the evidence on two clouds, at a pose that will hardly change, beside the rest."""
+    """Make what takes longest of the evidence on two clouds, at a pose that will hardly change, beside the rest.
+
+    Of many small steps nothing is: two threads that take turns at them take longer than one.
+    """
     if not fit.found or fit.is_late or not _is_worth_it(fit.prepared) or fit.problem.options.time_limit is not None:
         return
     if not isinstance(fit.target.geometry, PointCloud):
         return
-    _planes_of(fit)
-    fit.begin_followed()
-    if (overlap := overlap_of(fit)[2]) is not None:
-        size = fit.prepared.surface.diagonal
-        fit.begin("shapes", lambda: overlap.shapes(size))
+    if (planes := _planes_of(fit)) is not None:
+        planes.begin()
 
 
 def _is_worth_it(prepared: Prepared) -> bool:

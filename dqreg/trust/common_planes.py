@@ -3,26 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import cached_property, partial
+import math
 
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray, product
 from dqreg.geometry.normals import sample_rows
-from dqreg.kernels.threads import Later, all_results
+from dqreg.kernels.threads import unlocked_property
 from dqreg.rigid import pose
-from dqreg.trust.face_rims import (
-    Faces,
-    Plane,
-    Points,
-    Rims,
-    closed_hole,
-    rims_in,
-    shared_along,
-    shared_rims,
-)
-from dqreg.trust.opposed_edges import Opposed, opposed_share, stand_near
+from dqreg.trust.closed_holes import CLOSED, PERHAPS_CLOSED
+from dqreg.trust.face_rims import FEWEST_RIMS, SAME, Plane, Rims, shared_along, shared_count, shared_rims
+from dqreg.trust.limits import CLOSED_HOLE, RIMS_SHARED_MANY
+from dqreg.trust.opposed_edges import Opposed, opposed_share
 from dqreg.trust.overlap import IndexedPoints, Overlap
+from dqreg.trust.shown_planes import ShownPlanes
+from dqreg.trust.turning_rims import Turning, shared_turning
 
 # Planes of a corner, which fix a pose and leave nothing to check it by; most planes that are found, of which a corner
 # may have some more by chance or beside a face's edges; the share of the common places that they hold, and the share
@@ -33,10 +28,10 @@ SAME_COS, WITHIN, NOISY = np.cos(np.deg2rad(8.0)), 5e-3, 3.0
 # Places look the same way within this angle; a plane that holds less of them than this is no wall: on a figure, where
 # planes are chance, they came to 0.11 at most, in streets and rooms to 0.26 and more.
 ALIKE_COS, LEAST_ALIKE = np.cos(np.deg2rad(30.0)), 0.125
-# Share of the neighbours of a point that lie in the plane with it: faces that cross the plane are no part of it.
-# Distances, in spacings, beyond which a point has none of the other cloud beside it; points in the planes without which
-# nothing is said.
-FLAT, GAP, FEWEST = 0.9, 4.0, 100
+# Points of the faces in more planes than a corner has of which it is asked first whether they are rims of both clouds;
+# standard errors by which a share of them is above its limit for certain; share of its limit below which a hole in them
+# is none.
+RIMS_ASKED, CLEAR, CLEARLY = 2_000, 4.0, 0.5
 # Slides that are tried, in sizes; a plane that leans on the others by more of its normal than this is slid along none.
 REACH, LEANING = 0.06, 0.2
 
@@ -49,12 +44,9 @@ class CommonPlanes:
     where the faces in them end.
     """
 
-    planes: tuple[Plane, ...]
+    shown: ShownPlanes
     shares: tuple[float, ...]  # Of the common places, that each of them holds and none before it
     alike: tuple[float, ...]  # Of those that look the same way as each, that it and those beside it hold
-    within: float  # Distance from a plane within which a point lies in it
-    sides: tuple[Points, Points]  # The source at the pose, the target
-    clouds: tuple[IndexedPoints, IndexedPoints]  # Both, each in its own frame
 
     @staticmethod
     def of(
@@ -67,12 +59,14 @@ class CommonPlanes:
             return None
         placed = pose.apply(T_target_source, moves.points)
         sides = (placed, moves.tree), (stands.points, stands.tree)
-        return CommonPlanes(planes, shares, _alike(overlap, planes, shares), within, sides, (moves, stands))
+        return CommonPlanes(
+            ShownPlanes(planes, within, sides, (moves, stands)), shares, _alike(overlap, planes, shares)
+        )
 
-    @cached_property
-    def spacing(self) -> float:
-        """Distance of neighbouring points, of the sparser side."""
-        return max(cloud.spacing for cloud in self.clouds)
+    @property
+    def planes(self) -> tuple[Plane, ...]:
+        """The planes, that with most of the common places first."""
+        return self.shown.planes
 
     @property
     def are_all(self) -> bool:
@@ -96,15 +90,34 @@ class CommonPlanes:
         for few such rims. Asked where a plane holds what looks its way: a pose that is off by the width of a wall would
         leave all else there apart.
         """
-        return opposed_share(all_results(self._opposed))
+        # Many small steps: two threads that take turns at them take longer than one.
+        return opposed_share(self._opposed, [*self._hardly_opposed.values()])
 
     def begin(self) -> None:
-        """Make what `opposed_edges` asks of each plane beside the caller, who takes over what is left of it."""
-        _ = self._opposed
+        """Make some points of many, and the neighbours of each, beside the caller, where they will be asked for."""
+        if self.are_all:
+            self.shown.begin()
 
-    def closed_hole(self) -> float:
-        """Diameter of the largest hole in a face of either cloud that the other one's face closes; 0 for none."""
-        return max(self._holes)
+    def closed_hole(self, size: float) -> float:
+        """Diameter of the largest hole in a face of either cloud that the other one's face closes; 0 for none.
+
+        Where some of many points show none that is half as wide as clouds of a size may have, no more are asked.
+        """
+        if self.shown.are_many and self.shown.some.hole(PERHAPS_CLOSED) < CLEARLY * CLOSED_HOLE * size:
+            return 0.0
+        return self.shown.hole(CLOSED)
+
+    def ends_and_rims(self) -> tuple[float, float]:
+        """What speaks of where faces end: see `ends_apart` and `rims_shared`.
+
+        In more planes than a corner has the rims decide, and where enough of them are shared no ends are asked about.
+        """
+        if not self.are_a_corner:
+            for rest in (False, True):
+                shared, error = self.rims_of_one(rest=rest)
+                if shared - CLEAR * error >= RIMS_SHARED_MANY:
+                    return np.nan, shared
+        return self.ends_apart(), self.rims_shared()
 
     def ends_apart(self) -> float:
         """Share of the faces in the planes that reach beyond the other cloud, of that of two which has less of it.
@@ -112,7 +125,7 @@ class CommonPlanes:
         What one view alone shows of a face may be hidden from the other; that each shows what the other does not is
         another part. NaN for few points.
         """
-        return float(np.minimum(self._beyond(0), self._beyond(1)))
+        return float(np.minimum(self.shown.beyond(0), self.shown.beyond(1)))
 
     def rims_shared(self) -> float:
         """Share of the rims of faces that are where the other's faces have one, of the cloud that has more of them.
@@ -121,6 +134,19 @@ class CommonPlanes:
         """
         one, other = self._rims()
         return float(np.fmax(shared_rims(one, other), shared_rims(other, one)))
+
+    def rims_of_one(self, *, rest: bool) -> tuple[float, float]:
+        """The same of the sparser cloud, and its standard error; of some points of its faces, or of the rest as well.
+
+        The share of all is no smaller. It is a count where all points of both clouds are asked.
+        """
+        rims = self._known_rims + (self.shown.some.rims_beside(RIMS_ASKED, rest=True) if rest else [])
+        count, shared = np.sum([shared_count(one, other) for _, one, other in rims], axis=0) if rims else (0, 0)
+        if not count >= FEWEST_RIMS:
+            return np.nan, np.nan
+        found = float(shared / count)
+        is_count = rest and not self.shown.are_many
+        return found, 0.0 if is_count else math.sqrt(max(found * (1.0 - found), 1.0 / count) / count)
 
     def rims_elsewhere(self, size: float) -> tuple[float, float]:
         """What more of the rims would be shared after a slide of clouds of a size, and how far that is; zeros for none.
@@ -144,86 +170,49 @@ class CommonPlanes:
 
     def _rims(self, but: int | None = None) -> tuple[list[Rims | None], list[Rims | None]]:
         """Rims of either cloud's faces in the planes but one."""
-        shown = [each for k, each in enumerate(self._shown) if k != but]
-        return [here.rims for here, _ in shown], [there.rims for _, there in shown]
+        shown = [each for k, each in enumerate(self.shown.rims) if k != but]
+        return [here for here, _ in shown], [there for _, there in shown]
 
-    @cached_property
-    def _opposed(self) -> list[Later[Opposed | None]]:
-        """Opposed rims, plane by plane."""
-        heights = self._heights
+    @property
+    def _know_rims(self) -> bool:
+        """Whether rims are asked for in any case, of all points that opposed edges are."""
+        return self.are_all and not self.shown.are_many
 
-        def opposed(k: int) -> Opposed | None:
-            one, other = heights.result()
-            return Opposed.of(self.sides, (one[k], other[k]), self.planes[k], self.within)
+    @unlocked_property
+    def _known_rims(self) -> list[tuple[int, Rims, Rims]]:
+        """Rims that are asked for in any case: of a corner all, else some of the sparser cloud; and the other's."""
+        if not self.are_a_corner:
+            return self.shown.some.rims_beside(RIMS_ASKED)
+        first = self.shown.sparser
+        both = [(k, pair[first], pair[1 - first]) for k, pair in enumerate(self.shown.rims)]
+        return [(k, one, other) for k, one, other in both if one is not None and other is not None]
 
-        told = (k for k, alike in enumerate(self.alike) if alike >= LEAST_ALIKE)
-        return [Later(partial(opposed, k)) for k in told]
+    @unlocked_property
+    def _hardly_opposed(self) -> dict[int, float]:
+        """Share of opposed rims in the planes where those that are known tell for certain that these are few."""
+        if not self._know_rims:
+            return {}
+        shown, heights = self.shown, self.shown.heights
+        sides, found = (shown.sparser, 1 - shown.sparser), {}
+        for k, *both in self._known_rims:
+            if self.alike[k] < LEAST_ALIKE:
+                continue
+            one, other = (
+                Turning.of(rims.rows, rims.outward, shown.sides[side], heights[side][k], shown.within, rims.spacing)
+                for side, rims in zip(sides, both, strict=True)
+            )
+            turning = shared_turning(one, other, SAME * max(rims.spacing for rims in both))
+            if turning.are_hardly_opposed:
+                found[k] = turning.opposed
+        return found
 
-    @cached_property
-    def _heights(self) -> Later[tuple[FloatArray, FloatArray]]:
-        """Heights of all points of either cloud over each of the planes, (k, n): at once, each would take as long."""
-        normals = np.array([plane.normal for plane in self.planes])
-        offsets = np.einsum("ij,ij->i", normals, [plane.middle for plane in self.planes])[:, None]
-
-        def heights() -> tuple[FloatArray, FloatArray]:
-            one, other = (product(normals, points.T) - offsets for points, _ in self.sides)
-            return one, other
-
-        return Later(heights)
-
-    @cached_property
-    def _shown(self) -> list[tuple[Shown, Shown]]:
-        """What either cloud shows in each of the planes."""
-
-        def shown(k: int, side: int) -> Shown:
-            points, tree = self.sides[side]
-            faces = Faces.of(tree, self._heights.result()[side][k], self.within)
-            return Shown(faces, rims_in(points, faces, self.planes[k], self.planes, self.within))
-
-        found = all_results([Later(partial(shown, k, side)) for k in range(len(self.planes)) for side in (0, 1)])
-        return list(zip(found[::2], found[1::2], strict=True))
-
-    @cached_property
-    def _holes(self) -> list[float]:
-        """Holes of either cloud in each of the planes that the other's faces close, see `closed_hole`."""
-        (one, _), (other, _) = self.sides
-
-        def hole(plane: Plane, here: Shown, there: Shown, others: FloatArray) -> float:
-            if here.rims is None or there.rims is None:
-                return 0.0
-            return closed_hole(here.rims, there.rims, others, plane, self.within)
-
-        asked = []
-        for plane, (here, there) in zip(self.planes, self._shown, strict=True):
-            asked += [Later(partial(hole, plane, here, there, other))]
-            asked += [Later(partial(hole, plane, there, here, one))]
-        return all_results(asked)
-
-    def _beyond(self, side: int) -> float:
-        """Share of a cloud's faces in the planes that has no point of the other one beside it; NaN for few points."""
-        (points, _), (others, _) = self.sides[side], self.sides[1 - side]
-        faces = [(shown[side].faces, shown[1 - side].faces) for shown in self._shown]
-        found = all_results([Later(partial(_beyond, points, *each, others, GAP * self.spacing)) for each in faces])
-        inside, beyond = np.sum(found, axis=0)
-        return float(beyond / inside) if inside >= FEWEST else np.nan
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Shown:
-    """What a cloud shows in a plane."""
-
-    faces: Faces
-    rims: Rims | None
-
-
-def _beyond(points: FloatArray, faces: Faces, theirs: Faces, others: FloatArray, gap: float) -> tuple[int, int]:
-    """Points of a cloud's faces in a plane, and those without one of the other's within a gap; none for no faces."""
-    rows = faces.flat(FLAT)
-    if not len(rows) or not len(theirs.rows):
-        return 0, 0
-    return len(rows), int(
-        np.count_nonzero(~stand_near(points, rows, others, theirs.rows, float(np.nextafter(gap, np.inf))))
-    )
+    @property
+    def _opposed(self) -> list[Opposed | None]:
+        """Opposed rims, plane by plane, where these are not known to be few."""
+        one, other = self.shown.heights
+        asked = [k for k, alike in enumerate(self.alike) if alike >= LEAST_ALIKE and k not in self._hardly_opposed]
+        within = self.shown.within
+        return [Opposed.of(self.shown.sides, (one[k], other[k]), self.planes[k], within) for k in asked]
 
 
 def _planes(overlap: Overlap, within: float) -> tuple[tuple[Plane, ...], tuple[float, ...]]:

@@ -44,6 +44,8 @@ BETWEEN_CLOUDS = Limits(
 ON_A_PART = Limits((Limit(40.0, 5e-4, 9e-4),), (Limit(40.0, 5e-4, 9e-4),))
 # Share of what is shown that residuals have beyond the noise at least.
 LEFT = 0.7
+# Share of a limit below which what two rounds of a fit of all fields find is not fitted to its end.
+HARDLY = 0.5
 # Numbers of a motion, of bends and a torsion, and of fields that are quadratic in the place.
 MOTIONS, BENDS, QUADRATICS = 6, 3, 18
 # Places for each number that is fitted: with fewer, all that neighbours have in common looks like some deformation.
@@ -66,6 +68,8 @@ def deformation_of(
     # In the frame of the longest axes.
     axes = np.linalg.eigh(arms.T @ arms)[1][:, ::-1]
     p, n = arms @ axes / lever, normals @ axes
+    if not _may_be_told(p, n, residuals, lever, limits, size):
+        return 0.0
     strains = _strains(p)
     for others, count, told in ((_bends, BENDS, limits.few), (_quadratics, QUADRATICS, limits.many)):
         if len(points) < PLACES_EACH * (MOTIONS + len(strains) + count):
@@ -94,6 +98,28 @@ def _bends(p: FloatArray) -> FloatArray:
 def _quadratics(p: FloatArray) -> FloatArray:
     """The same by all fields that are quadratic in the place, (18, n, 3)."""
     return np.stack([(p[:, j] * p[:, k])[:, None] * axis for axis in np.eye(3) for j, k in COMPONENTS])
+
+
+def _may_be_told(
+    p: FloatArray, n: FloatArray, residuals: FloatArray, lever: float, limits: Limits, size: float
+) -> bool:
+    """Whether a fit of all fields at once finds about as much as some limit asks for, by two robust rounds or by all.
+
+    Bends are among the quadratic fields: with the same weights, no fewer modes explain more, whatever the scatter. What
+    the first rounds leave out, as a ledge beside wide faces, later ones may take in; it has its say where all count.
+    """
+    motions = plane_rows(p * lever, n, np.zeros(3), lever)
+    products = np.stack([p[:, j] * p[:, k] for j, k in COMPONENTS])
+    strains = [p[:, j] * n[:, i] + (p[:, i] * n[:, j] if i != j else 0.0) for i, j in COMPONENTS]
+    modes = np.concatenate([np.stack(strains), *(products * axis for axis in n.T)])
+    rows, ones = np.concatenate([motions, modes]), np.ones(len(residuals))
+    fits = (
+        robust_fit(rows, residuals, lever, weights_of(residuals), rounds=2),
+        (robust_fit(rows, residuals, lever, ones, rounds=1)[0], ones),
+    )
+    least = [Limit(HARDLY * told.sigmas, HARDLY * told.shown, 0.0) for told in (*limits.few, *limits.many)]
+    found = (_gained(rows, len(motions), *fit, residuals) for fit in fits)
+    return any(each.exceeds(limit, size) for each in found for limit in least)
 
 
 class _Found(NamedTuple):
@@ -130,11 +156,8 @@ def _explained(
     if not variance > 0.0:
         return _NOTHING
     of_modes = fitted[len(motions) :]
-    # What they gain over the best motion, in the variance that is left: few patches underestimate the scatter.
-    rigid = best_motion(residuals, motions, weights)
-    gained = math.sqrt(max(float(weights @ ((residuals - rigid @ motions) ** 2 - left**2)) / variance, 0.0))
-    shown = unexplained(of_modes @ modes, motions, weights)
-    if not any(_Found(gained, shown, math.inf).exceeds(limit, size) for limit in told):
+    gained, shown, _ = found = _gained(rows, len(motions), fitted, weights, residuals)
+    if not any(found.exceeds(limit, size) for limit in told):
         # Whatever the scatter: that takes longest.
         return _NOTHING
     known = known_before(product(rows * weights, rows.T), variance, lever)
@@ -150,6 +173,18 @@ def _explained(
     each = np.stack([plane_rows(points, np.broadcast_to(axis, points.shape), np.zeros(3), lever) for axis in np.eye(3)])
     by_points = unexplained(displaced.T.ravel(), np.concatenate([*each], axis=1), np.ones(3 * len(points)))
     return _Found(sigmas, shown, math.sqrt(3.0) * by_points)
+
+
+def _gained(rows: FloatArray, motions: int, fitted: FloatArray, weights: FloatArray, residuals: FloatArray) -> _Found:
+    """What modes after the first rows, those of the motions, gain over the best motion, and what of them it leaves.
+
+    In the variance that is left: few patches underestimate the scatter.
+    """
+    left, rigid = residuals - fitted @ rows, best_motion(residuals, rows[:motions], weights)
+    variance = float(weights @ left**2 / max(weights.sum() - len(rows), 1.0))
+    gained = float(weights @ ((residuals - rigid @ rows[:motions]) ** 2 - left**2))
+    shown = unexplained(fitted[motions:] @ rows[motions:], rows[:motions], weights)
+    return _Found(math.sqrt(max(gained / variance, 0.0)) if variance > 0.0 else math.inf, shown, math.inf)
 
 
 def may_be_deformed(width: float, noise: float, size: float) -> bool:

@@ -81,10 +81,10 @@ class Evidence:
         Share of the places that both of two scans show at which they lie apart; NaN where that was not asked.
     ends_apart : float
         Share of the faces of two scans that have a few planes in common at most which reaches beyond the other's, of
-        the one with less of it; NaN where they have more in common.
+        the one with less of it; NaN where they have more in common, and where more than three planes share their rims.
     rims_shared : float
         Share of the rims of faces in those planes that are rims of the other scan's faces too, of the scan with more of
-        it; NaN where that was not asked.
+        it, or of the sparser one, or of some of its rims, where they tell enough; NaN where that was not asked.
     rims_elsewhere : tuple of 2 floats
         Share of those rims that both would have more after a slide along a plane's normal, NaN likewise, and the length
         of that slide, 0 where nothing is gained; of three planes at most.
@@ -93,7 +93,7 @@ class Evidence:
         with most of it; NaN for few, and where no plane holds an eighth of what looks its way.
     closed_hole : float
         Diameter of the largest hole in a face of one scan, in those planes, that a face of the other one closes, 0 for
-        none; NaN where they have more in common. A length.
+        none that counts; NaN where they have more in common. A length.
     largest_plane : float
         Share of the places that both scans show which the largest of three planes holds; NaN where they have more in
         common.

@@ -1,4 +1,4 @@
-"""Rims and holes of the faces of a cloud in a plane: where they are, and whether another cloud has them too."""
+"""Rims of the faces of a cloud in a plane: where they are, and whether another cloud has them too."""
 
 from __future__ import annotations
 
@@ -26,24 +26,14 @@ AROUND, SPARSE, OPEN_RAD = 20, 2.0, np.deg2rad(140.0)
 OPEN_COS = float(np.cos(OPEN_RAD))
 # What the distance to the last of these is of the edge of the square that each has for itself.
 OF_SPACING = float(np.sqrt(np.pi / AROUND))
-# Points of a plane of which its spacing is measured: good to two per cent.
-SAMPLE = 300
+# Points of a plane of which its spacing is measured: good to some per cent.
+SAMPLE = 100
 # Points of a plane without which it has no rims; rims within so many spacings of another plane end there in any case.
 FEWEST, MEETING = 30, 1.5
 # Rims are the same where their points are within so many spacings of each other and look the same way.
 SAME, NEAREST, SAME_COS = 1.2, 4, 0.7
 # Points on rims without which nothing is said.
 FEWEST_RIMS = 30
-# Width of a cell of the plane, in spacings of its points; a plane of more cells has a point far away, and is not asked.
-CELL, MOST_CELLS = 2.0, 1 << 22
-# Cells of a hole, and how much of them the other's face holds: of right pairs of generated views gaps of up to 4 cells
-# between the points were filled.
-FEWEST_CELLS, FILLED = 5, 0.8
-# So many cells around a hole so much of them holds points: beams of a LiDAR leave gaps on the ground amid gaps (0.81 at
-# most), holes of generated views are in whole faces (0.97 at least).
-SURROUNDING, WHOLE = 3, 0.9
-# What stands beside the hole, so many cells high at most, may hide the face there from one side.
-STANDING = 20.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -68,11 +58,11 @@ class Plane:
 class Rims:
     """Points of a cloud in a plane at which its faces end."""
 
+    rows: IntArray  # (n,): Of the cloud
     points: FloatArray  # (n, 3)
     outward: FloatArray  # (n, 3): Directions in the plane to the side without points
     counted: BoolArray  # (n,): Whether it is not the rim along which another common plane begins
     spacing: float  # Edge of the square that a point has for itself
-    faces: FloatArray  # (2, m): Where the points of the faces are in the plane
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -102,27 +92,59 @@ class Faces:
         return self.rows[self.shares > share]
 
 
-def rims_in(points: FloatArray, faces: Faces, plane: Plane, planes: Sequence[Plane], within: float) -> Rims | None:
-    """Rims of a cloud's faces in one of some planes, that thick to either side; None where few of its points are."""
-    held = faces.flat()
-    if len(held) < FEWEST:
-        return None
-    across = plane.across
-    flat = (np.take(points, held, axis=0) - plane.middle) @ across.T
-    tree = NeighbourTree(lifted(flat), in_order=True)
-    usual = median(tree.nearest_to(sample_rows(len(flat), SAMPLE), AROUND + 1)[1][:, -1])
-    neighbours = faces.lines[faces.shares > MOSTLY], faces.beside
-    rows = np.flatnonzero(~surrounded(points, held, flat, np.arange(len(flat)), neighbours, within, beside=BESIDE))
-    found, apart = tree.nearest_to(rows, AROUND + 1)
-    open_rad, towards = open_sides(flat[rows], flat, found)
-    is_rim, spacing = (open_rad > OPEN_RAD) & (apart[:, -1] <= SPARSE * usual), usual * OF_SPACING
-    points = points[held[rows[is_rim]]]
-    counted = np.ones(len(points), dtype=bool)
-    for other in planes:
-        if other is not plane:
-            counted &= ~other.holds(points, MEETING * spacing)
-    outward = np.column_stack([np.cos(towards), np.sin(towards)])[is_rim] @ across
-    return Rims(points, outward, counted, spacing, np.ascontiguousarray(flat.T))
+@dataclasses.dataclass(frozen=True, eq=False)
+class Held:
+    """The faces of a cloud in a plane that thick to either side: where their points are in it, and how dense."""
+
+    points: FloatArray  # (N, 3): Of the cloud
+    plane: Plane
+    within: float
+    rows: IntArray  # (n,): Points of the faces, of the cloud
+    neighbours: tuple[IntArray, Rows]  # Their lines, (n,), of a table of neighbours in space
+    flat: FloatArray  # (n, 2): Where they are in the plane
+    tree: NeighbourTree  # Of these
+    usual: float  # Distance to the last of the neighbours in the plane that are asked of a rim
+
+    @staticmethod
+    def of(points: FloatArray, faces: Faces, plane: Plane, within: float) -> Held | None:
+        """Those of a cloud, (N, 3); None where few of its points are in the plane."""
+        rows = faces.flat()
+        if len(rows) < FEWEST:
+            return None
+        flat = (np.take(points, rows, axis=0) - plane.middle) @ plane.across.T
+        tree = NeighbourTree(lifted(flat), in_order=True)
+        usual = median(tree.nearest_to(sample_rows(len(flat), SAMPLE), AROUND + 1)[1][:, -1])
+        neighbours = faces.lines[faces.shares > MOSTLY], faces.beside
+        return Held(points, plane, within, rows, neighbours, flat, tree, usual)
+
+    @property
+    def spacing(self) -> float:
+        """Edge of the square that a point has for itself."""
+        return self.usual * OF_SPACING
+
+    def rims(self, planes: Sequence[Plane], asked: IntArray | None = None) -> Rims:
+        """Rims among the points asked, (m,) of these, or all; one of some planes is this one."""
+        asked = np.arange(len(self.rows)) if asked is None else asked
+        lines, beside = self.neighbours
+        neighbours = np.take(lines, asked), beside
+        places = self.points, self.rows, self.flat, asked
+        rows = asked[~surrounded(*places, neighbours, self.within, beside=BESIDE)]
+        found, apart = self.tree.nearest_to(rows, AROUND + 1)
+        open_rad, towards = open_sides(np.take(self.flat, rows, axis=0), self.flat, found)
+        is_rim = (open_rad > OPEN_RAD) & (apart[:, -1] <= SPARSE * self.usual)
+        rims = self.rows[rows[is_rim]]
+        points = np.take(self.points, rims, axis=0)
+        counted = np.ones(len(points), dtype=bool)
+        for other in planes:
+            if other is not self.plane:
+                counted &= ~other.holds(points, MEETING * self.spacing)
+        outward = np.column_stack([np.cos(towards), np.sin(towards)])[is_rim] @ self.plane.across
+        return Rims(rims, points, outward, counted, self.spacing)
+
+    def near(self, points: FloatArray, reach: float) -> IntArray:
+        """Which of these, (m,), have any of some points along a curve, (k, 3), within reach."""
+        near: IntArray = np.flatnonzero(stand_near(self.points, self.rows, points, np.arange(len(points)), reach))
+        return near
 
 
 def surrounded(
@@ -155,15 +177,17 @@ def surrounded(
 
 def shared_rims(rims: Sequence[Rims | None], others: Sequence[Rims | None]) -> float:
     """Share of a cloud's rims that are rims of another one's faces in the same planes too; NaN for few."""
-    count = shared = 0
-    for one, other in zip(rims, others, strict=True):
-        if one is None or other is None:
-            continue
-        count += int(np.count_nonzero(one.counted))
-        if len(other.points) < NEAREST or not one.counted.any():
-            continue
-        shared += int(np.count_nonzero(_alike(one, other, one.counted)[1].any(axis=1)))
-    return shared / count if count >= FEWEST_RIMS else np.nan
+    both = [(one, other) for one, other in zip(rims, others, strict=True) if one is not None and other is not None]
+    count, shared = np.sum([shared_count(*each) for each in both], axis=0) if both else (0, 0)
+    return float(shared / count) if count >= FEWEST_RIMS else np.nan
+
+
+def shared_count(one: Rims, other: Rims) -> tuple[int, int]:
+    """How many of a cloud's rims in a plane count, and how many of these are rims of another one's faces too."""
+    count = int(np.count_nonzero(one.counted))
+    if len(other.points) < NEAREST or not count:
+        return count, 0
+    return count, int(np.count_nonzero(_alike(one, other, one.counted)[1].any(axis=1)))
 
 
 def _alike(one: Rims, other: Rims, asked: BoolArray) -> tuple[IntArray, BoolArray]:
@@ -202,57 +226,6 @@ def shared_along(
     return slides * step, np.fmax(shares[:, 0], shares[:, 1])
 
 
-def closed_hole(one: Rims, theirs: Rims, other: FloatArray, plane: Plane, within: float) -> float:
-    """Diameter of the largest hole in a cloud's faces in a plane where another one's faces go on; 0 for none.
-
-    Rims are of the faces of both clouds, points those of the other one, (n, 3). A hole is a place without points that
-    the first one's enclose. Where anything of the other cloud stands beside it, that may hide the face from one side,
-    and nothing is said.
-    """
-    from scipy.ndimage import binary_dilation, label
-
-    inside = one.faces
-    if not one.spacing > 0.0:
-        return 0.0
-    cell = CELL * one.spacing
-    # A free cell all around, so that what is outside is one.
-    low = inside.min(axis=1) - cell
-    height, width = (np.floor((inside.max(axis=1) - low) / cell) + 2.0).tolist()
-    if height * width > MOST_CELLS:
-        return 0.0
-
-    def held(cloud: FloatArray) -> BoolArray:
-        """Cells that hold points of the plane, (2, n)."""
-        row, column = (np.floor((x - least) / cell) for x, least in zip(cloud, low, strict=True))
-        on = (row >= 0.0) & (row < height) & (column >= 0.0) & (column < width)
-        cells = np.zeros((int(height), int(width)), dtype=bool)
-        cells.ravel()[(row * width + column)[on].astype(np.intp)] = True
-        return cells
-
-    own = held(inside)
-    gaps, count = label(~own)
-    sizes = np.bincount(gaps.ravel(), minlength=count + 1)
-    # The first gap begins in a corner, outside; none is the number of what is held.
-    sizes[[0, gaps[0, 0]]] = 0
-    wide = np.flatnonzero(sizes >= FEWEST_CELLS)
-    if not len(wide):
-        return 0.0
-    filled = np.bincount(gaps.ravel(), held(theirs.faces).ravel(), minlength=count + 1)
-    closed = []
-    for k in wide[filled[wide] >= FILLED * sizes[wide]]:
-        hole = gaps == k
-        around = binary_dilation(hole, iterations=SURROUNDING) & ~hole
-        if own[around].mean() >= WHOLE:
-            closed.append((int(sizes[k]), hole))
-    if not closed:
-        return 0.0
-    heights = np.abs((other - plane.middle) @ plane.normal)
-    beside = (heights >= within) & (heights < STANDING * cell)
-    standing = held(((other[beside] - plane.middle) @ plane.across.T).T)
-    widest = max((size for size, hole in closed if not (binary_dilation(hole) & standing).any()), default=0)
-    return 2.0 * cell * float(np.sqrt(widest / np.pi))
-
-
 def lifted(flat: FloatArray) -> FloatArray:
     """Points of a plane, (n, 2), in space, as trees take them."""
     return np.column_stack([flat, np.zeros(len(flat))])
@@ -271,3 +244,14 @@ def open_sides(at: FloatArray, flat: FloatArray, rows: IntArray) -> tuple[FloatA
     gaps = np.diff(closed, axis=1)
     each, widest = np.arange(len(at)), gaps.argmax(axis=1)
     return gaps[each, widest], closed[each, widest] + 0.5 * gaps[each, widest]
+
+
+def stand_near(points: FloatArray, rows: IntArray, cloud: FloatArray, others: IntArray, reach: float) -> BoolArray:
+    """Which rows of some points, (m,), have one of the other rows of a cloud within reach; all along curves."""
+    from dqreg.kernels.near_rows import near_rows
+    from dqreg.kernels.point_tree import LEAF
+    from dqreg.kernels.threads import as_plain
+
+    found = np.zeros(len(rows), dtype=bool)
+    near_rows(as_plain(points), rows, as_plain(cloud), others, LEAF, float(reach), found)
+    return found

@@ -9,35 +9,31 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray, median
+from dqreg._arrays import FloatArray, IntArray, median
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.kernels.threads import unlocked_property
 from dqreg.trust.face_rims import (
     AROUND,
-    BESIDE,
     FEWEST,
-    MOSTLY,
-    NEAREST,
     OF_SPACING,
     OPEN_RAD,
     SAME,
-    SAME_COS,
     SPARSE,
     Plane,
     Points,
     lifted,
     open_sides,
+    stand_near,
     surrounded,
 )
+from dqreg.trust.turning_rims import BESIDE_RIM, FEWEST_TURNING, REACH, Turning, shared_turning
 
-# Neighbours of a rim in space, within so many spacings, that tell to which side of the plane the faces beside it turn:
-# as many at least, nearly all on one side. Rims that both clouds have in a plane without which nothing is said of them.
-BESIDE_RIM, REACH, TURNING, NEARLY_ALL, FEWEST_TURNING = 20, 3.0, 2, 0.9, 10
+# Points that are asked first whether they are such rims.
+ASKED = 150
 # Points of a plane of which its spacing is measured: good to some per cent; and those next to each along the curve that
 # tell what it is at most.
 SAMPLE, WINDOW = 100, 48
@@ -136,8 +132,8 @@ class Beside:
         """Edge of the square that a point in the plane has for itself."""
         return self.usual * OF_SPACING
 
-    def rims(self, asked: BoolArray) -> Turning:
-        """Which of those asked, (k,), are rims beside which the faces turn to one side."""
+    def rims(self, asked: IntArray) -> Turning:
+        """Which of those asked, (m,) of these, are rims beside which the faces turn to one side."""
         held, rows = self.held, self.rows[asked]
         cloud, tree = held.cloud
         neighbours = tree.beside(held.rows[rows], BESIDE_RIM)
@@ -146,31 +142,8 @@ class Beside:
         open_rad, towards = open_sides(held.flat[rows], held.flat, found)
         is_rim = (open_rad > OPEN_RAD) & (apart[:, -1] <= SPARSE * self.usual)
         rows, towards = rows[is_rim], towards[is_rim]
-        side = self._sides(held.rows[rows])
         outward = np.column_stack([np.cos(towards), np.sin(towards)]) @ held.plane.across
-        return Turning(held.places(rows[side != 0.0]), outward[side != 0.0], side[side != 0.0])
-
-    def _sides(self, rows: IntArray) -> FloatArray:
-        """Side of the plane, 1 or -1, on which the points beside some rows of the cloud lie, (m,).
-
-        0 for few, for both, and where the face of a row is not in the plane.
-        """
-        tree, within = self.held.cloud[1], self.held.within
-        found, apart = tree.nearest_to(rows, min(BESIDE_RIM, tree.size))
-        around = self.held.heights[found]
-        is_face = (np.abs(around[:, :BESIDE]) < within).mean(axis=1) > MOSTLY
-        around = np.where(apart < REACH * self.spacing, around, 0.0)
-        above, below = (np.count_nonzero(side * around > within, axis=1) for side in (1.0, -1.0))
-        told = is_face & (np.maximum(above, below) >= np.maximum(TURNING, NEARLY_ALL * (above + below)))
-        return np.where(told, np.sign(above - below), 0.0)
-
-
-class Turning(NamedTuple):
-    """Rims beside which the faces turn to one side."""
-
-    points: FloatArray  # (n, 3)
-    outward: FloatArray  # (n, 3): Directions in the plane to the side without points
-    side: FloatArray  # (n,): Side of the plane to which the faces turn: 1 along its normal, or -1
+        return Turning.of(held.rows[rows], outward, held.cloud, held.heights, held.within, self.spacing)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -201,10 +174,16 @@ class Opposed:
         reach = SAME * max(first.spacing, second.spacing)
         # What has none of the other cloud's beside it is no rim of both, whatever it is.
         here, there = ((x.held.cloud[0], x.held.rows[x.rows]) for x in (first, second))
-        asked = stand_near(*here, *there, reach), stand_near(*there, *here, reach)
-        if np.count_nonzero(asked[0]) < FEWEST_TURNING:
+        asked = np.flatnonzero(stand_near(*here, *there, reach))
+        if len(asked) < FEWEST_TURNING:
             return np.nan
-        return _opposed_of(first.rims(asked[0]), second.rims(asked[1]), reach)
+        # Some of them first: hardly ever is there anything opposed.
+        for some in (asked[sample_rows(len(asked), ASKED)], asked):
+            beside = stand_near(*there, here[0], here[1][some], reach)
+            found = shared_turning(first.rims(some), second.rims(np.flatnonzero(beside)), reach)
+            if len(some) == len(asked) or found.are_hardly_opposed:
+                break
+        return found.opposed
 
     @property
     def may_have_rims(self) -> bool:
@@ -212,13 +191,15 @@ class Opposed:
         return min(len(self.one.beside), len(self.other.beside)) >= FEWEST_TURNING
 
 
-def opposed_share(planes: Sequence[Opposed | None]) -> float:
+def opposed_share(planes: Sequence[Opposed | None], others: Sequence[float] = ()) -> float:
     """Share of the rims beside which faces turn to opposite sides, of the plane with most of it; NaN for few rims.
 
-    0 where there can be none, however many rims there are: of those planes no more is asked where others tell.
+    Of other planes that share is known. 0 where there can be none, however many rims there are: of those planes no more
+    is asked where others tell.
     """
     known = [plane for plane in planes if plane is not None]
-    found = float(np.fmax.reduce([plane.share for plane in known if plane.share is not None], initial=np.nan))
+    shares = [*others, *(plane.share for plane in known if plane.share is not None)]
+    found = float(np.fmax.reduce(shares, initial=np.nan))
     if math.isnan(found) and any(plane.share is None and plane.may_have_rims for plane in known):
         return 0.0
     return found
@@ -235,26 +216,21 @@ def _may_be_opposed(one: InPlane, other: InPlane) -> bool:
         # Rounded up.
         here = one.lower(side, (other.reach - one.within + reach) + ROUNDING * one.within)
         there = other.lower(-side, (one.reach - one.within + reach) + ROUNDING * one.within)
-        if len(here) and len(there):
-            here = here[stand_near(one.cloud[0], here, other.cloud[0], there, reach)]
-        if not len(here) or not len(there):
-            continue
-        here, there = one.beside_one(here, side), other.beside_one(there, -side)
-        if stand_near(one.cloud[0], here, other.cloud[0], there, reach).any():
+        # Few of the one are left whenever the other is asked.
+        here = _near(one, here, other, there, reach)
+        here = one.beside_one(here, side) if len(here) else here
+        there = _near(other, there, one, here, reach)
+        if len(there) and len(other.beside_one(there, -side)):
             return True
     return False
 
 
-def _opposed_of(one: Turning, other: Turning, reach: float) -> float:
-    """Share of the rims of both clouds, within reach of each other, beside which they turn to opposite sides."""
-    if len(other.points) < NEAREST or len(one.points) < FEWEST_TURNING:
-        return np.nan
-    rows, apart = NeighbourTree(other.points, in_order=True).nearest(one.points, NEAREST)
-    alike = (np.einsum("ijk,ik->ij", other.outward[rows], one.outward) > SAME_COS) & (apart < reach)
-    sides = np.where(alike, one.side[:, None] * other.side[rows], 0.0)
-    told = np.count_nonzero((sides != 0.0).any(axis=1))
-    opposed = np.count_nonzero((sides < 0.0).any(axis=1) & ~(sides > 0.0).any(axis=1))
-    return opposed / told if told >= FEWEST_TURNING else np.nan
+def _near(one: InPlane, rows: IntArray, other: InPlane, others: IntArray, reach: float) -> IntArray:
+    """Which of some rows of one cloud have some of the other's within reach, (m,)."""
+    if not len(rows) or not len(others):
+        return rows[:0]
+    near: IntArray = rows[stand_near(one.cloud[0], rows, other.cloud[0], others, reach)]
+    return near
 
 
 def _most_spacing(points: FloatArray, heights: FloatArray, rows: IntArray) -> float:
@@ -269,14 +245,3 @@ def _most_spacing(points: FloatArray, heights: FloatArray, rows: IntArray) -> fl
     squares = np.zeros(len(some))
     squares_along(as_plain(points), as_plain(heights), rows, some, count, min(AROUND, count - 1), squares)
     return OF_SPACING * math.sqrt(max(median(squares), 0.0))
-
-
-def stand_near(points: FloatArray, rows: IntArray, cloud: FloatArray, others: IntArray, reach: float) -> BoolArray:
-    """Which rows of some points, (m,), have one of the other rows of a cloud within reach; all along curves."""
-    from dqreg.kernels.near_rows import near_rows
-    from dqreg.kernels.point_tree import LEAF
-    from dqreg.kernels.threads import as_plain
-
-    found = np.zeros(len(rows), dtype=bool)
-    near_rows(as_plain(points), rows, as_plain(cloud), others, LEAF, float(reach), found)
-    return found

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray, median
+from dqreg._arrays import BoolArray, FloatArray, IntArray, median, quantile
 from dqreg.geometry.morton import distinct_in_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import (
@@ -249,7 +249,8 @@ class Overlap:
         points = self.points[kept]
         if len(points) <= BESIDE_EACH:
             return 0.0
-        beside = NeighbourTree(points, in_order=True).nearest(points, BESIDE_EACH + 1)[0][:, 1:]
+        tree = NeighbourTree(points, in_order=True)
+        beside = tree.nearest_to(np.arange(len(points)), BESIDE_EACH + 1)[0][:, 1:]
         shared, noise = waviness_of(self._moved[kept], self.normals[kept], beside)
         return shared if shared > IN_COMMON * noise else 0.0
 
@@ -261,9 +262,8 @@ class Overlap:
         """Strain of one cloud against the other that matters to a size; zeros else."""
         # Places on both are no clutter, a whole face that is off may be what a strain explains; but they are chosen.
         flat = self.on_no_edge
-        found = strain_of(flat.points, flat.normals, flat.residuals)
-        found = dataclasses.replace(found, significant=SIGNIFICANT_CLUTTER)
-        return found if found.shown >= SHOWN * size else Strain()
+        found = strain_of(flat.points, flat.normals, flat.residuals, faults=True, least=SHOWN * size)
+        return dataclasses.replace(found, significant=SIGNIFICANT_CLUTTER)
 
     def deformation(self, size: float) -> float:
         """Displacement of the surface of one cloud by a deformation, root mean square; 0 for none."""
@@ -280,7 +280,7 @@ def _is_flat(fits: PlaneFits) -> BoolArray:
 def _usual_noise(fits: PlaneFits) -> float:
     """What the quieter neighbourhoods leave of their planes."""
     known = fits.residuals[np.isfinite(fits.residuals)]
-    return float(np.quantile(known, 0.3)) if len(known) else 0.0
+    return quantile(known, 0.3) if len(known) else 0.0
 
 
 def _root(covariance: FloatArray) -> FloatArray:

@@ -79,12 +79,14 @@ def strain_of(
     clutter: bool = False,
     strays: bool = False,
     faults: bool = False,
+    least: float = 0.0,
 ) -> Strain:
     """Strain from distances along the target's normals, fitted together with the motion and the bend that remain.
 
     Without clutter, all points have a say to begin with: a face that is off may be what a strain explains. With it, and
     beside strays where the fit to them explains more points, those on the target have. Where faults alone are asked
-    for, what is too small for one is none, and its covariance is not asked.
+    for, what is too small for one is none, as is what displaces the surface by less than a least length, and its
+    covariance is not asked.
 
     Shapes: points (n, 3) in the order of a space-filling curve, normals (n, 3), residuals (n,).
     """
@@ -118,6 +120,9 @@ def strain_of(
         fitted, weights = min(fits, key=lambda fit: median(np.abs(residuals - fit[0] @ rows)))
     if is_small(fitted, NO_FAULT if faults else SMALL):
         return Strain()
+    shown = unexplained(fitted[6:] @ rows[6:], rows[:6], weights)
+    if shown < least:
+        return Strain()
     left = residuals - fitted @ rows
     variance = float(weights @ left**2 / max(weights.sum() - len(rows), 1.0))
     known = known_before(product(rows * weights, rows.T), variance, lever)
@@ -129,7 +134,6 @@ def strain_of(
     sigmas = np.sqrt(np.diag(scatter)[12:]) * factor
     k = int(np.argmax(bends / sigmas)) if (sigmas > 0.0).all() else 0
     significant = SIGNIFICANT_CLUTTER if clutter else SIGNIFICANT
-    shown = unexplained(fitted[6:] @ rows[6:], rows[:6], weights)
     return Strain(value, sigma, along, float(bends[k]), float(sigmas[k]), significant, shown)
 
 
@@ -171,6 +175,7 @@ def robust_fit(
     lever: float,
     first: FloatArray,
     is_small: Callable[[FloatArray], bool] = lambda _: False,
+    rounds: int = ROUNDS,
 ) -> tuple[FloatArray, FloatArray]:
     """Least squares with Tukey's biweight, from the first weights; and the last weights.
 
@@ -178,7 +183,7 @@ def robust_fit(
     """
     fitted: FloatArray = np.zeros(len(rows))
     weights, was_small, left = first, False, residuals
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         variance = dot(weights, left**2) / float(weights.sum()) + np.finfo(float).tiny
         weighed = rows * weights
         information = product(weighed, rows.T)

@@ -118,3 +118,23 @@ def test_residuals_that_leave_no_room_for_a_deformation_are_not_asked() -> None:
         if deformation_of(points, normals, residuals, SIZE, ON_A_PART):
             assert may_be_deformed(float(np.sqrt(np.mean(residuals**2))), NOISE, SIZE)
     assert not may_be_deformed(NOISE, NOISE, SIZE)
+
+
+@pytest.mark.parametrize("shape", [corner, lambda rng: sphere(rng, 1_500)])
+def test_what_a_fit_to_the_end_tells_two_rounds_of_it_do_not_rule_out(shape, monkeypatch: pytest.MonkeyPatch) -> None:
+    # Strains and waves about as large as the limits, with strays beside them.
+    said = []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        points, normals = shape(rng)
+        fields = points @ (0.01 * rng.normal(size=(3, 3))), 0.01 * np.square(points) @ rng.normal(size=(3, 3))
+        moved = points + 10.0 ** rng.uniform(-1.5, 0.5) * fields[seed % 2]
+        residuals = residuals_of(points, normals, moved, rng)
+        residuals[rng.random(len(residuals)) < 0.1] += 0.3 * rng.random()
+        at_once = deformation_of(points, normals, residuals, SIZE)
+        with monkeypatch.context() as patch:
+            patch.setattr(deformation, "_may_be_told", lambda *_: True)
+            to_the_end = deformation_of(points, normals, residuals, SIZE)
+        assert at_once == to_the_end
+        said.append(at_once > 0.0)
+    assert 10 < sum(said) < 50

@@ -133,3 +133,13 @@ def test_of_faults_alone_what_is_too_small_for_one_is_none_and_the_others_are_as
     assert found.is_strained == (share > 1.0)
     assert any(found.along)
     assert fault == (found if share > 1.0 else Strain())
+
+
+@pytest.mark.parametrize("value", [0.0, 0.004, 0.008, 0.02])
+def test_strains_that_show_less_than_what_is_asked_for_are_none_and_the_others_are_as_they_are(value: float) -> None:
+    points, normals, noise = scanned(box)
+    residuals = value * points[:, 0] * normals[:, 0] + noise
+    found, least = strain_of(points, normals, residuals), 0.006
+    asked = strain_of(points, normals, residuals, least=least)
+    assert asked == (found if found.shown >= least else Strain())
+    assert (asked == Strain()) == (value < 0.005)
