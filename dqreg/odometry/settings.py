@@ -12,8 +12,9 @@ from dqreg.errors import InputError
 
 # Voxel over the median range of the first frame: 0.4 m in halls and streets, 0.1 m on a desk.
 VOXEL_SHARE = 0.05
-# Range of the map over the farthest point of the first frame.
-BEYOND = 2.0
+# Range of the map over the farthest point of the first frame; a point farther than so many times what nine tenths are
+# within is a stray: in halls and streets the farthest ones came to 2 to 8.
+BEYOND, STRAY = 2.0, 10.0
 # Largest distance of a pair, in voxels: while the pose is sought, and on the last level.
 REACH, NEAR = 5.0, 1.25
 
@@ -46,7 +47,7 @@ class OdometrySettings:
         Edge of a voxel of the map. Default: 0.05 of the first frame's median range.
     max_range : float, optional
         Points farther from the sensor are left out, and the map forgets what is farther. Default: twice the farthest
-        point of the first frame.
+        point of the first frame, strays aside: at most twenty times the range that nine tenths of it are within.
     min_range : float
         Points nearer to the sensor are left out.
     deskew : bool
@@ -122,7 +123,7 @@ class OdometrySettings:
         """
         ranges = np.linalg.norm(points, axis=1)
         voxel = self.voxel_size or VOXEL_SHARE * float(np.median(ranges))
-        limit = self.max_range or BEYOND * float(ranges.max())
+        limit = self.max_range or BEYOND * min(float(ranges.max()), STRAY * float(np.quantile(ranges, 0.9)))
         return Resolved(
             voxel_size=voxel,
             max_range=limit,

@@ -267,3 +267,13 @@ def test_balm_sequence_no_frame_lost_and_better_than_kiss_icp(real_data: Path):
             assert np.median(mine) <= np.median(kiss_error)
     assert np.median(errors.steps[1][0]) < 0.1
     assert np.median(errors.steps[1][1]) < 0.01
+
+
+@pytest.mark.parametrize("stray", [[1e6, 0.0, 0.0], [1e30, 1e30, 1e30]])
+def test_one_stray_in_each_frame_stretches_no_map(jerky, followed, stray):
+    # The poses without it are the reference: the frames are registered alike but for what is rounded.
+    odometry, results = run([np.concatenate([frame, [stray]]) for frame in jerky.frames[:4]])
+    assert [r.verdict.level for r in results] == ["accepted"] * 4
+    turn, shift = relative_errors(odometry.poses, followed[0].poses[:4], 1)
+    assert turn.max() < 0.05
+    assert shift.max() < 0.005
