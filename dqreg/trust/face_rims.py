@@ -205,7 +205,9 @@ def shared_along(
     Returns slides (k,), in steps in which rims are the same, zero in the middle, and shares (k,), NaN for few rims.
     """
     both = [(one, other) for one, other in zip(rims, others, strict=True) if one is not None and other is not None]
-    step = SAME * max((max(one.spacing, other.spacing) for one, other in both), default=np.inf)
+    if not both:
+        return np.zeros(1), np.full(1, np.nan)
+    step = SAME * max(max(one.spacing, other.spacing) for one, other in both)
     count = int(np.ceil(reach / step))
     slides, shared, total = np.arange(-count, count + 1.0), np.zeros((2, 2 * count + 1)), np.zeros(2)
     for one, other in both:

@@ -7,7 +7,7 @@ import pytest
 
 from dqreg.trust import opposed_edges
 from dqreg.trust.common_planes import CommonPlanes
-from dqreg.trust.face_rims import Plane
+from dqreg.trust.face_rims import Plane, shared_along
 from dqreg.trust.limits import ENDS_APART, ONE_PLANE, OPPOSED_EDGES, RIMS_GAINED, RIMS_SHARED
 from dqreg.trust.opposed_edges import Opposed
 from dqreg.trust.overlap import IndexedPoints, Overlap
@@ -86,6 +86,12 @@ def test_a_face_alone_is_one_plane() -> None:
     flat = corner((30.0, 40.0, 55.0), 1)
     top, again = (side[np.abs(side[:, 0]) < 0.1] for side in (flat, corner((30.0, 40.0, 55.0), 2)))
     assert between(top, again).largest > ONE_PLANE
+
+
+def test_planes_without_rims_share_none_wherever_they_are_slid() -> None:
+    slides, shares = shared_along([None, None], [None, None], np.array([1.0, 0.0, 0.0]), SIZE)
+    np.testing.assert_array_equal(slides, [0.0])
+    assert np.isnan(shares).all()
 
 
 def test_the_top_of_a_plate_laid_on_its_bottom_is_told_by_the_sides_below_and_above() -> None:
