@@ -9,6 +9,8 @@ from hypothesis import strategies as st
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh
 from dqreg.kernels import threads
+from dqreg.kernels.treelets import BLOCK
+from dqreg.kernels.triangle_order import order_of_triangles
 from dqreg.kernels.triangle_tree import LEAF, TriangleTree
 from dqreg.synth.parts import bracket
 from tests.geometry.oracles import brute_triangles
@@ -56,6 +58,44 @@ def test_no_triangle_is_nearer_with_any_first_guess(seed: int, count: int, thin:
         assert np.array_equal(normals, tree.normals[faces])
         on_face = [distances_of(corners[f : f + 1], p[None])[0] for f, p in zip(faces, points, strict=True)]
         assert (on_face <= 1e3 * rounding[faces]).all()
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([1, 2, 3, 9, 300, BLOCK, BLOCK + 1, 3 * BLOCK + 7]), st.booleans())
+def test_every_node_is_the_box_of_its_triangles_and_each_is_in_one_leaf(seed: int, count: int, alike: bool) -> None:
+    rng = np.random.default_rng(seed)
+    corners = triangles(rng, count) + (0.0 if alike else 30.0 * rng.uniform(size=(count, 1, 3)))
+    if alike:
+        # One box for all: no neighbour is nearer than another.
+        corners[:, 0], corners[:, 1] = -9.0, 9.0
+    tree = tree_of(corners)
+    low, high = corners[tree.faces].min(axis=1), corners[tree.faces].max(axis=1)
+    depth, bottom, top = np.zeros(len(tree.nodes), int), np.zeros((len(tree.nodes), 3)), np.zeros((len(tree.nodes), 3))
+    for node in range(len(tree.nodes) - 1, -1, -1):
+        child, many, _ = tree.links[node]
+        assert many or (child > node and child % 2 == 1 and (tree.links[child : child + 2, 2] == node).all())
+        assert 0 <= many <= LEAF
+        held = slice(child, child + (many or 2))
+        bottom[node] = low[held].min(axis=0) if many else bottom[held].min(axis=0)
+        top[node] = high[held].max(axis=0) if many else top[held].max(axis=0)
+        depth[node] = 0 if many else 1 + depth[held].max()
+        assert not many or (tree.leaves[held] == node).all()
+    np.testing.assert_array_equal(tree.nodes, np.hstack([bottom, top]))
+    np.testing.assert_array_equal(np.sort(tree.faces), np.arange(count))
+    np.testing.assert_array_equal(tree.faces[tree.slots], np.arange(count))
+    assert depth[0] < 2.0 * np.log2(count + 1) + 16
+
+
+def test_halves_of_a_rectangle_are_no_copies_and_copies_among_them_are_found() -> None:
+    # They have one box, and so have many that are not in one place in the order.
+    square = np.array(
+        [[[0.0, 0, 0], [1, 0, 0], [1, 1, 0]], [[0, 0, 0], [1, 1, 0], [0, 1, 0]], [[1, 0, 0], [0, 1, 0], [0, 0, 0]]]
+    )
+    corners = np.concatenate([square, square[::-1, [1, 2, 0]], -square, 1.0 + square])
+    rows, first = order_of_triangles(corners)
+    np.testing.assert_array_equal(np.sort(rows), [0, 1, 2, 6, 7, 8, 9, 10, 11])
+    np.testing.assert_array_equal(first, [0, 1, 2, 2, 1, 0, 6, 7, 8, 9, 10, 11])
+    assert order_of_triangles(np.concatenate([square, -square]))[1] is None
 
 
 @pytest.mark.parametrize("thin", [1.0, 1e-3])
