@@ -14,6 +14,7 @@ from dqreg.kernels.cell_planes import cell_planes
 from dqreg.kernels.close_points import close_points, facing_matches
 from dqreg.kernels.company import company_rows
 from dqreg.kernels.components import components
+from dqreg.kernels.copies import first_copies
 from dqreg.kernels.corner_lists import list_corners, weld
 from dqreg.kernels.creases import COLUMNS as OF_CREASES
 from dqreg.kernels.creases import near_creases
@@ -90,6 +91,7 @@ def compile_for_all_users() -> None:
 
 
 def _faces() -> None:
+    first_copies(CORNERS)
     faces = TriangleTree.of(CORNERS, np.ones((2, 3)))
     faces.closest(np.zeros((1, 3)))
 
