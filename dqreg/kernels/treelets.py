@@ -81,15 +81,14 @@ def join_in_blocks(first: int, last: int, share: int, boxes: Singles, pairs: Int
 @inside_kernels
 def choose_mates(own: Singles, left: int, lengths: Singles, costs: Singles, best: Singles, mates: Numbers) -> None:
     """Write to each box the other within reach with which it makes the box of the smallest area."""
-    # Of equals the other one of a pair: boxes in one place are all joined in one round.
-    join_costs(own, left, 1, lengths, costs)
-    for i in range(0, left - 1, 2):
-        best[i], best[i + 1], mates[i], mates[i + 1] = costs[i], costs[i], i + 1, i
-    if left % 2 == 1:
-        best[left - 1], mates[left - 1] = np.float32(np.inf), left - 1
+    for i in range(left):
+        best[i], mates[i] = np.float32(np.inf), i
     for d in range(1, min(REACH + 1, left)):
-        if d > 1:
-            join_costs(own, left, d, lengths, costs)
+        join_costs(own, left, d, lengths, costs)
+        if d == 1:
+            # Of equals the other one of a pair: boxes in one place are all joined in one round.
+            for i in range(0, left - 1, 2):
+                best[i], best[i + 1], mates[i], mates[i + 1] = costs[i], costs[i], i + 1, i
         count = left - d
         some, cost, ahead = best[:count], costs[:count], mates[:count]
         for i in range(count):

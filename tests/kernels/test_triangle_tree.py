@@ -11,7 +11,7 @@ from dqreg.geometry import Mesh
 from dqreg.kernels import threads
 from dqreg.kernels.treelets import BLOCK
 from dqreg.kernels.triangle_order import order_of_triangles
-from dqreg.kernels.triangle_tree import LEAF, TriangleTree
+from dqreg.kernels.triangle_tree import FEW, LEAF, TriangleTree
 from dqreg.synth.parts import bracket
 from tests.geometry.oracles import brute_triangles
 
@@ -60,8 +60,9 @@ def test_no_triangle_is_nearer_with_any_first_guess(seed: int, count: int, thin:
         assert (on_face <= 1e3 * rounding[faces]).all()
 
 
-@settings(deadline=None, max_examples=60)
-@given(st.integers(0, 2**32 - 1), st.sampled_from([1, 2, 3, 9, 300, BLOCK, BLOCK + 1, 3 * BLOCK + 7]), st.booleans())
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("count", [1, 2, 3, 9, 300, BLOCK + 1, 3 * BLOCK + 7])
+@pytest.mark.parametrize("alike", [False, True])
 def test_every_node_is_the_box_of_its_triangles_and_each_is_in_one_leaf(seed: int, count: int, alike: bool) -> None:
     rng = np.random.default_rng(seed)
     corners = triangles(rng, count) + (0.0 if alike else 30.0 * rng.uniform(size=(count, 1, 3)))
@@ -158,6 +159,16 @@ def test_the_bits_do_not_depend_on_the_number_of_threads(monkeypatch: pytest.Mon
     monkeypatch.setattr(threads, "thread_count", lambda: count)
     for found, expected in zip(tree.closest(queries), alone, strict=True):
         np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_a_tree_does_not_depend_on_the_number_of_threads(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
+    corners = triangles(np.random.default_rng(8), FEW + 1)
+    expected = tree_of(corners)
+    monkeypatch.setattr(threads, "thread_count", lambda: count)
+    found = tree_of(corners)
+    for name in ("nodes", "links", "packed", "faces", "slots", "leaves"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
 
 
 @pytest.mark.parametrize("bound", [np.inf, 0.02])
