@@ -26,12 +26,21 @@ def merge_identical(vertices: FloatArray) -> tuple[FloatArray, IntArray]:
     Shapes: distinct (d, 3), place (v,).
     """
     with np.errstate(over="ignore"):
-        spacing = SAME_VERTEX * float(np.subtract(*bounds(vertices)[::-1]).max())
-        # A single point, or an extent beyond float64, has no grid; then only equal numbers are the same.
-        nodes = np.round(vertices / spacing) if 0.0 < spacing < np.inf else vertices
+        spacing = spacing_of_nodes(*bounds(vertices))
+        nodes = np.round(vertices / spacing) if spacing else vertices
     first = _first_equal(nodes)
     is_first = first == np.arange(len(nodes))
     return vertices[is_first], (np.cumsum(is_first) - 1)[first]
+
+
+def spacing_of_nodes(low: FloatArray, high: FloatArray) -> float:
+    """Spacing of the grid on whose nodes vertices are one, from the ends of all of them.
+
+    A single point, or an extent beyond float64, has none, which is 0: then only equal numbers are the same.
+    """
+    with np.errstate(over="ignore"):
+        spacing = SAME_VERTEX * float((high - low).max())
+    return spacing if 0.0 < spacing < np.inf else 0.0
 
 
 def _first_equal(rows: FloatArray) -> IntArray:

@@ -12,7 +12,8 @@ from dqreg._arrays import BoolArray, FloatArray, IntArray, as_vectors, bounds, o
 from dqreg.errors import InputError
 from dqreg.geometry import exports
 from dqreg.geometry.boundary import MeshBoundary
-from dqreg.geometry.topology import Topology
+from dqreg.geometry.face_fans import FaceFans
+from dqreg.geometry.topology import SameNodes, Topology
 
 # Faces that one thread takes in one go.
 CHUNK = 16_384
@@ -107,6 +108,13 @@ class Mesh:
         return normals, areas
 
     @cached_property
+    def _shares_before(self) -> FloatArray:
+        """Share of the area of all faces up to each, itself too, (f,)."""
+        before: FloatArray = np.cumsum(self.face_areas / self.face_areas.sum())
+        before /= before[-1]
+        return before
+
+    @cached_property
     def _moments(self) -> tuple[FloatArray, FloatArray]:
         """Mean, (3,), and covariance, (3, 3), of the surface: exact."""
         from dqreg.kernels.mesh_faces import MOMENTS, surface_moments
@@ -114,8 +122,7 @@ class Mesh:
 
         count, middle = len(self.faces), self.centre
         sums = np.zeros((count // CHUNK + 1, MOMENTS))
-        given = as_plain(self.corners), as_plain(self.face_areas), middle, CHUNK, sums
-        over_chunks(surface_moments, count, *given, chunk=CHUNK)
+        over_chunks(surface_moments, count, as_plain(self.corners), self.face_areas, middle, CHUNK, sums, chunk=CHUNK)
         total = sums.sum(axis=0)
         mean, second = total[1:4] / total[0], np.zeros((3, 3))
         second[np.triu_indices(3)] = total[4:] / total[0]
@@ -132,10 +139,18 @@ class Mesh:
         """Face across each of the three sides (first to second corner, ...), (f, 3); itself where there is none."""
         return self.topology.neighbours
 
-    @property
+    @cached_property
     def is_closed(self) -> bool:
         """Whether every side of every face is shared: the mesh bounds a body, it is watertight."""
-        return self.topology.open_sides == 0
+        return self._same_nodes.closed(self.faces, self.flat)
+
+    @cached_property
+    def _same_nodes(self) -> SameNodes:
+        return SameNodes.of(self.vertices, self.faces, self.flat)
+
+    @cached_property
+    def _fans(self) -> FaceFans:
+        return FaceFans(self.faces, self._same_nodes, self.corners, self.face_normals)
 
     @cached_property
     def borders(self) -> MeshBoundary | None:
@@ -171,15 +186,13 @@ class Mesh:
         A body whose bounding box lies inside that of another is taken for a cavity of it, which is wound inward
         rightly.
         """
-        bodies = self.topology.bodies[: len(self.faces)]
-        count = len(self.body_volumes)
+        bodies, count = self.topology.bodies[: len(self.faces)], len(self.body_volumes)
         if bodies.min() == bodies.max():
             return int(self.body_volumes[bodies[0]] < 0.0), 1
         low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
         np.minimum.at(low, bodies, self.corners.min(axis=1))
         np.maximum.at(high, bodies, self.corners.max(axis=1))
-        order = np.argsort(-np.prod(np.maximum(high - low, 0.0), axis=1))
-        outermost: list[int] = []
+        order, outermost = np.argsort(-np.prod(np.maximum(high - low, 0.0), axis=1)), list[int]()
         for body in order[np.isfinite(low[order]).all(axis=1)]:
             within = (low[outermost] <= low[body]).all(axis=1) & (high[outermost] >= high[body]).all(axis=1)
             if not within.any():
@@ -209,8 +222,7 @@ class Mesh:
     @property
     def centre(self) -> FloatArray:
         """Middle of the bounding box, (3,)."""
-        middle: FloatArray = self.bounds.mean(axis=0)
-        return middle
+        return np.asarray(self.bounds.mean(axis=0))
 
     @property
     def diagonal(self) -> float:

@@ -18,56 +18,27 @@ from dqreg._arrays import FloatArray, IntArray
 from dqreg.geometry.mesh import Mesh
 from dqreg.geometry.surface import Closest
 
-# Faces that meet at less than this are facets of one smooth surface; a chamfer of 30 degrees is an edge.
-SMOOTH_DEG = 25.0
 # Faces or points that one thread takes in one go.
 CHUNK = 16_384
-# Corner normals that differ from their face's by less are equal to it but for rounding.
-FLAT = 1e-12
 
 
-class SmoothNormals:
-    """Interpolated normals on a mesh, with its sharp edges left sharp.
+def smooth_normals_of(mesh: Mesh, places: FloatArray, faces: IntArray, normals: FloatArray) -> FloatArray:
+    """Normals of the smooth surface at places of faces whose own normals are given, which stay where none is round.
 
-    Faces that meet at a small angle form a group. In each corner the normals of the group's faces there are averaged,
-    weighted by the corner's angle (Thuermer and Wuethrich 1998), and interpolated linearly across the face.
+    Those of the corners of each face, see `FaceFans`, are interpolated linearly across it: sharp edges stay sharp.
+    Shapes: places and normals (n, 3), faces (n,).
     """
+    from dqreg.kernels.pseudo_normals import smooth_normals_at
+    from dqreg.kernels.threads import as_plain, over_chunks
 
-    def __init__(self, mesh: Mesh) -> None:
-        self._mesh = mesh
-        # One smooth corner is one vertex within one group.
-        corners = _smooth_corners(mesh)
-        sums = _sums(mesh.face_normals, _corner_angles(mesh.corners), corners)
-        self._corner_normals = np.take(_unit(sums), corners, axis=0).reshape(-1, 3, 3)
-        apart = np.abs(self._corner_normals - mesh.face_normals[:, None]) > FLAT
-        self._round = apart.reshape(-1, 9).any(axis=1)
-
-    def any_round(self, faces: IntArray) -> bool:
-        """Whether any of some faces has normals other than its own."""
-        return bool(self._round.any() and np.take(self._round, faces).any())
-
-    def at(self, places: FloatArray, faces: IntArray) -> FloatArray:
-        """Normals at places on the mesh."""
-        from dqreg.kernels.pseudo_normals import smooth_normals_at
-        from dqreg.kernels.threads import as_plain, over_chunks
-
-        normals = np.take(self._mesh.face_normals, faces, axis=0)
-        # Most of a machined part is flat, and there the face's own normal is the answer.
-        asked = as_plain(places), as_whole(faces), self._round, as_plain(self._mesh.corners), self._corner_normals
-        over_chunks(smooth_normals_at, len(faces), *asked, normals, chunk=CHUNK)
+    fans = mesh._fans.find(faces)
+    # Most of a machined part is flat, and there the face's own normal is the answer.
+    if not np.take(fans.is_round, faces).any():
         return normals
-
-
-def _smooth_corners(mesh: Mesh) -> IntArray:
-    """Number of the smooth corner that each corner is, (f, 3)."""
-    from dqreg.kernels.smooth_corners import smooth_corners
-    from dqreg.kernels.threads import as_plain, aside
-
-    numbers, least = np.zeros_like(mesh.faces), float(np.cos(np.deg2rad(SMOOTH_DEG)))
-    vertices = as_whole(mesh.topology.corners[: len(mesh.faces)])
-    count = int(vertices.max()) + 1
-    aside(smooth_corners, as_plain(mesh.face_normals), as_whole(mesh.face_neighbours), least, vertices, count, numbers)
-    return numbers
+    found = np.take(mesh.face_normals, faces, axis=0)
+    asked = as_plain(places), as_whole(faces), fans.is_round, as_plain(mesh.corners), fans.corner_normals
+    over_chunks(smooth_normals_at, len(faces), *asked, found, chunk=CHUNK)
+    return found
 
 
 def _corner_angles(corners: FloatArray) -> FloatArray:

@@ -7,16 +7,20 @@ from collections.abc import Callable
 import numpy as np
 
 from dqreg.kernels import second_process
+from dqreg.kernels.areas_by_direction import areas_by_direction
 from dqreg.kernels.cache import keep_beside_package
 from dqreg.kernels.cell_moments import cell_moments, table_of
 from dqreg.kernels.cell_planes import cell_planes
 from dqreg.kernels.close_points import close_points, facing_matches
 from dqreg.kernels.company import company_rows
 from dqreg.kernels.components import components
+from dqreg.kernels.copies import first_copies
+from dqreg.kernels.corner_lists import list_corners, weld
 from dqreg.kernels.creases import COLUMNS as OF_CREASES
 from dqreg.kernels.creases import near_creases
 from dqreg.kernels.disc_pairs import disc_pair_sums
 from dqreg.kernels.edge_planes import edge_plane_rows, with_others_rows
+from dqreg.kernels.face_fans import fans_of_faces
 from dqreg.kernels.face_scatter import face_precisions, face_sums, orientation_cells, square_heights, times_precisions
 from dqreg.kernels.garbage import not_collected
 from dqreg.kernels.growing_tree import GrowingTree
@@ -50,7 +54,7 @@ from dqreg.kernels.pseudo_normals import add_scaled_rows, corner_angles, pseudo_
 from dqreg.kernels.quadric_fits import quadric_residual_rows
 from dqreg.kernels.rims import line_rows, one_sided_rows
 from dqreg.kernels.scattering import put_rows
-from dqreg.kernels.smooth_corners import smooth_corners
+from dqreg.kernels.side_parity import number_nodes, sum_of_sides
 from dqreg.kernels.split_sort import split_sorted_rows
 from dqreg.kernels.surrounded import shares_beside, squares_along, surrounded_rows
 from dqreg.kernels.swept_rows import swept_rows
@@ -89,6 +93,7 @@ def compile_for_all_users() -> None:
 
 
 def _faces() -> None:
+    first_copies(CORNERS)
     faces = TriangleTree.of(CORNERS, np.ones((2, 3)))
     faces.closest(np.zeros((1, 3)))
 
@@ -234,7 +239,14 @@ def _meshes() -> None:
 def _sides() -> None:
     faces, none = np.arange(3)[None], np.zeros(1, dtype=bool)
     number_sides(faces, 3, none, faces.copy(), faces.copy(), faces.copy())
-    smooth_corners(FLAT[:1].copy(), FIRST[:, None] * faces, 0.5, faces, 3, faces.copy())
+    numbers, lists = np.zeros(3, dtype=np.uint64), np.zeros((2, 3), dtype=np.int32)
+    number_nodes(0, 3, FLAT, 1.0, numbers)
+    sum_of_sides(0, 1, faces, numbers, 1, numbers.copy())
+    weld(numbers, np.zeros(8, dtype=np.int32), lists[0])
+    heads = np.full((3, 2), -1, dtype=np.int32)
+    list_corners(faces, lists[0], heads, lists[1])
+    fans_of_faces(0, 0, FIRST, faces, lists[0], heads, lists[1], CORNERS, FLAT, 0.5, 0.5, faces.copy(), CORNERS, none)
+    areas_by_direction(FLAT, ONE, 1, np.zeros(8, dtype=np.int64), np.zeros(8))
     surface_moments(0, 1, CORNERS, ONE, ONE, 1, np.zeros((1, MOMENTS)))
     flat = np.eye(3)
     corner_angles(0, 0, CORNERS, flat)

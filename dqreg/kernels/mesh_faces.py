@@ -69,23 +69,28 @@ def face_columns(
 def surface_moments(
     first: int, last: int, corners: FloatArray, areas: FloatArray, about: FloatArray, chunk: int, sums: FloatArray
 ) -> None:
-    """Add area, first and second moments of faces first to last to the row of their range, of `MOMENTS` columns.
+    """Write area, first and second moments of faces first to last to the row of their range, of `MOMENTS` columns.
 
     Of a triangle of area A with corners c and their sum s the second moment is A / 12 (sum of c c^T + s s^T). Columns
     4 to 9 are xx, xy, xz, yy, yz, zz.
     """
-    row, s = first // chunk, np.zeros(3)
+    row = first // chunk
+    total, mx, my, mz = 0.0, 0.0, 0.0, 0.0
+    xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for f in range(first, last):
         area = areas[f]
-        for k in range(3):
-            s[k] = (corners[f, 0, k] - about[k]) + (corners[f, 1, k] - about[k]) + (corners[f, 2, k] - about[k])
-            sums[row, 1 + k] += area * s[k] / 3.0
-        sums[row, 0] += area
-        column = 4
-        for k in range(3):
-            for m in range(k, 3):
-                second = s[k] * s[m]
-                for j in range(3):
-                    second += (corners[f, j, k] - about[k]) * (corners[f, j, m] - about[m])
-                sums[row, column] += area * second / 12.0
-                column += 1
+        ax, ay, az = corners[f, 0, 0] - about[0], corners[f, 0, 1] - about[1], corners[f, 0, 2] - about[2]
+        bx, by, bz = corners[f, 1, 0] - about[0], corners[f, 1, 1] - about[1], corners[f, 1, 2] - about[2]
+        cx, cy, cz = corners[f, 2, 0] - about[0], corners[f, 2, 1] - about[1], corners[f, 2, 2] - about[2]
+        x, y, z = ax + bx + cx, ay + by + cy, az + bz + cz
+        total = total + area
+        mx, my, mz = mx + area * x / 3.0, my + area * y / 3.0, mz + area * z / 3.0
+        xx += area * (x * x + ax * ax + bx * bx + cx * cx) / 12.0
+        xy += area * (x * y + ax * ay + bx * by + cx * cy) / 12.0
+        xz += area * (x * z + ax * az + bx * bz + cx * cz) / 12.0
+        yy += area * (y * y + ay * ay + by * by + cy * cy) / 12.0
+        yz += area * (y * z + ay * az + by * bz + cy * cz) / 12.0
+        zz += area * (z * z + az * az + bz * bz + cz * cz) / 12.0
+    own = sums[row]
+    own[0], own[1], own[2], own[3] = total, mx, my, mz
+    own[4], own[5], own[6], own[7], own[8], own[9] = xx, xy, xz, yy, yz, zz

@@ -6,6 +6,7 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.kernels.compiled import compiled, inside_kernels
+from dqreg.kernels.face_fans import angle_at
 
 
 @compiled
@@ -13,19 +14,7 @@ def corner_angles(first: int, last: int, corners: FloatArray, angles: FloatArray
     """Write the angle at each corner of faces first to last, (f, 3), radians. Shapes: corners (f, 3, 3)."""
     for f in range(first, last):
         for k in range(3):
-            a, b = (k + 1) % 3, (k + 2) % 3
-            x, y, z = (
-                corners[f, a, 0] - corners[f, k, 0],
-                corners[f, a, 1] - corners[f, k, 1],
-                corners[f, a, 2] - corners[f, k, 2],
-            )
-            u, v, w = (
-                corners[f, b, 0] - corners[f, k, 0],
-                corners[f, b, 1] - corners[f, k, 1],
-                corners[f, b, 2] - corners[f, k, 2],
-            )
-            p, q, r = y * w - z * v, z * u - x * w, x * v - y * u
-            angles[f, k] = np.arctan2(np.sqrt(p * p + q * q + r * r), x * u + y * v + z * w)
+            angles[f, k] = angle_at(corners, f, k)
 
 
 @compiled

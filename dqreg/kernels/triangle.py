@@ -12,20 +12,25 @@ COLUMNS = 12
 
 
 @compiled
-def enclose(corners: FloatArray, rows: IntArray, spans: FloatArray) -> None:
-    """Write the boxes of some triangles, (n, 6), lowest and highest corner. O(n)."""
-    for i in range(len(rows)):
-        o = rows[i]
-        for k in range(3):
-            a, b, c = corners[o, 0, k], corners[o, 1, k], corners[o, 2, k]
-            spans[i, k], spans[i, 3 + k] = min(a, b, c), max(a, b, c)
+def pack(
+    first: int,
+    last: int,
+    corners: FloatArray,
+    faces: IntArray,
+    links: IntArray,
+    leaves: IntArray,
+    packed: FloatArray,
+    slots: IntArray,
+    nodes: FloatArray,
+) -> None:
+    """Write the triangles of slots first to last, (n, 12), zeros; the slot of each; and the boxes of their leaves.
 
-
-@compiled
-def pack(corners: FloatArray, order: IntArray, packed: FloatArray) -> None:
-    """Write triangles, (n, 3, 3), in an order: packed, (n, 12), zeros. O(n)."""
-    for i in range(len(order)):
-        o = order[i]
+    A leaf is written where its first slot is. O(n). Shapes: corners (m, 3, 3), faces and leaves of the slots (n,),
+    slots (m,), nodes (k, 6).
+    """
+    for i in range(first, last):
+        o, node = faces[i], leaves[i]
+        slots[o] = i
         for k in range(3):
             a, b, c = corners[o, 0, k], corners[o, 1, k], corners[o, 2, k]
             packed[i, k], packed[i, 3 + k], packed[i, 6 + k] = a, b - a, c - a
@@ -33,6 +38,15 @@ def pack(corners: FloatArray, order: IntArray, packed: FloatArray) -> None:
             packed[i, 9] += packed[i, 3 + k] * packed[i, 3 + k]
             packed[i, 10] += packed[i, 3 + k] * packed[i, 6 + k]
             packed[i, 11] += packed[i, 6 + k] * packed[i, 6 + k]
+        if links[node, 0] != i:
+            continue
+        for k in range(3):
+            low, high = np.inf, -np.inf
+            for other in range(i, i + links[node, 1]):
+                f = faces[other]
+                for corner in range(3):
+                    low, high = min(low, corners[f, corner, k]), max(high, corners[f, corner, k])
+            nodes[node, k], nodes[node, 3 + k] = low, high
 
 
 @inside_kernels

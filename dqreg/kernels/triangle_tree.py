@@ -9,19 +9,25 @@ import numpy as np
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.kernels.area_order import area_order
 from dqreg.kernels.closest_triangles import closest_places
-from dqreg.kernels.copies import first_copies
 from dqreg.kernels.threads import as_plain, aside, over_chunks
-from dqreg.kernels.triangle import COLUMNS, enclose, pack
+from dqreg.kernels.treelets import BLOCK, boxes_in_order, enclose_children, hang_trees, join_in_blocks
+from dqreg.kernels.triangle import COLUMNS, pack
+from dqreg.kernels.triangle_order import order_of_triangles
 
-# Triangles a leaf: on nine CAD parts 2 took 0.7 to 0.95 of the time of 4. Queries that one thread answers in one go.
-LEAF, CHUNK = 2, 500
+# Triangles a leaf at most: on nine CAD parts 2 took 0.7 to 0.95 of the time of 4. Queries that one thread answers in
+# one go, and triangles.
+LEAF, CHUNK, LONG = 2, 500, 16_384
+# Triangles of a small tree on average, of up to so many triangles and of more: the top is cut by areas, which takes
+# longer and makes the better boxes. Queries took 0.9 to 1.05 of the time of cutting by areas down to the leaves.
+SHARES, FEW = (4, 8), 50_000
 
 
 @dataclasses.dataclass(frozen=True)
 class TriangleTree:
-    """Triangles in the order of a tree of boxes, see `area_order`.
+    """Triangles in the order of a tree of boxes.
 
-    About 220 bytes a triangle. Built in O(n log n).
+    About 240 bytes a triangle. Built in O(n) from the leaves up, see `treelets`, but for the top: small trees of eight
+    triangles or so are put under one that is cut by areas, see `area_order`.
     """
 
     nodes: FloatArray  # (k, 6): Box of each node, lowest and highest corner; the first is of all
@@ -38,24 +44,20 @@ class TriangleTree:
         """Tree of triangles. Shapes: corners (m, 3, 3)."""
         corners = as_plain(corners)
         # Copies in one place have boxes in one place: a query near a thousand of them would look at each.
-        first = aside(first_copies, corners)
-        kept = np.flatnonzero(first == np.arange(len(corners)))
-        spans, order = np.zeros((len(kept), 6)), np.zeros(len(kept), dtype=np.int64)
-        nodes, links = np.zeros((2 * len(kept), 6)), np.zeros((2 * len(kept), 3), dtype=np.int64)
-        aside(enclose, corners, kept, spans)
-        count = aside(area_order, spans, LEAF, order, nodes, links)
-        nodes, links, faces = nodes[:count].copy(), links[:count].copy(), kept[order]
-        packed = np.zeros((len(faces), COLUMNS))
-        aside(pack, corners, faces, packed)
-        slots = np.zeros(len(corners), dtype=np.int64)
-        slots[faces] = np.arange(len(faces))
+        rows, first = order_of_triangles(corners)
+        count = len(rows)
+        nodes, links = np.zeros((2 * count, 6)), np.zeros((2 * count, 3), dtype=np.int64)
+        order, leaves = np.zeros((2, count), dtype=np.int64)
+        used = _hang_all(corners, rows, nodes, links, order, leaves)
+        for unused in (nodes, links):
+            # In its place: it is returned to the system without a copy.
+            unused.resize((used, *unused.shape[1:]), refcheck=False)
+        faces, packed, slots = rows[order], np.zeros((count, COLUMNS)), np.zeros(len(corners), dtype=np.int64)
+        over_chunks(pack, count, corners, faces, links, leaves, packed, slots, nodes, chunk=LONG)
+        aside(enclose_children, links, nodes)
         size = float(np.linalg.norm(nodes[0, 3:] - nodes[0, :3]))
-        ends = np.flatnonzero(links[:, 1])
-        leaves = np.zeros(len(faces), dtype=np.int64)
-        for k in range(LEAF):
-            filled = ends[links[ends, 1] > k]
-            leaves[links[filled, 0] + k] = filled
-        return TriangleTree(nodes, links, packed, faces, slots[first], leaves, as_plain(normals), size)
+        slots = slots if first is None else slots[first]
+        return TriangleTree(nodes, links, packed, faces, slots, leaves, as_plain(normals), size)
 
     def closest(
         self, queries: FloatArray, guesses: IntArray | None = None, bound: float = np.inf
@@ -73,3 +75,19 @@ class TriangleTree:
         asked = as_plain(queries), none if guesses is None else guesses, float(bound), self.size
         over_chunks(closest_places, count, *tree, *asked, points, normals, distances, found, chunk=CHUNK)
         return points, normals, distances, found
+
+
+def _hang_all(
+    corners: FloatArray, rows: IntArray, nodes: FloatArray, links: IntArray, order: IntArray, leaves: IntArray
+) -> int:
+    """Write the links of a tree over triangles, and the slots' triangles and leaves; returns the number of nodes."""
+    count = len(rows)
+    boxes, pairs = np.zeros((6, count), dtype=np.float32), np.zeros((count, 2), dtype=np.int64)
+    roots, tops = np.zeros((2, count), dtype=np.int64)
+    over_chunks(boxes_in_order, count, corners, rows, boxes, chunk=LONG)
+    share = SHARES[count > FEW]
+    over_chunks(join_in_blocks, count, share, boxes, pairs, roots, chunk=BLOCK)
+    left = np.flatnonzero(roots >= 0)
+    spans = np.ascontiguousarray(np.take(boxes, left, axis=1).T, dtype=np.float64)
+    used = aside(area_order, spans, 1, tops[: len(left)], nodes, links)
+    return int(aside(hang_trees, used, tops[: len(left)], roots[left], pairs, links, order, leaves))

@@ -18,7 +18,7 @@ from dqreg.files.step import CHORD, file_unit, read_step
 from dqreg.files.units import factor
 from dqreg.files.untrusted import require_own_kind, require_readable
 from dqreg.geometry import Closest, CloudSurface, Mesh, MeshSurface, PointCloud, Surface, prepare_scan
-from dqreg.geometry.mesh_normals import SmoothNormals
+from dqreg.geometry.mesh_normals import smooth_normals_of
 from dqreg.geometry.opening import describe, open_geometry
 from dqreg.geometry.unit_check import principal_spreads
 from dqreg.geometry.visibility import VisibleSurface, visible_faces
@@ -105,10 +105,9 @@ class TargetIndex:
             return
         # What both threads ask for comes first; the spreads are waited for by whoever reads the scan.
         _ = mesh.corners, mesh.face_normals
-        beside = Later(lambda: (self.spreads, self._smooth, mesh.is_closed))
-        found = self.surface.closest(self.surface.centre[None])
+        beside = Later(lambda: (self.spreads, mesh.is_closed, mesh._fans, mesh._moments))
+        _ = self.surface
         beside.result()
-        self.smooth_normals(found)
 
     def build_beside(self) -> Building:
         """A running thread that builds a mesh; to be joined before the rest is asked for."""
@@ -161,14 +160,9 @@ class TargetIndex:
 
     def smooth_normals(self, closest: Closest) -> FloatArray:
         """Normals of the smooth surface at places that the surface has named, (n, 3)."""
-        smooth = self._smooth
-        if smooth is None or not smooth.any_round(closest.elements):
+        if not isinstance(self.geometry, Mesh):
             return closest.normals
-        return smooth.at(closest.points, closest.elements)
-
-    @cached_property
-    def _smooth(self) -> SmoothNormals | None:
-        return SmoothNormals(self.geometry) if isinstance(self.geometry, Mesh) else None
+        return smooth_normals_of(self.geometry, closest.points, closest.elements, closest.normals)
 
     @cached_property
     def pairs(self) -> PairTable:

@@ -12,7 +12,6 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.geometry import Mesh, PointCloud, Scan
-from dqreg.geometry.morton import sorted_rows
 from dqreg.search.poses import Poses
 
 # Normals that are equal in so many parts of one are of one face; faces that are looked at, the largest first; cosine
@@ -53,14 +52,7 @@ def face_axes(mesh: Mesh) -> FloatArray | None:
 
     The moments of a body that is nearly a cube tell its axes from nothing but details.
     """
-    normals, areas = mesh.face_normals, mesh.face_areas
-    directions = (normals * ALIKE).round().astype(np.int64)
-    # One number for each: digits to the base of all values that a component may have.
-    rows = _numbered((directions + ALIKE) @ np.array([(2 * ALIKE + 1) ** 2, 2 * ALIKE + 1, 1]))
-    order = np.argsort(-np.bincount(rows, areas), kind="stable")[:LARGEST]
-    firsts = np.zeros(int(rows.max()) + 1, dtype=np.int64)
-    firsts[rows] = np.arange(len(rows))
-    directions = directions[firsts[order]]
+    directions = _largest_directions(mesh)
     found = directions / np.linalg.norm(directions, axis=1, keepdims=True).clip(min=0.5)
     across = np.flatnonzero(np.abs(found @ found[0]) < ACROSS) if len(found) else found
     if not len(across):
@@ -71,13 +63,20 @@ def face_axes(mesh: Mesh) -> FloatArray | None:
     return np.stack([first, second, np.cross(first, second)], axis=1)
 
 
-def _numbered(codes: IntArray) -> IntArray:
-    """Place of each of some numbers from 0 on among the different ones, ascending, (n,)."""
-    order = sorted_rows(codes.astype(np.uint64))
-    walked = codes[order]
-    numbers = np.zeros(len(codes), dtype=np.int64)
-    numbers[order[1:]] = np.cumsum(walked[1:] != walked[:-1])
-    return numbers
+def _largest_directions(mesh: Mesh) -> IntArray:
+    """Normals in so many parts of one of the most area, (k, 3), the largest first."""
+    from dqreg.kernels.areas_by_direction import areas_by_direction
+    from dqreg.kernels.threads import as_plain
+
+    count, base = 1 << len(mesh.faces).bit_length(), 2 * ALIKE + 1
+    codes, sums = np.zeros(count, dtype=np.int64), np.zeros(count)
+    areas_by_direction(as_plain(mesh.face_normals), as_plain(mesh.face_areas), ALIKE, codes, sums)
+    rows = np.flatnonzero(codes)
+    if len(rows) > LARGEST:
+        rows = rows[sums[rows] >= np.partition(sums[rows], -LARGEST)[-LARGEST]]
+    rows = rows[np.lexsort((codes[rows], -sums[rows]))][:LARGEST]
+    digits: IntArray = (codes[rows] - 1)[:, None] // np.array([base**2, base, 1]) % base - ALIKE
+    return digits
 
 
 def moments(shape: Scan | PointCloud | Mesh) -> tuple[FloatArray, FloatArray]:

@@ -5,6 +5,7 @@ import pytest
 from scipy.stats import chi2
 
 from dqreg.geometry import Mesh, MeshSurface, sample_mesh
+from dqreg.geometry.sampling import places_on
 from dqreg.synth.parts import box, bracket
 from tests.geometry.oracles import brute_triangles
 
@@ -53,3 +54,10 @@ def test_tiny_and_far_parts_are_sampled_on_their_faces(scale: float, origin: flo
     cloud = sample_mesh(mesh, 500, np.random.default_rng(0))
     rounding = 16.0 * np.finfo(float).eps * (abs(origin) + scale)
     assert MeshSurface(mesh).closest(cloud.points).distances.max() <= rounding
+
+
+def test_faces_are_drawn_as_by_choice_with_their_areas() -> None:
+    mesh = Mesh(*bracket())
+    for seed in range(3):
+        drawn = np.random.default_rng(seed).choice(len(mesh.faces), size=500, p=mesh.face_areas / mesh.face_areas.sum())
+        np.testing.assert_array_equal(places_on(mesh, 500, np.random.default_rng(seed))[1], drawn)

@@ -9,7 +9,9 @@ from hypothesis import strategies as st
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh
 from dqreg.kernels import threads
-from dqreg.kernels.triangle_tree import LEAF, TriangleTree
+from dqreg.kernels.treelets import BLOCK
+from dqreg.kernels.triangle_order import order_of_triangles
+from dqreg.kernels.triangle_tree import FEW, LEAF, TriangleTree
 from dqreg.synth.parts import bracket
 from tests.geometry.oracles import brute_triangles
 
@@ -56,6 +58,45 @@ def test_no_triangle_is_nearer_with_any_first_guess(seed: int, count: int, thin:
         assert np.array_equal(normals, tree.normals[faces])
         on_face = [distances_of(corners[f : f + 1], p[None])[0] for f, p in zip(faces, points, strict=True)]
         assert (on_face <= 1e3 * rounding[faces]).all()
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("count", [1, 2, 3, 9, 300, BLOCK + 1, 3 * BLOCK + 7])
+@pytest.mark.parametrize("alike", [False, True])
+def test_every_node_is_the_box_of_its_triangles_and_each_is_in_one_leaf(seed: int, count: int, alike: bool) -> None:
+    rng = np.random.default_rng(seed)
+    corners = triangles(rng, count) + (0.0 if alike else 30.0 * rng.uniform(size=(count, 1, 3)))
+    if alike:
+        # One box for all: no neighbour is nearer than another.
+        corners[:, 0], corners[:, 1] = -9.0, 9.0
+    tree = tree_of(corners)
+    low, high = corners[tree.faces].min(axis=1), corners[tree.faces].max(axis=1)
+    depth, bottom, top = np.zeros(len(tree.nodes), int), np.zeros((len(tree.nodes), 3)), np.zeros((len(tree.nodes), 3))
+    for node in range(len(tree.nodes) - 1, -1, -1):
+        child, many, _ = tree.links[node]
+        assert many or (child > node and child % 2 == 1 and (tree.links[child : child + 2, 2] == node).all())
+        assert 0 <= many <= LEAF
+        held = slice(child, child + (many or 2))
+        bottom[node] = low[held].min(axis=0) if many else bottom[held].min(axis=0)
+        top[node] = high[held].max(axis=0) if many else top[held].max(axis=0)
+        depth[node] = 0 if many else 1 + depth[held].max()
+        assert not many or (tree.leaves[held] == node).all()
+    np.testing.assert_array_equal(tree.nodes, np.hstack([bottom, top]))
+    np.testing.assert_array_equal(np.sort(tree.faces), np.arange(count))
+    np.testing.assert_array_equal(tree.faces[tree.slots], np.arange(count))
+    assert depth[0] < 2.0 * np.log2(count + 1) + 16
+
+
+def test_halves_of_a_rectangle_are_no_copies_and_copies_among_them_are_found() -> None:
+    # They have one box, and so have many that are not in one place in the order.
+    square = np.array(
+        [[[0.0, 0, 0], [1, 0, 0], [1, 1, 0]], [[0, 0, 0], [1, 1, 0], [0, 1, 0]], [[1, 0, 0], [0, 1, 0], [0, 0, 0]]]
+    )
+    corners = np.concatenate([square, square[::-1, [1, 2, 0]], -square, 1.0 + square])
+    rows, first = order_of_triangles(corners)
+    np.testing.assert_array_equal(np.sort(rows), [0, 1, 2, 6, 7, 8, 9, 10, 11])
+    np.testing.assert_array_equal(first, [0, 1, 2, 2, 1, 0, 6, 7, 8, 9, 10, 11])
+    assert order_of_triangles(np.concatenate([square, -square]))[1] is None
 
 
 @pytest.mark.parametrize("thin", [1.0, 1e-3])
@@ -118,6 +159,16 @@ def test_the_bits_do_not_depend_on_the_number_of_threads(monkeypatch: pytest.Mon
     monkeypatch.setattr(threads, "thread_count", lambda: count)
     for found, expected in zip(tree.closest(queries), alone, strict=True):
         np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_a_tree_does_not_depend_on_the_number_of_threads(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
+    corners = triangles(np.random.default_rng(8), FEW + 1)
+    expected = tree_of(corners)
+    monkeypatch.setattr(threads, "thread_count", lambda: count)
+    found = tree_of(corners)
+    for name in ("nodes", "links", "packed", "faces", "slots", "leaves"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
 
 
 @pytest.mark.parametrize("bound", [np.inf, 0.02])

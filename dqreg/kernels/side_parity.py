@@ -1,0 +1,53 @@
+"""Whether each side of some triangles is shared, without sorting them: every edge has a random number of its own.
+
+The exclusive or of the numbers of all sides is that of the edges that an odd number of triangles has. It is zero where
+there is none, and by chance once in 2^64.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dqreg._arrays import FloatArray, IntArray
+from dqreg.kernels.compiled import compiled, inside_kernels
+from dqreg.kernels.copies import FIRST, SECOND
+
+Words = NDArray[np.uint64]
+
+
+@inside_kernels
+def scrambled(word: np.uint64) -> np.uint64:
+    """A number each of whose bits depends on all of a word: the finaliser of MurmurHash3, which loses nothing."""
+    word = (word ^ (word >> np.uint64(33))) * np.uint64(FIRST)
+    word = (word ^ (word >> np.uint64(33))) * np.uint64(SECOND)
+    return word ^ (word >> np.uint64(33))
+
+
+@compiled
+def number_nodes(first: int, last: int, vertices: FloatArray, spacing: float, numbers: Words) -> None:
+    """Write a random number of the node that vertices first to last round to; of themselves where the spacing is 0."""
+    place = np.zeros(1)
+    words = place.view(np.uint64)
+    for v in range(first, last):
+        number = np.uint64(0)
+        for k in range(3):
+            value = vertices[v, k]
+            # Minus zero is the same place as zero.
+            place[0] = (np.rint(value / spacing) if spacing > 0.0 else value) + 0.0
+            number = scrambled(number ^ words[0]) + np.uint64(k)
+        numbers[v] = number
+
+
+@compiled
+def sum_of_sides(first: int, last: int, faces: IntArray, numbers: Words, chunk: int, sums: Words) -> None:
+    """Write the exclusive or of the numbers of the sides of faces first to last to the row of their range.
+
+    A face two of whose corners are one node joins nothing. Shapes: faces (f, 3), numbers (v,).
+    """
+    total = np.uint64(0)
+    for f in range(first, last):
+        a, b, c = numbers[faces[f, 0]], numbers[faces[f, 1]], numbers[faces[f, 2]]
+        if a != b and b != c and c != a:
+            total = total ^ scrambled(a + b) ^ scrambled(b + c) ^ scrambled(c + a)
+    sums[first // chunk] = total
