@@ -12,8 +12,7 @@ from dqreg._arrays import BoolArray, FloatArray, IntArray, as_vectors, bounds, o
 from dqreg.errors import InputError
 from dqreg.geometry import exports
 from dqreg.geometry.boundary import MeshBoundary
-from dqreg.geometry.face_fans import FaceFans
-from dqreg.geometry.topology import SameNodes, Topology
+from dqreg.geometry.topology import FaceFans, SameNodes, Topology
 
 # Faces that one thread takes in one go.
 CHUNK = 16_384

@@ -45,7 +45,7 @@ class VoxelCloud:
         cells = Cells.of(cloud.points, size, cloud._ends) if size > 0.0 else None
         if cells is None or len(cells.counts) >= WHOLE * len(cloud):
             return VoxelCloud(size, cloud, None)
-        even = _means(cloud, cells)
+        even = means_of(cloud, cells)
         return VoxelCloud(size, even, CellSurface(even, cells))
 
     @staticmethod
@@ -104,12 +104,8 @@ def cell_size(points: FloatArray, count: int, ends: Ends | None = None) -> float
     return float(extent / (2**BITS - 1) * 2.0 ** (finest + level - 1 + part))
 
 
-def voxel_means(cloud: PointCloud, size: float) -> PointCloud:
-    """One point for each cell that holds some: their mean, with the mean of their normals."""
-    return _means(cloud, Cells.of(cloud.points, size)) if size > 0.0 else cloud
-
-
-def _means(cloud: PointCloud, cells: Cells) -> PointCloud:
+def means_of(cloud: PointCloud, cells: Cells) -> PointCloud:
+    """One point for each cell: the mean of its points, with the mean of their normals."""
     normals = None
     if cloud.normals is not None:
         columns = [np.add.reduceat(column[cells.order], cells.starts) for column in cloud.normals.T]

@@ -94,8 +94,7 @@ def compile_for_all_users() -> None:
 
 def _faces() -> None:
     first_copies(CORNERS)
-    faces = TriangleTree.of(CORNERS, np.ones((2, 3)))
-    faces.closest(np.zeros((1, 3)))
+    TriangleTree.of(CORNERS, np.ones((2, 3))).closest(np.zeros((1, 3)))
 
 
 def _order() -> None:
@@ -231,8 +230,8 @@ def _search() -> None:
 
 
 def _meshes() -> None:
-    faces, none, ends = np.arange(3)[None], np.zeros(1, dtype=bool), np.zeros((1, ENDS))
-    solid_faces(0, 1, FLAT, faces, 1, 0.0, none, ends)
+    faces, none = np.arange(3)[None], np.zeros(1, dtype=bool)
+    solid_faces(0, 1, FLAT, faces, 1, 0.0, none, np.zeros((1, ENDS)))
     face_columns(0, 1, FLAT, faces, CORNERS[0].copy(), np.zeros(1))
 
 
@@ -243,14 +242,12 @@ def _sides() -> None:
     number_nodes(0, 3, FLAT, 1.0, numbers)
     sum_of_sides(0, 1, faces, numbers, 1, numbers.copy())
     weld(numbers, np.zeros(8, dtype=np.int32), lists[0])
-    heads = np.full((3, 2), -1, dtype=np.int32)
-    list_corners(faces, lists[0], heads, lists[1])
+    list_corners(faces, lists[0], heads := np.full((3, 2), -1, dtype=np.int32), lists[1])
     fans_of_faces(0, 0, FIRST, faces, lists[0], heads, lists[1], CORNERS, FLAT, 0.5, 0.5, faces.copy(), CORNERS, none)
     areas_by_direction(FLAT, ONE, 1, np.zeros(8, dtype=np.int64), np.zeros(8))
     surface_moments(0, 1, CORNERS, ONE, ONE, 1, np.zeros((1, MOMENTS)))
-    flat = np.eye(3)
-    corner_angles(0, 0, CORNERS, flat)
-    add_scaled_rows(flat, 1, NOTHING, FIRST[:0], flat)
+    corner_angles(0, 0, CORNERS, np.eye(3))
+    add_scaled_rows(np.eye(3), 1, NOTHING, FIRST[:0], np.eye(3))
 
 
 def _signs() -> None:

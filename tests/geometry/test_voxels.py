@@ -6,7 +6,11 @@ from hypothesis import given, settings
 
 from dqreg.geometry import CloudSurface, PointCloud
 from dqreg.geometry.cells import Cells
-from dqreg.geometry.voxels import UNEVEN, VoxelCloud, cell_size, voxel_means
+from dqreg.geometry.voxels import UNEVEN, VoxelCloud, cell_size, means_of
+
+
+def means(cloud: PointCloud, size: float) -> PointCloud:
+    return means_of(cloud, Cells.of(cloud.points, size))
 
 
 def cloud(seed: int, count: int) -> np.ndarray:
@@ -21,14 +25,14 @@ def test_each_cell_gives_the_mean_of_its_points(seed: int, count: int, size: flo
     for point in points:
         cells.setdefault(tuple(((point - points.min(axis=0)) * (1.0 / size)).astype(int)), []).append(point)
     expected = np.array(sorted(np.mean(members, axis=0).tolist() for members in cells.values()))
-    found = np.array(sorted(voxel_means(PointCloud(points), size).points.tolist()))
+    found = np.array(sorted(means(PointCloud(points), size).points.tolist()))
     assert np.allclose(found, expected, rtol=0.0, atol=1e-12)
 
 
 def test_normals_are_averaged_and_a_sheet_seen_from_both_sides_keeps_one() -> None:
     points = np.array([[0.0, 0, 0], [0.1, 0, 0], [9.0, 0, 0], [9.1, 0, 0]])
     normals = np.array([[0.0, 0, 1], [0, 1, 0], [0, 0, 1], [0, 0, -1]])
-    thin = voxel_means(PointCloud(points, normals, viewpoint=[1.0, 2, 3], units="m"), 1.0)
+    thin = means(PointCloud(points, normals, viewpoint=[1.0, 2, 3], units="m"), 1.0)
     assert thin.normals is not None
     assert np.allclose(thin.normals, [[0, np.sqrt(0.5), np.sqrt(0.5)], [0, 0, 1]])
     assert thin.units == "m"
@@ -48,20 +52,19 @@ def test_the_cells_are_about_as_many_as_asked_for_whatever_the_unit(
     ways[0] *= max(stray, 1.0)
     points = 10.0**exponent * ways
     size = cell_size(points, count)
-    assert count / 1.25 <= len(voxel_means(PointCloud(points), size)) <= count * 1.25
+    assert count / 1.25 <= len(means(PointCloud(points), size)) <= count * 1.25
 
 
 def test_few_points_are_left_alone() -> None:
-    points = cloud(0, 50)
-    assert cell_size(points, 50) == 0.0
-    same = PointCloud(points)
-    assert voxel_means(same, 0.0) is same
+    same = PointCloud(cloud(0, 50))
+    assert cell_size(same.points, 50) == 0.0
+    assert VoxelCloud.of(same, 0.0).cloud is same
 
 
 def test_copies_of_one_point_vote_once() -> None:
     points = np.vstack([np.zeros((5_000, 3)), cloud(1, 100)])
     size = cell_size(points, 50)
-    assert len(voxel_means(PointCloud(points), size)) <= 101
+    assert len(means(PointCloud(points), size)) <= 101
 
 
 def room(rings: int, along: int) -> PointCloud:

@@ -10,8 +10,7 @@ from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh
 from dqreg.kernels import threads
 from dqreg.kernels.treelets import BLOCK
-from dqreg.kernels.triangle_order import order_of_triangles
-from dqreg.kernels.triangle_tree import FEW, LEAF, TriangleTree
+from dqreg.kernels.triangle_tree import FEW, LEAF, TriangleTree, order_of_triangles
 from dqreg.synth.parts import bracket
 from tests.geometry.oracles import brute_triangles
 

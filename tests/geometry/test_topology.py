@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dqreg.geometry import Mesh
-from dqreg.geometry.face_fans import FLAT, SMOOTH_DEG
+from dqreg.geometry.topology import FLAT, SMOOTH_DEG
 from dqreg.kernels import threads
 from dqreg.kernels.face_fans import MANY
 from dqreg.synth.parts import bracket, cylinder
