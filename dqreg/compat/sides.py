@@ -13,6 +13,7 @@ from dqreg.geometry import CloudSurface, Mesh, PointCloud, Scan, as_geometry
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import fit_planes
 from dqreg.geometry.objects import recognise
+from dqreg.geometry.sides import have_sides
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,7 +70,7 @@ def _scan(cloud: PointCloud, with_normals: bool) -> Scan:
         levers=levers,
         residuals=residuals,
         fitted=np.arange(count) if with_normals else np.zeros(0, dtype=np.int64),
-        oriented=with_normals and cloud.normals is not None,
+        oriented=with_normals and cloud.normals is not None and have_sides(cloud.points, cloud.normals),
         spacing=0.0,
         noise=0.0,
         total=count,

@@ -13,6 +13,7 @@ from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.files.units import factor
 from dqreg.geometry import Mesh, PointCloud, sample_mesh
 from dqreg.geometry.opening import open_geometry
+from dqreg.geometry.sides import without_signs
 
 # Points drawn from a mesh that is the source.
 MESH_SAMPLES = 100_000
@@ -32,6 +33,7 @@ class CentredSource:
     origin: FloatArray  # (3,): Middle of the bounding box of the scaled source
     scale: float  # Factor from source units to target units, and what else was asked for
     mesh: Mesh | None = None  # The mesh that the points were drawn from, as it was given
+    unsided: FloatArray | None = None  # (n, 3): Normals as they were given, where they have no side: not the cloud's
 
     def centred(self, points: FloatArray) -> FloatArray:
         """Points of the caller's frame in this one, (n, 3)."""
@@ -48,7 +50,8 @@ class CentredSource:
         """Points, or the vertices of a mesh, and normals as they were given, to the rounding of the coordinates."""
         if self.mesh is not None:
             return self.mesh.vertices, None
-        return (self.cloud.points + self.origin) / self.scale, self.cloud.normals
+        normals = self.cloud.normals if self.unsided is None else self.unsided
+        return (self.cloud.points + self.origin) / self.scale, normals
 
 
 def centre_source(
@@ -66,7 +69,9 @@ def centre_source(
     scale = scale * factor(source_units or geometry.units, target_units)
     require_spread(geometry.points, "source")
     origin = 0.5 * scale * np.add(*geometry._ends)
-    return CentredSource(geometry._moved(-origin, scale), origin, scale, mesh)
+    cloud = geometry if mesh else without_signs(geometry)
+    unsided = None if cloud is geometry else geometry.normals
+    return CentredSource(cloud._moved(-origin, scale), origin, scale, mesh, unsided)
 
 
 def require_spread(points: FloatArray, name: str) -> None:

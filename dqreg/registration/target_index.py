@@ -20,6 +20,7 @@ from dqreg.files.untrusted import require_own_kind, require_readable
 from dqreg.geometry import Closest, CloudSurface, Mesh, MeshSurface, PointCloud, Surface, prepare_scan
 from dqreg.geometry.mesh_normals import smooth_normals_of
 from dqreg.geometry.opening import describe, open_geometry
+from dqreg.geometry.sides import without_signs
 from dqreg.geometry.unit_check import principal_spreads
 from dqreg.geometry.visibility import VisibleSurface, visible_faces
 from dqreg.geometry.voxels import DENSE, VoxelCloud, first_size
@@ -230,7 +231,7 @@ def index_target(target: Any) -> TargetIndex:
         return TargetIndex(geometry._shifted(-origin), origin, describe(target))
     require_spread(geometry.points, "target")
     origin = 0.5 * np.add(*geometry._ends)
-    return TargetIndex(geometry._moved(-origin), origin, describe(target))
+    return TargetIndex(without_signs(geometry)._moved(-origin), origin, describe(target))
 
 
 def index_for(target: Any, source: Any, source_units: str | None) -> tuple[TargetIndex, float | None]:

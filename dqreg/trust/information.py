@@ -167,21 +167,35 @@ def information_of(
     # What was known beforehand, in the units of the correspondences' own information.
     known = np.zeros((6, 6)) if prior is None else variance * prior / scaling / scaling[:, None]
     known = basis.T @ known @ basis
-    values, vectors = np.linalg.eigh((sums.of_smooth() + known) / max(total, np.finfo(float).tiny))
-    scaled = basis @ vectors
-    carriers = _carriers(
-        points, smooth if own is None else normals, NONE if own is None else own, scaled, weights, counts, centre, lever
+    of_all = max(total, np.finfo(float).tiny)
+    values, vectors = np.linalg.eigh((sums.of_smooth() + known) / of_all)
+    carriers, denied = _carriers(
+        points,
+        smooth if own is None else normals,
+        NONE if own is None else own,
+        basis @ vectors,
+        weights,
+        counts,
+        centre,
+        lever,
     )
+    # Of a motion that both sides do not confirm, what was known beforehand is left.
+    values = np.where(denied, np.einsum("ij,ik,kj->j", vectors, known, vectors) / of_all, np.maximum(values, 0.0))
+    order = np.argsort(values, kind="stable")
+    values, vectors, carriers, denied = values[order], vectors[:, order], carriers[order], denied[order]
     sigma = float(np.sqrt(variance))
-    held = Information(np.maximum(values, 0.0), scaled, total, sigma, lever, centre, carriers)
-    motions = vectors[:, ~held.free]
+    held = Information(values, basis @ vectors, total, sigma, lever, centre, carriers)
+    motions, by_prior = vectors[:, ~held.free & ~denied], vectors[:, ~held.free & denied]
     if starts is None or not motions.shape[1]:
         return held
-    known = motions.T @ known @ motions
     # Facets have an information of their own.
-    scatter = scatter_of_sums(sums, starts, known, variance, overlap=own is not None, motions=motions)
+    of_motions = motions.T @ known @ motions
+    scatter = scatter_of_sums(sums, starts, of_motions, variance, overlap=own is not None, motions=motions)
+    if scatter is None:
+        return held
     outer = basis @ motions
-    return held if scatter is None else dataclasses.replace(held, scatter=outer @ scatter @ outer.T)
+    alone = basis @ by_prior * np.sqrt(variance / (total * values[~held.free & denied]))
+    return dataclasses.replace(held, scatter=outer @ scatter @ outer.T + alone @ alone.T)
 
 
 def _carriers(
@@ -193,11 +207,11 @@ def _carriers(
     counts: FloatArray | None,
     centre: FloatArray,
     lever: float,
-) -> FloatArray:
+) -> tuple[FloatArray, BoolArray]:
     """Correspondences that carry each motion, (6, m) one a column: how many equal shares would add up as well, (m,).
 
     A share is ``w (v . J)^2``, or, where the scan has normals of its own, the product of what both sides' say: none
-    carries a motion that these do not confirm.
+    carries a motion that these do not confirm. The second tells where both sides were compared and do not.
     """
     from dqreg.kernels.motion_sums import motion_shares
     from dqreg.kernels.threads import as_plain, over_chunks
@@ -207,4 +221,5 @@ def _carriers(
     over_chunks(motion_shares, len(weights), *map(as_plain, of_rows), float(lever), ROWS, sums, chunk=ROWS)
     shares, squared, compared = sums.sum(axis=0)
     carriers = np.maximum(shares, 0.0) ** 2 / np.where(squared > 0.0, squared, np.inf)
-    return np.where(shares > CONFIRMED * compared, carriers, 0.0)
+    is_confirmed = shares > CONFIRMED * compared
+    return np.where(is_confirmed, carriers, 0.0), ~is_confirmed & (compared > 0.0)

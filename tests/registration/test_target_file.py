@@ -24,7 +24,8 @@ from dqreg.synth import disturbance
 from dqreg.synth.parts import bracket
 
 PART = Mesh(*bracket(segments=8), units="mm")
-POINTS = sample_mesh(PART, 6_000, np.random.default_rng(0)).points
+SAMPLED = sample_mesh(PART, 6_000, np.random.default_rng(0))
+POINTS = SAMPLED.points
 NOISY = POINTS + np.random.default_rng(1).normal(size=POINTS.shape) * 1e-3
 TRUTH = disturbance(np.random.default_rng(2), 0.1, 2.0, PART.centre)
 SCAN = pose.apply(pose.inverse(TRUTH), NOISY[::3])
@@ -34,7 +35,7 @@ TARGETS: dict[str, Any] = {
     "mesh with a flat face": Mesh(PART.vertices, np.vstack([PART.faces, [[0, 0, 1]]]), "mm"),
     "mesh far away": Mesh(PART.vertices + FAR, PART.faces),
     "cloud": PointCloud(np.vstack([POINTS, POINTS[:10]]), units="mm"),
-    "cloud with normals": PointCloud(POINTS, np.random.default_rng(3).normal(size=POINTS.shape), [1.0, 2.0, 3.0]),
+    "cloud with normals": PointCloud(POINTS, SAMPLED.normals, [1.0, 2.0, 3.0]),
 }
 
 
