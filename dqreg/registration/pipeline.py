@@ -41,6 +41,7 @@ from dqreg.registration.rivals import (
 )
 from dqreg.registration.slides import without_slide
 from dqreg.registration.visibility import on_visible_faces, viewpoint_seen
+from dqreg.registration.wall_sides import equal_sides, on_best_sides
 from dqreg.solvers.status import INTERRUPTED
 from dqreg.trust import judge
 from dqreg.trust.records import Alternative, Reason, Verdict
@@ -138,7 +139,7 @@ def judged(
     fit: Fit, others: FloatArray, search: str, gain: float
 ) -> tuple[Uncertainty, Verdict, tuple[Alternative, ...]]:
     """How sure a fit is, and the other poses, (k, 4, 4), that explain the scan as well."""
-    uncertainty, alternatives = uncertainty_of(fit), alternatives_of(fit, others)
+    uncertainty, alternatives = uncertainty_of(fit), alternatives_of(fit, others, equal_sides(fit))
     evidence = evidence_of(fit, uncertainty, alternatives, search=search, mirror_gain=gain)
     return uncertainty, verdict_on(fit, evidence), alternatives
 
@@ -173,6 +174,7 @@ def second_try(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
             # A search sees a sample: few points may tell its pose from a nearly symmetric one that it missed.
             best, near = best_near_symmetric(known.fit, search.kernel_scale)
             known = dataclasses.replace(known, fit=best)
+        known = dataclasses.replace(known, fit=on_best_sides(known.fit))
         near = but_on_the_way(known.fit, near, search.kernel_scale if fit.problem.options.method == "auto" else None)
     if is_given:
         known = dataclasses.replace(known, fit=without_drift(known.fit, start.T_target_source))

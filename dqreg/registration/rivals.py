@@ -231,14 +231,15 @@ def _too_many(aside: FloatArray, limit: float) -> bool:
     return bool(np.count_nonzero(aside > limit) > SOME * len(aside))
 
 
-def alternatives_of(fit: Fit, others: FloatArray) -> tuple[Alternative, ...]:
-    """Other poses, (k, 4, 4), as the result names them: each once."""
-    if not len(others) or not fit.found:
+def alternatives_of(fit: Fit, others: FloatArray, near: FloatArray = NO_POSES) -> tuple[Alternative, ...]:
+    """Other poses, (k, 4, 4), as the result names them: each once; and poses that are others however near they are."""
+    if not len(others) + len(near) or not fit.found:
         return ()
     poses = np.concatenate([fit.T_target_source[None], others])
     middle, (angle_rad, offset) = fit.prepared.scan.points.mean(axis=0), FINE_APART
     diagonal = min(fit.prepared.surface.diagonal, fit.prepared.scan.diagonal)
     poses = poses[Poses.of(poses).distinct(middle, angle_rad, offset * diagonal, len(poses))]
+    poses = np.concatenate([poses, near])
     scores = scores_of(fit, poses, FEW_JUDGES if fit.is_late else JUDGES)
     target = fit.problem.target
     deficit, error = scores.deficit(0)

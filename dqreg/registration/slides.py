@@ -18,7 +18,7 @@ from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp import find_correspondences
 from dqreg.registration.fit import Fit
-from dqreg.registration.rivals import scores_and_rows, scores_of
+from dqreg.registration.rivals import JUDGES, scores_and_rows, scores_of
 from dqreg.registration.surroundings import surroundings_of
 from dqreg.rigid import pose, twist
 from dqreg.search.oriented_points import OrientedPoints
@@ -76,8 +76,7 @@ def _slide_of(fit: Fit, share: float = 0.0) -> Slide:
     widths = np.geomspace(WIDE, NARROW, STEPS) * size
     refined = refine(Poses.of(moved), sample, fit.prepared.surface, widths).matrices
     poses = np.concatenate([fit.T_target_source[None], moved, refined])
-    scores, rows = scores_and_rows(fit, poses)
-    losses = _losses(scores.likelihoods[0] - scores.likelihoods[1:], _of_the_part(fit, rows))
+    losses = losses_at(fit, poses)
     ends = sample.points[[*sample.points.argmin(axis=0), *sample.points.argmax(axis=0)]]
     here = pose.apply(poses[0], ends)
     counted = np.array([np.linalg.norm(pose.apply(T, ends) - here, axis=1).max() for T in poses[1:]]) > BACK * size
@@ -142,6 +141,12 @@ def without_slide(fit: Fit, share: float = 0.0) -> tuple[Fit, Slide]:
         fit = better
         slide = slide_of(fit) if not share else _slide_of(fit, share)
     return fit, slide
+
+
+def losses_at(fit: Fit, poses: FloatArray, count: int = JUDGES) -> FloatArray:
+    """Log-likelihood that so many points together lose at each of some poses, (k, 4, 4), against the first of them."""
+    scores, rows = scores_and_rows(fit, poses, count)
+    return _losses(scores.likelihoods[0] - scores.likelihoods[1:], _of_the_part(fit, rows))
 
 
 def _of_the_part(fit: Fit, rows: IntArray) -> BoolArray:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from dqreg.compare.trust import chance, clouds, drives, good, misfit, rivals, starts
+from dqreg.compare.trust import chance, clouds, drives, good, misfit, rivals, sheets, starts
 from dqreg.compare.trust.task import Kind
 from dqreg.errors import InputError, did_you_mean
 
-_ROOMS = (good, clouds, drives, chance, misfit, rivals, starts)
+_ROOMS = (good, clouds, drives, chance, misfit, rivals, sheets, starts)
 KINDS: dict[str, Kind] = {kind.name: kind for room in _ROOMS for kind in room.KINDS}
 GROUPS = tuple(dict.fromkeys(kind.group for kind in KINDS.values()))
 

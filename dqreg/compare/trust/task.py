@@ -18,6 +18,15 @@ NONE_RIGHT: FloatArray = np.zeros((0, 4, 4))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
+class Walls:
+    """Thin walls of a part, whose sides are nearer to each other than a pose may be off elsewhere."""
+
+    points: FloatArray  # (n, 3): Places on them, target frame
+    normals: FloatArray  # (n, 3)
+    thickness: float
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
 class Task:
     """One registration."""
 
@@ -33,6 +42,7 @@ class Task:
     )  # (m, 4, 4): from the truth to its equals
     equals: FloatArray = dataclasses.field(default_factory=lambda: NONE_RIGHT)  # (m + 1, 4, 4): Poses that fit as well
     options: dict[str, Any] = dataclasses.field(default_factory=dict)  # Of `dqreg.register`
+    walls: Walls | None = None  # Whose sides a right pose tells apart
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

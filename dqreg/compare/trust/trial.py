@@ -100,7 +100,17 @@ def is_right(T: FloatArray, task: Task) -> tuple[bool, float]:
         return False, np.nan
     truth = closest_truth(T, task.truths, task.probes, None)
     off = float(displacements(T, truth, task.probes).max()) / task.size
-    return off <= RIGHT or _onto_itself(T @ pose.inverse(truth), task), off
+    motion = T @ pose.inverse(truth)
+    is_near = off <= RIGHT and not _on_another_side(motion, task)
+    return is_near or _onto_itself(motion, task), off
+
+
+def _on_another_side(motion: FloatArray, task: Task) -> bool:
+    """Whether a motion displaces some wall by more than half of its thickness across it."""
+    if task.walls is None:
+        return False
+    displaced = pose.apply(motion, task.walls.points) - task.walls.points
+    return bool(np.abs(np.einsum("ij,ij->i", displaced, task.walls.normals)).max() > 0.5 * task.walls.thickness)
 
 
 def _onto_itself(motion: FloatArray, task: Task) -> bool:

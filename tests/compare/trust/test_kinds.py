@@ -181,3 +181,14 @@ def test_shared_noise_is_common_to_neighbours_and_to_no_others():
     agree = [np.mean(along[:, 0] * along[:, k]) / np.mean(along[:, 0] ** 2) for k in (near, far)]
     assert agree[0] > 0.6
     assert abs(agree[1]) < 0.6
+
+
+def test_a_sheet_on_its_other_side_is_wrong_and_a_slide_along_it_is_not():
+    task = KINDS["sheet-one-side"].task(0)
+    assert isinstance(task, Task)
+    assert task.walls is not None
+    for share, right in ((0.3, True), (1.0, False)):
+        shift = pose.from_parts(np.eye(3), share * task.walls.thickness * task.walls.normals[0])
+        assert is_right(shift @ task.truths[0], task)[0] == right
+    # The folds are along y.
+    assert is_right(pose.from_parts(np.eye(3), [0.0, 0.01 * task.size, 0.0]) @ task.truths[0], task)[0]
