@@ -112,9 +112,9 @@ def test_a_narrow_strip_is_no_line(scale: float) -> None:
 
 @pytest.mark.parametrize("points", [np.zeros((1, 3)), np.eye(3)[:2], [[0.0, 0, 0], [1, 0, 0], [np.nan, 1, 0]]])
 def test_fewer_than_three_usable_points_are_refused(points: Any) -> None:
-    with pytest.raises(InputError, match=r"target has \d usable points; at least three"):
+    with pytest.raises(InputError, match=r"target has \d usable points?; at least three"):
         index_target(points)
-    with pytest.raises(InputError, match=r"source has \d usable points; at least three"):
+    with pytest.raises(InputError, match=r"source has \d usable points?; at least three"):
         centred(points)
 
 

@@ -6,6 +6,7 @@ import pytest
 import dqreg
 from dqreg.geometry import PointCloud
 from dqreg.rigid import pose
+from dqreg.synth.many_views import room_stops
 from dqreg.trust.free_space import DepthImage, Seen, looked_through
 from dqreg.trust.limits import LOOKED_THROUGH
 from tests.strategies import FloatArray
@@ -62,6 +63,19 @@ def test_a_place_that_is_no_viewpoint_is_not_asked() -> None:
     assert np.isnan(share(TRUTH, np.array([6.0, 0.0, 5.0])))
     # One place that is given will do.
     assert share(TRUTH, HERE.mean(axis=0), target=np.zeros(3)) <= 0.2 * LOOKED_THROUGH
+
+
+@pytest.mark.parametrize(("seed", "rings", "pair"), [(100, 48, (0, 2)), (103, 48, (1, 2))])
+def test_a_room_turned_by_half_is_told_by_what_stands_before_its_furniture(seed, rings, pair) -> None:
+    # Exact: the room and the places of the scanner are made; a half-turn about its middle leaves its walls in place.
+    made = room_stops(3, rings=rings, rng=np.random.default_rng(seed))
+    one, other = (made.scans[k] for k in pair)
+    T_world_one, T_world_other = (made.T_world_scan[k] for k in pair)
+    half = np.diag([-1.0, -1.0, 1.0, 1.0])
+    sides = Seen(other, None, np.zeros(3)), Seen(one, None, np.zeros(3))
+    gaps = [looked_through(*sides, pose.inverse(T_world_one) @ T @ T_world_other, 4.0) for T in (np.eye(4), half)]
+    assert gaps[0] < 0.1 * LOOKED_THROUGH
+    assert gaps[1] > LOOKED_THROUGH
 
 
 def test_scans_of_several_places_have_no_viewpoint_at_their_origin() -> None:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, bounds
 from dqreg.compare.trust import scans, shapes
 from dqreg.compare.trust.task import NONE_RIGHT, Kind, Make, Task, kinds_of
 from dqreg.geometry import Mesh, MeshSurface, PointCloud
@@ -16,6 +16,7 @@ from dqreg.geometry.normals import fit_planes
 from dqreg.rigid import pose
 from dqreg.solvers.quadratic import plane_rows
 from dqreg.synth import disturbance, random_pose
+from dqreg.synth.many_views import room_stops
 
 # Views of a good task are drawn anew, so often at most, until what both show determines the pose: points of one within
 # so many spacings of the other, on the same face; the weakest motion is constrained by so many, and by this share of
@@ -26,6 +27,8 @@ DRAWN, BOTH, SAME_COS, CARRIERS, STRENGTH = 30, 1.5, 0.9, 60.0, 2e-3
 LEAST_SHOWN = 5e-4
 # Noise that neighbours share, in that from point to point: measured pairs have several times as much.
 SHARED = (0.3, 1.0)
+# Rings of the LiDAR of a room, and its noise.
+RINGS, ROOM_NOISE = (32, 48, 64), 0.005
 
 
 def cloud_task(
@@ -186,6 +189,18 @@ def _slid_plates(rng: np.random.Generator) -> Task:
     return cloud_task(scan, target, mesh, rng, (3.0, 0.03))
 
 
+def _room(rng: np.random.Generator) -> Task:
+    """Two of three stops of a LiDAR in a furnished room, each in its frame: from nothing, or from five degrees off."""
+    made = room_stops(3, rings=int(rng.choice(RINGS)), rng=rng)
+    i, j = rng.choice(3, 2, replace=False)
+    source, target = made.scans[j], made.scans[i]
+    T = pose.inverse(made.T_world_scan[i]) @ made.T_world_scan[j]
+    low, high = bounds(target)
+    size = float(np.linalg.norm(high - low))
+    start = None if rng.uniform() < 0.5 else disturbance(rng, np.deg2rad(5.0), 0.02 * size, 0.5 * (low + high)) @ T
+    return Task(source, PointCloud(target), start, T[None], pose.apply(T, source[::50]), size, ROOM_NOISE)
+
+
 KINDS: tuple[Kind, ...] = (
     *kinds_of(
         "good",
@@ -212,6 +227,7 @@ KINDS: tuple[Kind, ...] = (
         ("clouds-one-family", "views of two parts of one family, from nothing or up to 40 degrees off", _one_family),
         ("clouds-strained", "views of which one is stretched or sheared by 1.5 to 6 %", _changed(_strained)),
         ("clouds-rippled", "views of which one has waves of 0.3 to 0.6 %", _changed(_rippled)),
+        ("clouds-room", "two stops of a LiDAR of 32 to 64 rings in a furnished room, from nothing or 5 degrees off", _room),
         ("clouds-moved", "views of which one moved by 1.5 to 3 % of the size", _changed(_moved)),
     ),
 )  # fmt: skip
