@@ -227,7 +227,7 @@ KINDS: tuple[Kind, ...] = (
         ("clouds-one-family", "views of two parts of one family, from nothing or up to 40 degrees off", _one_family),
         ("clouds-strained", "views of which one is stretched or sheared by 1.5 to 6 %", _changed(_strained)),
         ("clouds-rippled", "views of which one has waves of 0.3 to 0.6 %", _changed(_rippled)),
-        ("clouds-room", "two stops of a LiDAR of 32 to 64 rings in a furnished room, from nothing or 5 degrees off", _room),
+        ("clouds-room", "two stops of a LiDAR in a furnished room, from nothing or 5 degrees off", _room),
         ("clouds-moved", "views of which one moved by 1.5 to 3 % of the size", _changed(_moved)),
     ),
 )  # fmt: skip
