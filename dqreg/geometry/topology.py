@@ -139,20 +139,14 @@ class Topology:
 
 
 class FaceFans:
-    """Neighbours of those faces of a mesh that are asked for, and smooth normals of their corners; they are kept.
+    """Neighbours of those faces of a mesh that are asked for, and smooth normals of their corners; they are kept."""
 
-    What is found depends on the mesh alone, so that threads that meet here write the same.
-
-    Attributes
-    ----------
-    neighbours : ndarray, (f, 3)
-        Face across each side, see `Mesh.face_neighbours`; only of faces that were asked for.
-    corner_normals : ndarray, (f, 3, 3)
-        In each corner the mean of the normals of the faces that a chain of smooth sides at that corner joins, weighted
-        by the corner's angle (Thuermer and Wuethrich 1998). Only of round faces.
-    is_round : ndarray, (f,)
-        Whether one of them differs from the face's own normal.
-    """
+    # What is found depends on the mesh alone, so that threads that meet here write the same.
+    neighbours: IntArray  # (f, 3): Face across each side, see `Mesh.face_neighbours`; of faces that were asked for
+    # (f, 3, 3): In each corner the mean of the normals of the faces that a chain of smooth sides at that corner joins,
+    # weighted by the corner's angle (Thuermer and Wuethrich 1998); of round faces
+    corner_normals: FloatArray
+    is_round: BoolArray  # (f,): Whether one of them differs from the face's own normal
 
     def __init__(self, faces: IntArray, same: SameNodes, corners: FloatArray, face_normals: FloatArray) -> None:
         self._given = faces, *same.corner_lists(faces), corners, face_normals
