@@ -130,7 +130,7 @@ def test_neighbouring_depth_images_from_identity(real_data: Path, frame: int) ->
 
 
 def test_a_lidar_pair_is_no_worse_than_small_gicp_finds_it(real_data: Path) -> None:
-    # The reference is small_gicp's own answer with voxels of 0.1 m, to the last digit: its distance is all that is told.
+    # The reference is small_gicp's own answer with voxels of 0.1 m, to the last digit: that is what is told.
     # small_gicp with its manual's settings for this pair: 0.33 degrees, and 36 mm over all points; ours 0.19 and 21.
     gicp = pytest.importorskip("small_gicp")
     folder = real_data / "small_gicp_kitti_pair"
