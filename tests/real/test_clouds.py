@@ -129,17 +129,19 @@ def test_neighbouring_depth_images_from_identity(real_data: Path, frame: int) ->
     assert_close(result.T_target_source, expected, clouds[0].points.mean(axis=0), angle_deg=1.3, offset=0.02)
 
 
-def test_a_lidar_pair_is_no_worse_than_small_gicp_finds_it(real_data: Path) -> None:
+@pytest.mark.parametrize(("effort", "share"), [("fast", 0.5), ("normal", 0.75)])
+def test_a_lidar_pair_is_no_worse_than_small_gicp_finds_it(real_data: Path, effort: Effort, share: float) -> None:
     # The reference is small_gicp's own answer with voxels of 0.1 m, to the last digit: that is what is told.
-    # small_gicp with its manual's settings for this pair: 0.33 degrees, and 36 mm over all points; ours 0.19 and 21.
+    # small_gicp with its manual's settings for this pair: 0.33 degrees, and 36 mm over all points; fast
+    # comes to 0.15 and 17, normal to 0.19 and 21.
     gicp = pytest.importorskip("small_gicp")
     folder = real_data / "small_gicp_kitti_pair"
     source, target = (open_geometry(folder / f"{side}.ply", side).points for side in ("source", "target"))
     fixed, tree = gicp.preprocess_points(target, downsampling_resolution=0.25)
     moving, _ = gicp.preprocess_points(source, downsampling_resolution=0.25)
     peer = gicp.align(fixed, moving, tree, registration_type="GICP", max_correspondence_distance=1.0).T_target_source
-    ours = register(source, target, "identity").T_target_source
+    ours = register(source, target, "identity", effort=effort).T_target_source
     T_truth = np.loadtxt(folder / "T_target_source.txt")
     errors = [np.linalg.norm(pose.apply(T, source) - pose.apply(T_truth, source), axis=1) for T in (ours, peer)]
     assert np.sqrt((errors[0] ** 2).mean()) <= 0.75 * np.sqrt((errors[1] ** 2).mean())
-    assert pose.angle_between(ours, T_truth) <= 0.75 * pose.angle_between(peer, T_truth)
+    assert pose.angle_between(ours, T_truth) <= share * pose.angle_between(peer, T_truth)
