@@ -188,6 +188,15 @@ class Problem(SourceAndTarget):
             fitted = NEAR if is_bare and 2 * COARSE < len(cloud) <= THINNED else fitted
         return Prepared.whole(cloud, self.target, fitted)
 
+    def prepare_even(self) -> Prepared:
+        """All points, with planes fitted at every point of the source, too."""
+        return dataclasses.replace(Prepared.whole(self._in_time, self.target, None), even=True)
+
+    @property
+    def both_are_clouds(self) -> bool:
+        """Whether source and target are two clouds that the method may compare by planes of each."""
+        return self.options.cells_from_a_stand is not None and self.target.kind == "cloud"
+
     @property
     def _in_time(self) -> PointCloud:
         """The source; of a large one so many points that a time limit leaves time for more than preparing them."""

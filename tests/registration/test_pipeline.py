@@ -105,6 +105,23 @@ def test_small_clouds_of_one_body_count_on_the_planes_of_both() -> None:
     assert np.median(off) <= 2e-4
 
 
+@pytest.mark.parametrize("effort", ["fast", "best"])
+def test_points_that_stand_nearer_to_the_surface_than_to_each_other_count_on_the_planes_of_both(effort: str) -> None:
+    # The same part, 20,000 points of each side with noise of 0.01 %: a fortieth of the way to the next point. Where the
+    # part bends, planes of one side lie off it by more than the noise, and those of the other by as much back.
+    part, rng = dqreg.Mesh(*bracket()), np.random.default_rng(5)
+    scanner, noise = Scanner([(1.0, 1.0, 1.0), (-1.0, 0.3, -0.8)], pixels=250), Noise(range_sigma=1e-4 * part.diagonal)
+    clouds = [scan_mesh(part.vertices, part.faces, scanner, noise, rng=rng).points for _ in range(2)]
+    off = []
+    for _ in range(3):
+        scan, stands = (rng.permutation(some)[:20_000] for some in clouds)
+        start = disturbance(rng, np.deg2rad(1.0), 0.005 * part.diagonal, part.centre)
+        found = dqreg.register(scan, stands, start, effort=effort, verdict=False, keep_inputs=False).T_target_source
+        off.append(worst_vertex_displacement(found, np.eye(4), part.vertices) / part.diagonal)
+    # Measured: 2e-5 in the median over six other starts; planes of the target alone came to 1.7e-4 and 1.8e-4.
+    assert np.median(off) <= 6e-5
+
+
 @pytest.mark.parametrize(("limit", "goes_on"), [(100, True), (5, False)])
 def test_a_loop_that_ended_on_its_way_is_gone_on_from_unless_the_limit_is_meant(limit: int, goes_on: bool) -> None:
     # The scan is made in the part's frame; the loop is ended five times the noise before it arrives.
