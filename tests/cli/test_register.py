@@ -134,6 +134,7 @@ def counted(monkeypatch):
     return counts
 
 
+@pytest.mark.usefixtures("small_pictures")
 def test_everything_that_is_written_is_read_and_measured_once(tmp_path, case, start, capsys, counted):
     files = {name: tmp_path / name for name in ("aligned.ply", "deviations.csv", "report.html", "result.json")}
     options = ("--start", start, "--effort", "fast", "--tolerance", "0.5", "--out", files["result.json"])
