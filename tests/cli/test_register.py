@@ -98,7 +98,7 @@ def test_every_option_stands_under_a_heading():
 @pytest.mark.parametrize("after", [0.3, pytest.param(1.2, marks=pytest.mark.soak)])
 def test_ctrl_c_leaves_one_line_and_no_file(after, tmp_path, case):
     out = tmp_path / "result.json"
-    words = [str(w) for w in ("register", case.scan, case.part, "--effort", "best", "--out", out)]
+    words = [str(w) for w in ("register", case.scan, case.part, "--effort", "best", "--quiet", "--out", out)]
     # A shell that runs its jobs in the background has SIGINT ignored, which is handed on, and respected.
     listen = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
     code = f"{listen}; from dqreg.cli.main import main; print('begun', flush=True); main({words!r})"
