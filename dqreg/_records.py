@@ -41,7 +41,7 @@ def lock(result: Any) -> None:
     The record gets views, so that what the arrays were taken from stays as it is.
     """
     for name, value in vars(result).items():
-        if isinstance(value, np.ndarray) and value.flags.writeable:
+        if isinstance(value, np.ndarray):
             view = value.view()
-            view.flags.writeable = False
+            view.setflags(write=False)
             object.__setattr__(result, name, view)
