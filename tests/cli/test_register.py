@@ -158,7 +158,7 @@ def test_a_part_with_a_bump_ends_with_exit_code_three(tmp_path, case, start, cap
     assert run("register", tmp_path / "bump.ply", case.part, *options) == 3
     text = capsys.readouterr().out
     assert "ACCEPTED: alignment trusted" in text
-    assert "FAIL: part against +-0.2 mm" in text
+    assert "FAIL: part against ±0.2 mm" in text
     assert "out of tolerance; at the worst the median of 25 neighbouring points deviates by" in text
     # A box about the bump takes it out of the decision.
     box = [*(place - 6.0), *(place + 6.0)]
