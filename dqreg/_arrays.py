@@ -138,6 +138,14 @@ def as_vectors(value: Any, name: str, *, finite: bool = True) -> FloatArray:
     return array
 
 
+def as_place(value: Any, name: str) -> FloatArray:
+    """One point, (3,)."""
+    array = as_float(value, name)
+    if array.shape != (3,) or not np.isfinite(array).all():
+        raise InputError(f"{name} must be three finite coordinates, x, y and z; got {value!r:.80}")
+    return array
+
+
 def as_weights(value: Any, name: str, count: int) -> FloatArray:
     """One finite weight >= 0 for each of ``count`` items. Shapes: returns (count,)."""
     array = as_float(value, name)
