@@ -114,7 +114,6 @@ def doors(value: Any) -> Iterator[Callable[[], Any]]:
     yield lambda: dqreg.PointCloud(value)
     yield lambda: dqreg.DualQuaternion.from_matrix(value)
     yield lambda: dqreg.Trajectory([0.0], [value])
-    yield lambda: solvers.cost_of_pose(value, MATCHES)
 
 
 @settings(deadline=None, max_examples=60)
