@@ -243,6 +243,9 @@ def test_a_file_that_is_written_while_it_is_read_is_read_or_refused(tmp_path, na
                 for piece in range(0, len(data), 2_000):
                     stream.write(data[piece : piece + 2_000])
                     stream.flush()
+                    # Every second time it is slow, and left whole for a while in the end: both are met within moments.
+                    stop.wait(0.002 * (number % 2))
+            stop.wait(0.02 * (number % 2))
 
     writer = threading.Thread(target=write)
     writer.start()
