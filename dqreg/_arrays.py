@@ -5,7 +5,6 @@ Inside the package the types are trusted; every public function checks its array
 
 from __future__ import annotations
 
-import dataclasses
 import sys
 import warnings
 from typing import Any
@@ -136,6 +135,14 @@ def as_vectors(value: Any, name: str, *, finite: bool = True) -> FloatArray:
         raise InputError(f"{name} must have shape (n, 3), one x, y, z row per item; got shape {array.shape}{remedy}")
     if finite:
         require_finite(array, name)
+    return array
+
+
+def as_place(value: Any, name: str) -> FloatArray:
+    """One point, (3,)."""
+    array = as_float(value, name)
+    if array.shape != (3,) or not np.isfinite(array).all():
+        raise InputError(f"{name} must be three finite coordinates, x, y and z; got {value!r:.80}")
     return array
 
 
@@ -270,31 +277,3 @@ def warn_of_old_name(old: str, new: str) -> None:
     while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == "dqreg":
         level, frame = level + 1, frame.f_back
     warnings.warn(f"{old} is the old name of {new}; use {new}", DeprecationWarning, stacklevel=level)
-
-
-# Numbers of an array that a line shows.
-SHOWN = 6
-
-
-def one_line(value: Any) -> str:
-    """One line that says what a record holds: numbers with four digits, large arrays by their shape.
-
-    >>> one_line(dataclasses.make_dataclass("Row", ["rms", "points"])(1.0 / 3.0, np.zeros((5, 3))))
-    'Row(rms=0.3333, points=<5 x 3>)'
-    """
-    named = dataclasses.fields(value) if dataclasses.is_dataclass(value) else ()
-    names = [field.name for field in named if field.repr] or list(getattr(value, "_fields", ()))
-    return f"{type(value).__name__}({', '.join(f'{name}={_brief(getattr(value, name))}' for name in names)})"
-
-
-def _brief(value: Any) -> str:
-    if isinstance(value, (float, np.floating)):
-        return f"{value:.4g}"
-    if isinstance(value, np.ndarray):
-        if value.size > SHOWN:
-            return f"<{' x '.join(map(str, value.shape))}>"
-        return np.array2string(value, precision=4, separator=", ", max_line_width=1000).replace("\n", "")
-    if isinstance(value, (tuple, list, dict)) and len(value) > 3:
-        return f"<{len(value)} items>"
-    text = repr(value)
-    return text if "\n" not in text else f"<{type(value).__name__}>"

@@ -19,6 +19,13 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
 collect_ignore = ["hostile/fuzz_readers.py"]
 
 
+@pytest.fixture
+def small_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures of a report with a sixteenth of their pixels: for laws about the rest, which takes less time."""
+    monkeypatch.setattr("dqreg.report.page.PANEL_WIDTH", 190)
+    monkeypatch.setattr("dqreg.report.page.PANEL_HEIGHT", 135)
+
+
 @pytest.fixture(scope="session")
 def real_data() -> Path:
     """Folder of the real scans; the test is skipped where they are not."""

@@ -29,6 +29,7 @@ def blocks(page: str, language: str) -> list[str]:
 SLOW = "howto_many_scans.md"
 
 
+@pytest.mark.usefixtures("small_pictures")
 @pytest.mark.parametrize("page", [
     pytest.param(page, marks=pytest.mark.soak) if page == SLOW else page for page in PAGES if blocks(page, "python")
 ])  # fmt: skip

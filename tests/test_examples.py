@@ -74,6 +74,7 @@ def test_real_pairs_become_cases(tmp_path):
     np.testing.assert_allclose(challenge.task.target.points, points, rtol=0.0, atol=1e-6)
 
 
+@pytest.mark.usefixtures("small_pictures")
 def test_from_nothing_with_a_report(tmp_path, capsys):
     result = main_of("from_nothing_report")([], tmp_path)
     text = capsys.readouterr().out

@@ -203,7 +203,6 @@ def assert_whole(out: Path, folder: Path, token: str) -> None:
     assert all_gone(token)
 
 
-# Not .npy: see below, it would end this process.
 FORMATS = ("a.ply", "a.csv", "a.off", "a.npy")
 
 
@@ -219,6 +218,8 @@ def clouds(folder: Path) -> dict[str, list[bytes]]:
                 write_cloud(path, points, None)
             elif name.endswith(".csv"):
                 np.savetxt(path, points, delimiter=",", header="x,y,z", comments="")
+            elif name.endswith(".npy"):
+                np.save(path, points)
             else:
                 faces = "".join(f"3 {i} {i + 1} {i + 2}\n" for i in range(count - 2))
                 corners = "".join(f"{x} {y} {z}\n" for x, y, z in points.tolist())
@@ -242,6 +243,9 @@ def test_a_file_that_is_written_while_it_is_read_is_read_or_refused(tmp_path, na
                 for piece in range(0, len(data), 2_000):
                     stream.write(data[piece : piece + 2_000])
                     stream.flush()
+                    # Every second time it is slow, and left whole for a while in the end: both are met within moments.
+                    stop.wait(0.002 * (number % 2))
+            stop.wait(0.02 * (number % 2))
 
     writer = threading.Thread(target=write)
     writer.start()

@@ -15,6 +15,7 @@ def blocks(language: str) -> list[str]:
     return [body for kind, body in BLOCKS if kind == language]
 
 
+@pytest.mark.usefixtures("small_pictures")
 def test_python_blocks_run_in_order(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}

@@ -14,7 +14,11 @@ from dqreg.cli.overwriting import require_apart
 from dqreg.cli.values import FILE
 
 if TYPE_CHECKING:
+    from dqreg._arrays import FloatArray
     from dqreg.compare import GroundTruth, Score
+
+# The inverse was written where that is ten times nearer to the truth than a pose that is wrong.
+FAR_NEARER = 0.1
 
 
 @click.command()
@@ -62,6 +66,9 @@ def evaluate(
     console, _ = consoles(quiet=quiet, as_json=as_json)
     good = score.kind == "rigid" and (within is None or score.worst <= within)
     _show(console, _figures(score, known, unit or "target units"))
+    if _is_inverted(T, known, score):
+        say(console, "note  its inverse is near the truth: one of the two files holds the inverse of T_target_source, "
+                     "which maps source to target")  # fmt: skip
     if within is not None:
         say(console, f"{'within' if good else 'NOT within'} {within:g} {unit or 'target units'}")
     values = {**dataclasses.asdict(score), "size": known.size, "units": unit}
@@ -71,6 +78,17 @@ def evaluate(
     if as_json:
         print_json(values)
     return 1 if within is not None and not good else 0
+
+
+def _is_inverted(T: FloatArray, known: GroundTruth, score: Score) -> bool:
+    import numpy as np
+
+    from dqreg.compare import judge
+    from dqreg.rigid import pose
+
+    if score.success is not False or score.kind != "rigid" or np.isnan(known.size):
+        return False
+    return judge(pose.inverse(T), known).worst < FAR_NEARER * score.worst
 
 
 def _show(console: Any, figures: list[tuple[str, str]]) -> None:

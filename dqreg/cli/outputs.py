@@ -148,7 +148,7 @@ def deviation_lines(deviations: Deviations) -> list[tuple[str, str]]:
     ...     print(f"{name}: {text}")
     deviations: 1000 points; positive outside
     deviation: p50 0.02 mm, p95 0.02 mm, max 0.02 mm; mean +0.02 mm, rms 0.02 mm
-    tolerance: +-0.05 mm: 100.00 % within, 0.00 % below, 0.00 % above
+    tolerance: ±0.05 mm: 100.00 % within, 0.00 % below, 0.00 % above
     worst: +0.02 mm at (0, 0, 0) mm, 1000 points around it
     """
     from dqreg.report.page_tables import reach_words
@@ -181,7 +181,7 @@ def deviation_lines(deviations: Deviations) -> list[tuple[str, str]]:
     if deviations.tolerance is not None and deviations.allowed is None:
         bands = deviations.bands()
         below = f"{100 * bands.below:.2f} % below, " if deviations.signed else ""
-        mark = "+-" if deviations.signed else ""
+        mark = "±" if deviations.signed else ""
         shares = f"{100 * bands.within:.2f} % within, {below}{100 * bands.above:.2f} % above"
         lines.append(("tolerance", f"{mark}{bands.tolerance:g}{unit}: {shares}"))
     for place in deviations.worst(PLACES):
@@ -197,7 +197,7 @@ def tell_decision(found: Decision, deviations: Deviations, console: Console) -> 
 
     unit = deviations.units or ""
     colour = {"pass": "green", "undecided": "yellow", "fail": "red"}[found.outcome]
-    against = tolerance_text(found, unit).replace("±", "+-").replace("−", "-")
+    against = tolerance_text(found, unit).replace("−", "-")
     console.print(f"[bold {colour}]{found.outcome.upper()}[/]: part against {against}", highlight=False)
     for words in decision_words(found, unit, deviations.signed):
         say(console, f"  {words}")

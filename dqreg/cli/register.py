@@ -61,7 +61,8 @@ SECTIONS = {
 @click.option("--tolerance", type=ToleranceType(), metavar="LENGTH", help="Largest deviation allowed, target units, or "
               "two sides as +0.2/-0.05: decide whether the part passes, and end the colour scale there.")  # fmt: skip
 @click.option("--required", type=float, metavar="PERCENT", default=95.0, show_default=True, help="Points, of all and "
-              "of each region, that must be within the tolerance. Single points are forgiven, places not.")  # fmt: skip
+              "of each region, that must be within the tolerance. Single points outside are tolerated, groups of "
+              "neighbours are not.")  # fmt: skip
 @click.option("--reach", type=float, metavar="LENGTH", help="Points farther from the target than this are taken for "
               "other objects and left out, target units  [default: found in the scan].")  # fmt: skip
 @click.option("--clutter", type=Choice(["allowed", "none"]), default="allowed", show_default=True, help="Whether SCAN "

@@ -15,7 +15,7 @@ from dqreg.errors import InputError
 @click.argument("scan", type=FILE, required=False)
 @click.argument("part", type=FILE, required=False)
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port on 127.0.0.1; 0 takes a free one.")
-@click.option("--folder", type=FILE, help="Where visits are kept, to go on with them another day  [default: a "
+@click.option("--folder", type=FILE, help="Where visits are kept, to resume them another day  [default: a "
               "temporary folder, removed at the end].")  # fmt: skip
 @click.option("--batch", type=FILE, metavar="FOLDER", help="Show the rows of a dqreg batch as it runs: its --out.")
 @click.option("--odometry", type=FILE, metavar="SCANS", help="Show the odometry of a LiDAR sequence as it runs: map, "

@@ -12,11 +12,11 @@ from dqreg._arrays import (
     as_float,
     as_vectors,
     bounds,
-    one_line,
     require_workable,
     require_workable_ends,
     shifted,
 )
+from dqreg._records import one_line
 from dqreg.errors import InputError
 from dqreg.files.cloud_data import finite_rows
 from dqreg.geometry import exports

@@ -157,25 +157,6 @@ class CloudSurface:
             rows[asked], distances[asked], others[asked] = indices[:, 0], found[:, 0], found[:, 1]
         return self._answer(rows, distances, others)
 
-    def closest_again(self, points: FloatArray, before: Closest, places: FloatArray) -> Closest:
-        """`closest` with the hint ``(places, before)``.
-
-        Parameters
-        ----------
-        points : ndarray, (n, 3)
-            Queries.
-        before : Closest
-            What this surface answered for the same queries at other places.
-        places : ndarray, (n, 3)
-            Those places.
-
-        Returns
-        -------
-        Closest
-            As from `closest`.
-        """
-        return self.closest(points, (places, before))
-
     def on_rim(self, closest: Closest) -> BoolArray:
         """Whether the matches of some queries are boundary points of the cloud.
 

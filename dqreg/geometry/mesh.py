@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray, as_vectors, bounds, one_line, require_workable_ends
+from dqreg._arrays import BoolArray, FloatArray, IntArray, as_vectors, bounds, require_workable_ends
+from dqreg._records import one_line
 from dqreg.errors import InputError
 from dqreg.geometry import exports
 from dqreg.geometry.boundary import MeshBoundary

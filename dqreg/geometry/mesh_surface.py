@@ -77,22 +77,3 @@ class MeshSurface:
             Points, face normals, distances and face numbers.
         """
         return Closest(*self._tree.closest(points, None if hint is None else hint[1].elements, within))
-
-    def closest_again(self, points: FloatArray, before: Closest, places: FloatArray) -> Closest:
-        """`closest` with the hint ``(places, before)``.
-
-        Parameters
-        ----------
-        points : ndarray, (n, 3)
-            Queries.
-        before : Closest
-            What this surface answered for the same queries at other places.
-        places : ndarray, (n, 3)
-            Those places.
-
-        Returns
-        -------
-        Closest
-            As from `closest`.
-        """
-        return self.closest(points, (places, before))

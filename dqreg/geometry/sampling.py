@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import numbers
+
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
+from dqreg.errors import InputError
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.mesh import Mesh
 
@@ -33,7 +36,10 @@ def sample_mesh(mesh: Mesh, count: int, rng: np.random.Generator) -> PointCloud:
     >>> len(cloud), bool((cloud.points.sum(axis=1) <= 1.0).all())
     (100, True)
     """
-    points, faces = places_on(mesh, count, rng)
+    given: object = count
+    if not isinstance(given, numbers.Integral) or int(given) < 1:
+        raise InputError(f"count must be a whole number of points above 0; got {count!r:.80}")
+    points, faces = places_on(mesh, int(count), rng)
     return PointCloud(points, mesh.face_normals[faces], units=mesh.units)
 
 

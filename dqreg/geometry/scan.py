@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds, one_line
+from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds
+from dqreg._records import one_line
 from dqreg.errors import InputError
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.cloud_surface import CloudSurface

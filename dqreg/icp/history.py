@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 from dqreg._arrays import FloatArray, warn_of_old_name
+from dqreg._records import lock
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,6 +28,9 @@ class Iteration:
     motion: float
     seconds: float  # Wall time
     T_target_source: FloatArray = dataclasses.field(repr=False, compare=False)  # (4, 4): The pose after the step
+
+    def __post_init__(self) -> None:
+        lock(self)
 
     @property
     def scale(self) -> float:

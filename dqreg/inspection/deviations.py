@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray, one_line
+from dqreg._arrays import BoolArray, FloatArray, IntArray
+from dqreg._records import one_line
 from dqreg.errors import InputError
 from dqreg.geometry import exports
 from dqreg.geometry.cloud import PointCloud
@@ -43,7 +44,7 @@ class Deviations:
     tolerance : float or None
         Largest deviation allowed.
     reach : float
-        Points farther off belong to something else (a table, a clamp): measured, but in no statistics.
+        Points farther off are of something else (a table, a clamp): measured, but in no statistics.
     reach_from : {"given", "size", "noise", "spacing", "deviations"}
         The caller, the part's size, or the largest of noise, spacing and the part's deviations.
     limit : float
@@ -70,8 +71,8 @@ class Deviations:
 
     Notes
     -----
-    Rows of the scan that hold no measurement (NaN, a promised normal that is missing) were dropped when it was read
-    and have no value here; ``settings["source_dropped"]`` of the registration counts them.
+    Rows of the scan without a measurement (NaN, a missing normal) were dropped when it was read, and have no value;
+    ``settings["source_dropped"]`` of the registration counts them.
     """
 
     __repr__ = one_line
@@ -294,7 +295,6 @@ class Deviations:
 
     def _allowed(self, given: float | None) -> float | None:
         # A tolerance that was asked for, else the record's own.
-        if given is None:
-            return self.tolerance
-        require_length(given, "tolerance")
-        return float(given)
+        if given is not None:
+            require_length(given, "tolerance")
+        return self.tolerance if given is None else float(given)

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import FloatArray, IntArray
+from dqreg._arrays import FloatArray, IntArray, as_place
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.features import fit_feature
@@ -82,10 +82,7 @@ def edge_point(
     ('meeting', [0.0, 0.0, 0.01])
     """
     part = ScannedPart.of(deviations)
-    place = np.asarray(point, dtype=np.float64)
-    if place.shape != (3,) or not np.isfinite(place).all():
-        raise InputError(f"a point is three finite coordinates; got {point!r:.80}")
-    found = edge_on(part, place - part.origin, face=face, radius=radius)
+    found = edge_on(part, as_place(point, "point") - part.origin, face=face, radius=radius)
     return dataclasses.replace(found, point=found.point + part.origin, nominal=found.nominal + part.origin)
 
 

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, IntArray
+from dqreg._arrays import FloatArray, IntArray, as_vectors
+from dqreg.errors import InputError
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.mesh import Mesh
 from dqreg.geometry.mesh_faces import areas_of, faces_of
@@ -98,6 +99,11 @@ def measure_deviations(
     >>> measure_deviations(np.array([[0.0, 0, 1.5], [0, 0, 0.75]]), part, MeshSurface(part)).values.tolist()
     [0.5, -0.25]
     """
+    # A search for what is closest to NaN finds no end.
+    checked = as_vectors(points, "points")
+    points = points if checked.base is points else checked
+    if not len(points):
+        raise InputError("points are empty; deviations are of one point at least")
     reason, count = why_unsigned(geometry), len(points)
     values, closest, faces = signed_distances(points, geometry, surface, reason is None, progress)
     if spacing is None:

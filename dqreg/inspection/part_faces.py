@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import FloatArray, IntArray
+from dqreg._arrays import FloatArray, IntArray, as_place
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.geometry import Mesh
 from dqreg.geometry.mesh_faces import areas_of, faces_of
@@ -119,10 +119,7 @@ def nearest_face(mesh: Mesh, faces: tuple[Face, ...], point: ArrayLike) -> Face:
     """
     from dqreg.geometry import MeshSurface
 
-    place = np.asarray(point, dtype=np.float64)
-    if place.shape != (3,) or not np.isfinite(place).all():
-        raise InputError(f"a point is three finite coordinates; got {point!r:.80}")
-    triangle = int(MeshSurface(mesh).closest(place[None]).elements[0])
+    triangle = int(MeshSurface(mesh).closest(as_place(point, "point")[None]).elements[0])
     return faces[int(faces_of(mesh)[1][triangle])]
 
 

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, one_line
+from dqreg._arrays import FloatArray
+from dqreg._records import lock, one_line
 from dqreg.errors import InputError
 from dqreg.files.atomic import write_atomically
 from dqreg.geometry import PointCloud
@@ -62,6 +63,9 @@ class Multiway:
     settings: dict[str, Any]
     timings: dict[str, float]
     views: tuple[View, ...] | None = dataclasses.field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        lock(self)
 
     @property
     def covariances(self) -> FloatArray:

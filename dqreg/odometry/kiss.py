@@ -40,6 +40,8 @@ def rigid(T: FloatArray) -> FloatArray:
 
 def thin(points: FloatArray, size: float) -> FloatArray:
     """The first point of each voxel, by KISS-ICP."""
+    # What is read only, as arrays over the bytes of a message are, it does not take.
+    points = np.require(points, requirements="W")
     return np.array(load_kiss("voxelization").voxel_down_sample(points, size), dtype=np.float64).reshape(-1, 3)
 
 

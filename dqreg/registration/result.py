@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg._records import lock
 from dqreg.files.atomic import write_atomically
 from dqreg.icp.history import Iteration
 from dqreg.inspection import Deviations
@@ -86,6 +87,7 @@ class Registration(UncertainPose, ShownResult):
             # It is still being built: a frozen value may be finished here, and nowhere later.
             for name, value in as_failed(vars(self), violated).items():
                 object.__setattr__(self, name, value)
+        lock(self)
 
     def __repr__(self) -> str:
         place = ", ".join(f"{value:.4g}" for value in self.T_target_source[:3, 3])

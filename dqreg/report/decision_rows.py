@@ -56,5 +56,5 @@ def region_remark(found: Decision, region: Region) -> str:
     if own:
         # The worst is the first.
         value, room = text_of(own[0].value), text_of(own[0].uncertainty, 2)
-        return f"a place of it deviates by {value} +- {room}".replace("−", "-")
+        return f"a place of it deviates by {value} ± {room}".replace("−", "-")
     return f"{percent(region.share_within or 0.0)} % of its points are within the tolerance"

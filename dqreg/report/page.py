@@ -115,6 +115,7 @@ def _words(result: RegistrationResult, data: ReportData | None, unit: str) -> di
         "unit": unit,
         "unit_known": settings.get("target_units") is not None,
         "tiles": tables.tiles_of(result, data, unit),
+        "noun": tables.noun_of(data),
         "data": data is not None,
         "why_no_view": NO_SIDES,
     }

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg.geometry import Mesh
 from dqreg.inspection import Deviations
 from dqreg.report.charts import NARROW, WIDE, histogram
 from dqreg.report.report_data import ReportData
@@ -29,20 +30,27 @@ REACH_FROM = {
 SIGNS = {"accepted": "✓", "suspect": "!", "failed": "✗"}
 
 
+def noun_of(data: ReportData | None) -> str:
+    """What the target is called: another scan is no part."""
+    return "part" if data is None or isinstance(data.inputs.target.geometry, Mesh) else "target"
+
+
 def tiles_of(result: RegistrationResult, data: ReportData | None, unit: str) -> list[tuple[str, str, str]]:
     """The few numbers that matter most: name, value, remark."""
     if not np.isfinite(result.rms):
         return []
-    settings = result.settings
+    settings, noun = result.settings, noun_of(data)
     tiles: list[tuple[str, str, str]] = []
     if data is not None and data.deviations is not None:
         summary = data.deviations.summary()
         total = summary.count + summary.beyond
         tiles.append(
-            ("Root mean square", f"{text_of(summary.rms)}{unit_words(unit)}", "deviation of the points on the part")
+            ("Root mean square", f"{text_of(summary.rms)}{unit_words(unit)}", f"deviation of the points on the {noun}")
         )
         tiles.append(("95 % of them within", f"{text_of(summary.p95)}{unit_words(unit)}", "absolute deviation"))
-        tiles.append(("On the part", f"{percent(summary.count / total)} %", f"{summary.count:,} of {total:,} points"))
+        tiles.append(
+            (f"On the {noun}", f"{percent(summary.count / total)} %", f"{summary.count:,} of {total:,} points")
+        )
         if data.decision is not None:
             words = f"of the points on the part; {percent(data.decision.required_share)} % are required"
             within = f"Within {tolerance_text(data.decision, unit)}"
@@ -53,7 +61,7 @@ def tiles_of(result: RegistrationResult, data: ReportData | None, unit: str) -> 
     if result.observability:
         weakest = result.observability[0]
         known = f"{text_of(weakest.sigma, 2)}{unit_words(unit)}" if np.isfinite(weakest.sigma) else "unconstrained"
-        tiles.append(("Pose, weakest motion", known, "one sigma on the part"))
+        tiles.append(("Pose, weakest motion", known, f"one sigma on the {noun}"))
     return tiles
 
 

@@ -116,9 +116,9 @@ def left_words(seconds: float) -> str:
 
 # Rows shown at once: the latest ones; a whole history would scroll away what matters.
 ROWS = 12
-COLUMNS = ("iteration", "stage", "points", "inliers", "rms", "width", "rotation [deg]", "step [size]")
+COLUMNS = ("iteration", "stage", "points", "inliers", "rms", "kernel", "rotation [deg]", "step [size]")
 # Columns of lengths, which carry the target's unit.
-LENGTHS = ("rms", "width")
+LENGTHS = ("rms", "kernel")
 READING = "reading and measuring source and target"
 # What the search does after each of its stages.
 NEXT = {

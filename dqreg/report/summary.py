@@ -71,7 +71,7 @@ def scale_words(result: RegistrationResult) -> str:
     """What the source was multiplied with because it was asked for; units are another matter."""
     settings, scale, sigma = result.settings, result.scale, result.scale_sigma
     if settings.get("scale_solved"):
-        known = f"+- {sigma:.2g} (one sigma)" if np.isfinite(sigma) else "is not fixed by the data"
+        known = f"± {sigma:.2g} (one sigma)" if np.isfinite(sigma) else "is not fixed by the data"
         return f"solved for: source x {scale:.9g} {known}"
     return "" if settings.get("scale", 1.0) == 1.0 else f"as asked, units included: source x {scale:.9g}"
 

@@ -154,8 +154,9 @@ def require_meeting(**shapes: tuple[int, ...]) -> None:
 
 
 def _with_last_axes(value: ArrayLike, name: str, last: tuple[int, ...], words: str) -> FloatArray:
-    # A float64 array passes untouched, whatever its strides: NumPy's operations take it as it is.
-    array = value if isinstance(value, np.ndarray) and value.dtype == np.float64 else as_float(value, name)
+    # A float64 array passes untouched, whatever its strides: NumPy's operations take it as it is. Masked arrays
+    # and matrices have others.
+    array = value if type(value) is np.ndarray and value.dtype == np.float64 else as_float(value, name)
     if array.shape[-len(last) :] != last:
         raise InputError(f"{name} must hold {words}; got shape {array.shape}")
     return array

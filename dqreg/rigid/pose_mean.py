@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import FloatArray, as_float, one_line, require_finite
+from dqreg._arrays import FloatArray, as_float, require_finite
+from dqreg._records import one_line
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.rigid._matrices import from_matrix, to_matrix
 from dqreg.rigid._mean import mean as mean_rotation

@@ -9,7 +9,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import FloatArray, IntArray, as_float, one_line, require_finite
+from dqreg._arrays import FloatArray, IntArray, as_float, require_finite
+from dqreg._records import one_line
 from dqreg.errors import InputError
 from dqreg.rigid import pose
 from dqreg.rigid._operands import as_rigid_poses

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dqreg._arrays import BoolArray, FloatArray, one_line
+from dqreg._arrays import BoolArray, FloatArray
+from dqreg._records import one_line
 from dqreg.errors import InputError
 from dqreg.kernels.threads import as_plain
 from dqreg.solvers.batched_input import FeatureSet, Sides, read_features

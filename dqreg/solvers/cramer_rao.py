@@ -75,6 +75,8 @@ def cramer_rao(
     """
     p = _triples(points, "points")
     n = np.zeros((*p.shape[:-2], 0, 3)) if directions is None else _triples(directions, "directions")
+    if n.ndim > p.ndim or np.broadcast_shapes(n.shape[:-2], p.shape[:-2]) != p.shape[:-2]:
+        raise InputError(f"directions must have the leading axes of points or fewer; got {n.shape} and {p.shape}")
     c = p.mean(axis=-2) if centre is None else as_float(centre, "centre")
     if not (sigma_p > 0.0 and sigma_n > 0.0):
         raise InputError(f"sigma_p and sigma_n must be above zero; got {sigma_p!r} and {sigma_n!r}")
@@ -90,8 +92,8 @@ def cramer_rao(
 
 def _triples(value: ArrayLike, name: str) -> FloatArray:
     array = as_float(value, name)
-    if array.ndim < 2 or array.shape[-1] != 3:
-        raise InputError(f"{name} must have shape (..., n, 3); got shape {array.shape}")
+    if array.ndim < 2 or array.shape[-1] != 3 or not array.shape[-2]:
+        raise InputError(f"{name} must have shape (..., n, 3) with n > 0; got shape {array.shape}")
     require_finite(array, name)
     return array
 

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import FloatArray, as_float, as_pose, one_line, require_finite
+from dqreg._arrays import FloatArray, as_float, as_pose, require_finite
+from dqreg._records import one_line
 from dqreg.errors import InputError
 from dqreg.rigid import quaternion
 from dqreg.solvers.dof_chart import Flags, FrameMotion, compose, relative, tangent

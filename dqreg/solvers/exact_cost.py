@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, as_pose
 from dqreg.solvers.matches import Matches
 
 # Rows a chunk: it stays in the cache and below the size at which BLAS wakes its threads.
@@ -34,6 +34,12 @@ def cost_of_pose(T_target_source: FloatArray, matches: Matches) -> tuple[float, 
     >>> cost_of_pose(np.eye(4), read_matches([[0, 0, 0], [1, 0, 0]], [[0, 0, 2], [1, 0, 0]]))
     (4.0, 0.0)
     """
+    if (
+        type(T_target_source) is not np.ndarray
+        or T_target_source.dtype != np.float64
+        or T_target_source.shape != (4, 4)
+    ):
+        T_target_source = as_pose(T_target_source, "T_target_source")
     R, t = T_target_source[:3, :3], T_target_source[:3, 3]
     m = matches
     return (

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, one_line
+from dqreg._arrays import FloatArray
+from dqreg._records import lock, one_line
 from dqreg.solvers.status import Status
 from dqreg.solvers.uncertainty import Uncertainty
 
@@ -20,6 +21,9 @@ class FoundPose:
     """A pose in both of its forms."""
 
     T_target_source: FloatArray
+
+    def __post_init__(self) -> None:
+        lock(self)
 
     @cached_property
     def dual_quaternion(self) -> DualQuaternion:
@@ -101,7 +105,10 @@ class Fit(FoundPose):
         """
         if self.uncertainty is None:
             return np.full((6, 6), np.nan)
-        return self.uncertainty.covariance(self.T_target_source[:3, :3], self.eigenvalue_gap)
+        found = self.uncertainty.covariance(self.T_target_source[:3, :3], self.eigenvalue_gap)
+        # It is kept, as all that was computed when the fit was made.
+        found.flags.writeable = False
+        return found
 
 
 @dataclass(frozen=True, eq=False)

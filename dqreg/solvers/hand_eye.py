@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import FloatArray, IntArray, as_float, one_line, require_finite
+from dqreg._arrays import FloatArray, IntArray, as_float, require_finite
+from dqreg._records import lock, one_line
 from dqreg.errors import InputError
 from dqreg.rigid import pose, quaternion
 from dqreg.rigid._operands import as_rigid_poses
@@ -62,6 +63,9 @@ class HandEyeFit:
     translation_residuals: FloatArray
     sigma_rotation: float
     sigma_translation: float
+
+    def __post_init__(self) -> None:
+        lock(self)
 
 
 @dataclass(frozen=True, eq=False)

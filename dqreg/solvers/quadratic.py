@@ -26,7 +26,8 @@ import dataclasses
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, one_line
+from dqreg._arrays import FloatArray
+from dqreg._records import one_line
 from dqreg.rigid import pose
 from dqreg.solvers.moments import Moments, scaled
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import FloatArray, as_float, as_weights, one_line
+from dqreg._arrays import FloatArray, as_float, as_weights
+from dqreg._records import lock, one_line
 from dqreg.errors import InputError
 from dqreg.rigid import quaternion
 from dqreg.solvers.closed_form import best_rotation
@@ -46,6 +47,9 @@ class RotationFit:
     cost: float
     eigenvalue_gap: float
     covariance: FloatArray
+
+    def __post_init__(self) -> None:
+        lock(self)
 
     @property
     def quaternion(self) -> FloatArray:

@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, as_pose, one_line
+from dqreg._arrays import FloatArray, as_pose
+from dqreg._records import one_line
 from dqreg.errors import InputError
 from dqreg.files.untrusted import read_record
 from dqreg.synth.case_contents import PART, RECIPE, SCAN, TRUTH, case_contents

@@ -7,6 +7,7 @@ import math
 from typing import Literal
 
 from dqreg._arrays import FloatArray
+from dqreg._records import lock
 from dqreg.solvers.motion_words import UNKNOWN, Kind, Vector
 
 Level = Literal["accepted", "suspect", "failed"]
@@ -178,3 +179,6 @@ class Alternative:
     gain_sigma: float = math.nan
     # Where it is, seen from the answer: "one period (20 mm) along (1.00, 0.00, 0.00)"; "" in a file of old
     words: str = ""
+
+    def __post_init__(self) -> None:
+        lock(self)

@@ -18,13 +18,13 @@ def test_the_coloured_cloud_and_its_figures(tmp_path: Path, case, capsys) -> Non
     units = ["--source-units", "mm", "--target-units", "mm"]
     assert run(*common, *units, "--deviations", file, "--tolerance", "0.5") == 0
     text = capsys.readouterr().out
-    for words in (" mm, p95 ", "+-0.5 mm: ", "% within", "worst  ", "points around it", f"wrote {file}"):
+    for words in (" mm, p95 ", "±0.5 mm: ", "% within", "worst  ", "points around it", f"wrote {file}"):
         assert words in text
     cloud = load_open3d().t.io.read_point_cloud(str(file))
     values = cloud.point["deviation"].numpy().ravel()
     assert len(values) == len(read_cloud(case.scan).points)
     # The scan has noise of the recipe only: every point of the part lies within half a millimetre of it.
-    share = float(text.split("+-0.5 mm: ")[1].split(" %")[0]) / 100
+    share = float(text.split("±0.5 mm: ")[1].split(" %")[0]) / 100
     counted = np.abs(values[cloud.point["flag"].numpy().ravel() == 0])
     assert share == pytest.approx((counted <= 0.5).mean(), abs=1e-4)
     assert read_cloud(file).units == "mm"

@@ -39,6 +39,14 @@ def test_within_decides_the_exit_code(shifted, tmp_path):
     assert run("evaluate", tmp_path / "none.json", "--truth", TRUTH, "--within", "1e9", "--quiet") == 1
 
 
+def test_a_pose_that_was_written_the_wrong_way_round_is_told(tmp_path, shifted, capsys):
+    np.savetxt(tmp_path / "inverse.txt", pose.inverse(CASE.T_target_source) @ pose.from_parts(np.eye(3), [0.0, 0.1, 0]))
+    assert run("evaluate", tmp_path / "inverse.txt", "--truth", TRUTH) == 0
+    assert "its inverse is near the truth" in capsys.readouterr().out
+    assert run("evaluate", shifted, "--truth", TRUTH) == 0
+    assert "inverse" not in capsys.readouterr().out
+
+
 def test_scan_points_are_measured_too(tmp_path):
     truth, out = tmp_path / "truth.txt", tmp_path / "errors.json"
     np.savetxt(truth, CASE.T_target_source)

@@ -13,6 +13,7 @@ from dqreg.synth.parts import bracket
 from tests.cli.command import run
 
 
+@pytest.mark.usefixtures("small_pictures")
 def test_from_a_suggested_plan_to_a_sheet(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     case = load_case(demo_case())
     assert run("inspect", "--suggest", case.part) == 0
@@ -44,7 +45,7 @@ def test_what_is_missing_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert "--plan FILE; dqreg inspect --suggest PART" in capsys.readouterr().err
     assert run("inspect", case.scan, case.part, "--plan", tmp_path / "none.toml") == 2
     assert "cannot read the plan" in capsys.readouterr().err
-    swapped = (case.part, case.scan, "--tolerance", "0.1", "--time-limit", "1")
+    swapped = (case.part, case.scan, "--tolerance", "0.1", "--time-limit", "0.1")
     for command in ("inspect", "register"):
         assert run(command, *swapped, "--source-units", "mm", "--target-units", "mm") == 2
         assert "the files look swapped: part.stl is a mesh and scan.ply a cloud" in capsys.readouterr().err

@@ -98,7 +98,7 @@ def test_every_option_stands_under_a_heading():
 @pytest.mark.parametrize("after", [0.3, pytest.param(1.2, marks=pytest.mark.soak)])
 def test_ctrl_c_leaves_one_line_and_no_file(after, tmp_path, case):
     out = tmp_path / "result.json"
-    words = [str(w) for w in ("register", case.scan, case.part, "--effort", "best", "--out", out)]
+    words = [str(w) for w in ("register", case.scan, case.part, "--effort", "best", "--quiet", "--out", out)]
     # A shell that runs its jobs in the background has SIGINT ignored, which is handed on, and respected.
     listen = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
     code = f"{listen}; from dqreg.cli.main import main; print('begun', flush=True); main({words!r})"
@@ -134,6 +134,7 @@ def counted(monkeypatch):
     return counts
 
 
+@pytest.mark.usefixtures("small_pictures")
 def test_everything_that_is_written_is_read_and_measured_once(tmp_path, case, start, capsys, counted):
     files = {name: tmp_path / name for name in ("aligned.ply", "deviations.csv", "report.html", "result.json")}
     options = ("--start", start, "--effort", "fast", "--tolerance", "0.5", "--out", files["result.json"])
@@ -157,7 +158,7 @@ def test_a_part_with_a_bump_ends_with_exit_code_three(tmp_path, case, start, cap
     assert run("register", tmp_path / "bump.ply", case.part, *options) == 3
     text = capsys.readouterr().out
     assert "ACCEPTED: alignment trusted" in text
-    assert "FAIL: part against +-0.2 mm" in text
+    assert "FAIL: part against ±0.2 mm" in text
     assert "out of tolerance; at the worst the median of 25 neighbouring points deviates by" in text
     # A box about the bump takes it out of the decision.
     box = [*(place - 6.0), *(place + 6.0)]

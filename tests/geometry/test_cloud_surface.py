@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dqreg.errors import InputError
-from dqreg.geometry import CloudSurface, Mesh, MeshSurface, PointCloud, sample_mesh
+from dqreg.geometry import CloudSurface, Mesh, PointCloud, sample_mesh
 from dqreg.geometry.neighbours import KdTree
 from dqreg.rigid import twist
 from dqreg.synth.parts import bracket
@@ -75,15 +75,6 @@ def test_copies_ties_and_a_single_point_are_searched_as_before() -> None:
         found = cloud.closest(places)
         again = cloud.closest(places + 0.5, (places, found))
         np.testing.assert_array_equal(again.elements, cloud.closest(places + 0.5).elements)
-
-
-@pytest.mark.parametrize("surface", [CloudSurface(CLOUD), MeshSurface(PART)])
-def test_the_older_name_of_a_question_with_a_hint_answers_the_same(surface) -> None:
-    places = CLOUD.points[::9]
-    found, moved = surface.closest(places), places + 1e-5 * PART.diagonal
-    older, newer = surface.closest_again(moved, found, places), surface.closest(moved, (places, found))
-    np.testing.assert_array_equal(older.distances, newer.distances)
-    np.testing.assert_array_equal(older.elements, newer.elements)
 
 
 def test_normals_fitted_where_they_are_asked_for_are_those_of_the_whole_cloud() -> None:

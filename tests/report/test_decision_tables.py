@@ -62,7 +62,7 @@ def test_a_region_that_fails_within_its_limits_says_why() -> None:
     bump[:2000, 2] += 0.5 * (np.linalg.norm(bump[:2000, :2], axis=1) < 3.0)
     # One point in ten out, none beside another: no place fails, the share does.
     lines[:2000:10, 2] += 0.5
-    for moved, said in ((bump, "a place of it deviates by 0.5 +- "), (lines, "90.0 % of its points are within")):
+    for moved, said in ((bump, "a place of it deviates by 0.5 ± "), (lines, "90.0 % of its points are within")):
         share, *regions = decision_rows(decided(moved))
         assert (share.kind, share.value) == ("share", pytest.approx(100.0 * decided(moved).share_within))
         (bad,) = [row for row in regions if row.outcome == "fail"]

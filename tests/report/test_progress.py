@@ -68,7 +68,7 @@ def test_units_stand_in_the_head_of_the_table():
         text = io.StringIO()
         with make_progress(Console(file=text, force_terminal=terminal, width=200), quiet=False, unit="mm") as progress:
             progress(iteration(1))
-        for name in ("rms [mm]", "width [mm]", "rotation [deg]", "step [size]"):
+        for name in ("rms [mm]", "kernel [mm]", "rotation [deg]", "step [size]"):
             assert name in text.getvalue()
 
 

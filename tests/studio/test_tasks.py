@@ -207,6 +207,7 @@ def test_the_studio_says_what_the_library_says(cleaned, tmp_path):
     assert {number: high for number, _, _, high in same} == {**dict.fromkeys(range(6), 0.1), 2: 0.05}
 
 
+@pytest.mark.usefixtures("small_pictures")
 def test_a_side_of_its_own_a_section_and_a_label_are_in_the_sheet(cleaned):
     align(cleaned)
     # Everything lies on the surface: above it nothing is allowed on one face, and nothing below it on the other.

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import FloatArray, as_pose, as_vectors
+from dqreg._arrays import FloatArray, as_pose, as_vectors, require_workable
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.inspection.alignment.priors import inverse_within, prior_about
 from dqreg.solvers import Freedom, PoseCost
@@ -85,8 +85,12 @@ def align_points(
     p, q, n = (
         as_vectors(x, name) for x, name in ((points, "points"), (nominals, "nominals"), (directions, "directions"))
     )
-    if not len(p) == len(q) == len(n):
-        raise InputError(f"points, nominals and directions must be as many; got {len(p)}, {len(q)} and {len(n)}")
+    if not len(p) == len(q) == len(n) or not len(p):
+        raise InputError(
+            f"points, nominals and directions must be as many, one at least; got {len(p)}, {len(q)} and {len(n)}"
+        )
+    require_workable(p, "points")
+    require_workable(q, "nominals")
     lengths = np.linalg.norm(n, axis=1)
     if not (lengths > 0.0).all():
         raise InputError(f"direction {int(np.argmin(lengths))} has no length")

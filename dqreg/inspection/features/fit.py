@@ -8,7 +8,7 @@ from typing import get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import FloatArray, as_vectors
+from dqreg._arrays import FloatArray, as_vectors, require_workable
 from dqreg.errors import DegenerateGeometryError, InputError, did_you_mean
 from dqreg.inspection.features.feature import Feature, FeatureMethod
 from dqreg.inspection.features.gauss import fit_gauss
@@ -79,6 +79,7 @@ def fit_feature(
     chosen = as_vectors(points, "points")
     sides = None if normals is None else as_vectors(normals, "normals")
     _check(chosen, kind, method)
+    require_workable(chosen, "points")
     _check_options(chosen, sides, cut)
     _require_spread(chosen, kind)
     used = np.ones(len(chosen), dtype=bool)

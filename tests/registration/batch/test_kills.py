@@ -1,6 +1,6 @@
 """A batch killed at any moment: nothing is lost, nothing is done twice, nothing is half-written, nothing lives on.
 
-``DQREG_KILLS=50`` in the environment makes it that many kills, with two workers; the default is a few, with one.
+``DQREG_KILLS=50`` in the environment makes it that many kills, with two workers; the default is one, with one.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ import pytest
 from tests.registration.batch.scenes import alive, all_gone, left_over, make_scene, results, stamps, started, summary
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
-KILLS = int(os.environ.get("DQREG_KILLS", "2"))
+KILLS = int(os.environ.get("DQREG_KILLS", "1"))
 SOAK = "DQREG_KILLS" in os.environ
-ROWS, WORKERS = (6, 2) if SOAK else (4, 1)
+ROWS, WORKERS = (6, 2) if SOAK else (3, 1)
 # Most of them leave no time for anything.
 SENT = [signal.SIGKILL, signal.SIGKILL, signal.SIGKILL, signal.SIGTERM, signal.SIGINT]
 soak = pytest.mark.skipif(not SOAK, reason="long: set DQREG_KILLS")

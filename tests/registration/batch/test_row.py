@@ -41,6 +41,7 @@ def test_a_row_is_a_registration(rows, tmp_path):
     assert (done.status, done.message, done.thumbnail) == ("ran", "", None)
 
 
+@pytest.mark.usefixtures("small_pictures")
 def test_a_part_is_inspected_and_what_cannot_be_measured_costs_no_pose(rows, tmp_path):
     # Noise of 1e-4 of a part of 156 mm, drawn on its own surface: within 0.2 mm, and not within 0.001 mm.
     outcomes = {}
