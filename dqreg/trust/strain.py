@@ -1,16 +1,17 @@
-"""What is left between scan and target beside the pose, fitted with its covariance: a strain, a bend, a drift."""
+"""What is left between scan and target beside the pose, fitted with its covariance: a strain, a bend."""
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable
 
 import numpy as np
 
 from dqreg._arrays import FloatArray, dot, median, product
-from dqreg.solvers.motion_words import Vector
-from dqreg.solvers.quadratic import ROWS, plane_rows
+from dqreg.geometry.normals import sample_rows
+from dqreg.solvers.quadratic import ROWS
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 from dqreg.solvers.sandwich import scatter_of
 
@@ -22,8 +23,6 @@ COMPONENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 ROUNDS, TUKEY = 8, 4.685
 # A round that moves the fit by less than this share of a standard deviation is the last.
 STILL = 0.02
-# Share of a drift that is the shift of the middle, where it has a direction.
-MOSTLY = 0.5
 # Information below this share of the whole is none: of fifteen unknowns, some times what `scatter_of` takes for none.
 SINGULAR = 3e-9
 # Strains and motions expected beforehand, in extents of the scan: what the faces do not show stays at zero.
@@ -32,6 +31,9 @@ USUAL = 0.2
 LEAST, LEAST_BEND = 0.003, 0.002
 # What is below this share of those after two rounds of the robust fit, and at its end, is not looked at any further.
 SMALL = 0.3
+# Points that are asked first, where there are twice as many; below that share, nothing more is looked at. A fault that
+# all show to eight of their standard deviations is four of these off it.
+FIRST, HARDLY = 1_000, 0.15
 # What is below this share of them is no fault, however it is rounded.
 NO_FAULT = 1.0 - 1e-9
 # Larger ones are none: both sides of a sheet came together.
@@ -42,9 +44,6 @@ LARGEST = 0.5
 SIGNIFICANT, SIGNIFICANT_CLUTTER = 8.0, 15.0
 # Principal strains are alike, a scale, where the smallest is more than this share of the largest.
 ALIKE = 0.6
-# Of a drift along the scan: correspondences without which none is asked for; displacements, in sizes of the target, and
-# standard deviations from which on it matters and is no chance. Scans in the order of lines or views bend along it too.
-FEWEST_DRIFT, LEAST_DRIFT, SIGNIFICANT_DRIFT = 500, 0.003, 15.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -90,27 +89,12 @@ def strain_of(
 
     Shapes: points (n, 3) in the order of a space-filling curve, normals (n, 3), residuals (n,).
     """
-    if len(residuals) < FEWEST:
+    if len(residuals) < FEWEST or _is_hardly_any(points, normals, residuals, clutter=clutter):
         return Strain()
-    # The bits of the mean along columns in a quarter of the time.
-    middle = np.einsum("ij->j", points) / len(points)
-    arms = points - middle
-    _, axes = np.linalg.eigh(arms.T @ arms)
-    lever = float(np.sqrt(np.einsum("ij,ij->", arms, arms) / len(arms)))
-    if not lever > 0.0:
+    model = _Model.of(points, normals)
+    if model is None:
         return Strain()
-    rows = _rows(points, middle, arms, normals, axes[:, ::-1], lever)
-    length = float(np.ptp(arms @ axes[:, 2]))
-    # The row is the square of the place along the axis over the lever; a sagitta is over the square of half the length.
-    # Of a torsion, the displacement of the ends at the usual distance from the axis.
-    radius = float(np.sqrt(np.mean((arms @ axes[:, :2]) ** 2) * 2.0))
-    factor = np.array([0.25 * length, 0.25 * length, 0.5 * radius]) / lever**2
-
-    def is_small(fitted: FloatArray, share: float = SMALL) -> bool:
-        # No principal strain is larger than the root of the sum of all squares.
-        square = float(fitted[6:12] ** 2 @ (1.0, 1.0, 1.0, 2.0, 2.0, 2.0)) / lever**2
-        return square <= (share * LEAST) ** 2 and bool((np.abs(fitted[12:]) * factor <= share * LEAST_BEND).all())
-
+    rows, lever, factor, is_small = model.rows, model.lever, model.factor, model.is_small
     first = weights_of(residuals) if clutter else np.ones(len(residuals))
     fitted, weights = robust_fit(rows, residuals, lever, first, is_small)
     if strays and not clutter and not is_small(fitted):
@@ -135,6 +119,53 @@ def strain_of(
     k = int(np.argmax(bends / sigmas)) if (sigmas > 0.0).all() else 0
     significant = SIGNIFICANT_CLUTTER if clutter else SIGNIFICANT
     return Strain(value, sigma, along, float(bends[k]), float(sigmas[k]), significant, shown)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Model:
+    """Motions, strains, bends and a torsion of some points, as rows of a fit."""
+
+    rows: FloatArray  # (15, n): See `_rows`
+    lever: float  # Length that rotations are over
+    factor: FloatArray  # (3,): From the last three unknowns to sagittas over lengths
+
+    @staticmethod
+    def of(points: FloatArray, normals: FloatArray) -> _Model | None:
+        """Of points and normals, (n, 3); None where all points are one."""
+        # The bits of the mean along columns in a quarter of the time.
+        middle = np.einsum("ij->j", points) / len(points)
+        arms = points - middle
+        _, axes = np.linalg.eigh(arms.T @ arms)
+        lever = float(np.sqrt(np.einsum("ij,ij->", arms, arms) / len(arms)))
+        if not lever > 0.0:
+            return None
+        rows = _rows(points, middle, arms, normals, axes[:, ::-1], lever)
+        length = float(np.ptp(arms @ axes[:, 2]))
+        # The row is the square of the place along the axis over the lever; a sagitta is over the square of half the
+        # length. Of a torsion, the displacement of the ends at the usual distance from the axis.
+        radius = float(np.sqrt(np.mean((arms @ axes[:, :2]) ** 2) * 2.0))
+        return _Model(rows, lever, np.array([0.25 * length, 0.25 * length, 0.5 * radius]) / lever**2)
+
+    def is_small(self, fitted: FloatArray, share: float = SMALL) -> bool:
+        """Whether strains and bends of a fit are all below a share of those that are faults."""
+        # No principal strain is larger than the root of the sum of all squares.
+        square = float(fitted[6:12] ** 2 @ (1.0, 1.0, 1.0, 2.0, 2.0, 2.0)) / self.lever**2
+        bends = np.abs(fitted[12:]) * self.factor
+        return square <= (share * LEAST) ** 2 and bool((bends <= share * LEAST_BEND).all())
+
+
+def _is_hardly_any(points: FloatArray, normals: FloatArray, residuals: FloatArray, *, clutter: bool) -> bool:
+    """Whether some of many points show so little strain that all of them show none, in a third of the time."""
+    if len(residuals) < 2 * FIRST:
+        return False
+    rows = sample_rows(len(residuals), FIRST)
+    points, normals, residuals = np.take(points, rows, axis=0), np.take(normals, rows, axis=0), residuals[rows]
+    model = _Model.of(points, normals)
+    if model is None:
+        return False
+    first = weights_of(residuals) if clutter else np.ones(len(residuals))
+    is_small = functools.partial(model.is_small, share=HARDLY)
+    return is_small(robust_fit(model.rows, residuals, model.lever, first, is_small, rounds=2)[0])
 
 
 def unexplained(displaced: FloatArray, motions: FloatArray, weights: FloatArray) -> float:
@@ -231,47 +262,3 @@ def _principal(strain: FloatArray, covariance: FloatArray) -> tuple[float, float
     k = int(np.argmax(np.where(np.abs(values) >= LEAST, z, 1e-3 * z)))
     axis = axes[:, k] * np.sign(axes[np.abs(axes[:, k]).argmax(), k])
     return float(values[k]), float(sigmas[k]), (float(axis[0]), float(axis[1]), float(axis[2]))
-
-
-@dataclasses.dataclass(frozen=True)
-class Drift:
-    """How the pose changes from the first point of a scan to the last; zeros where nothing was fitted."""
-
-    rotation_rad: float = 0.0
-    displacement: float = 0.0  # Root mean square over the points, a length
-    significance: float = 0.0  # Standard deviations
-    along: Vector = (0.0, 0.0, 0.0)  # Direction in which the middle of the points moves, zeros where it mostly turns
-
-    def matters(self, size: float) -> bool:
-        """Whether it is significant, and not small against a size."""
-        return self.significance >= SIGNIFICANT_DRIFT and self.displacement >= LEAST_DRIFT * size
-
-
-def drift_of(points: FloatArray, normals: FloatArray, residuals: FloatArray, times: FloatArray) -> Drift:
-    """Drift from distances along the target's normals, fitted together with the motion that remains.
-
-    Shapes: points (n, 3) in the order of a space-filling curve, normals (n, 3), residuals (n,), times (n,) from -1/2 to
-    1/2.
-    """
-    if len(residuals) < FEWEST_DRIFT:
-        return Drift()
-    middle = points.mean(axis=0)
-    lever = float(np.sqrt(((points - middle) ** 2).sum(axis=1).mean()))
-    if not lever > 0.0:
-        return Drift()
-    still = plane_rows(points, normals, middle, lever)
-    rows = np.vstack([still, times * still])
-    fitted, weights = robust_fit(rows, residuals, lever, weights_of(residuals))
-    left = residuals - fitted @ rows
-    variance = float(weights @ left**2 / max(weights.sum() - len(rows), 1.0))
-    known = known_before(product(rows * weights, rows.T), variance, lever)
-    scatter = scatter_of(rows, points, normals, left, weights, known, variance)
-    if scatter is None:
-        return Drift()
-    twist = fitted[6:]
-    square = float(twist @ np.linalg.solve(scatter[6:, 6:] + np.eye(6) * 1e-12 * np.trace(scatter), twist))
-    moved = np.cross(twist[:3] / lever, points - middle) + twist[3:]
-    displacement = float(np.sqrt((moved**2).sum(axis=1).mean()))
-    shift = float(np.linalg.norm(twist[3:]))
-    x, y, z = (twist[3:] / shift if shift > MOSTLY * displacement else np.zeros(3)).tolist()
-    return Drift(float(np.linalg.norm(twist[:3])) / lever, displacement, float(np.sqrt(max(square, 0.0))), (x, y, z))
