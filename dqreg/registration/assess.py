@@ -33,11 +33,11 @@ from dqreg.trust import (
 )
 from dqreg.trust.common_planes import CommonPlanes
 from dqreg.trust.covariance import partial_information_of
-from dqreg.trust.drift import LEAST_DRIFT, drift_of
 from dqreg.trust.neighbourhoods import is_flat
 from dqreg.trust.patch_tests import ON
 from dqreg.trust.records import Alternative, Direction, Verdict
 from dqreg.trust.segments import OFF
+from dqreg.trust.strain import LEAST_DRIFT, drift_of
 
 # Fraction of the inliers that must remain where a drift along an unconstrained motion is taken back.
 STAYS = 0.99

@@ -1,32 +1,24 @@
-"""What is left between scan and target beside the pose, fitted with its covariance: a strain, a bend."""
+"""What is left between scan and target beside the pose, fitted with its covariance: a strain, a bend, a drift."""
 
 from __future__ import annotations
 
 import dataclasses
 import functools
 import math
-from collections.abc import Callable
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, dot, median, product
+from dqreg._arrays import FloatArray, median, product
 from dqreg.geometry.normals import sample_rows
-from dqreg.solvers.quadratic import ROWS
-from dqreg.solvers.robust import GAUSSIAN_MEDIAN
+from dqreg.solvers.motion_words import Vector
+from dqreg.solvers.quadratic import ROWS, plane_rows
 from dqreg.solvers.sandwich import scatter_of
+from dqreg.trust.robust_fit import known_before, robust_fit, unexplained, weights_of
 
 # Correspondences without which no strain is asked for, and those that are looked at.
 FEWEST = 300
 # Of a symmetric 3 x 3 tensor.
 COMPONENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-# Rounds of the robust fit; residuals beyond so many standard deviations have no weight (Tukey's biweight).
-ROUNDS, TUKEY = 8, 4.685
-# A round that moves the fit by less than this share of a standard deviation is the last.
-STILL = 0.02
-# Information below this share of the whole is none: of fifteen unknowns, some times what `scatter_of` takes for none.
-SINGULAR = 3e-9
-# Strains and motions expected beforehand, in extents of the scan: what the faces do not show stays at zero.
-USUAL = 0.2
 # Smaller strains are no fault: parts shrink, and sensors are calibrated to as much.
 LEAST, LEAST_BEND = 0.003, 0.002
 # What is below this share of those after two rounds of the robust fit, and at its end, is not looked at any further.
@@ -44,6 +36,11 @@ LARGEST = 0.5
 SIGNIFICANT, SIGNIFICANT_CLUTTER = 8.0, 15.0
 # Principal strains are alike, a scale, where the smallest is more than this share of the largest.
 ALIKE = 0.6
+# Share of a drift that is the shift of the middle, where it has a direction.
+MOSTLY = 0.5
+# Of a drift along the scan: correspondences without which none is asked for; displacements, in sizes of the target, and
+# standard deviations from which on it matters and is no chance. Scans in the order of lines or views bend along it too.
+FEWEST_DRIFT, LEAST_DRIFT, SIGNIFICANT_DRIFT = 500, 0.003, 15.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -168,22 +165,6 @@ def _is_hardly_any(points: FloatArray, normals: FloatArray, residuals: FloatArra
     return is_small(robust_fit(model.rows, residuals, model.lever, first, is_small, rounds=2)[0])
 
 
-def unexplained(displaced: FloatArray, motions: FloatArray, weights: FloatArray) -> float:
-    """Root mean square of displacements, (n,), without the motions, (6, n), nearest to them."""
-    left = displaced - best_motion(displaced, motions, weights) @ motions
-    return float(np.sqrt(weights @ left**2 / weights.sum()))
-
-
-def best_motion(displaced: FloatArray, motions: FloatArray, weights: FloatArray) -> FloatArray:
-    """Shares of the motions, (6, n), that come nearest to displacements, (n,); zero of what these do not show."""
-    # Six unknowns need no decomposition of n rows, which takes ten times as long and wakes the threads of BLAS.
-    weighed = motions * weights
-    values, axes = np.linalg.eigh(product(weighed, motions.T))
-    shown = values > SINGULAR * values[-1]
-    found: FloatArray = axes[:, shown] @ (axes[:, shown].T @ (weighed @ displaced) / values[shown])
-    return found
-
-
 def _rows(
     points: FloatArray, middle: FloatArray, arms: FloatArray, normals: FloatArray, axes: FloatArray, lever: float
 ) -> FloatArray:
@@ -198,52 +179,6 @@ def _rows(
     over_chunks(plane_row_columns, count, as_plain(points), normals, middle, lever, rows[:6], chunk=ROWS)
     over_chunks(strain_row_columns, count, as_plain(arms), normals, as_plain(axes), lever, rows[6:], chunk=ROWS)
     return rows
-
-
-def robust_fit(
-    rows: FloatArray,
-    residuals: FloatArray,
-    lever: float,
-    first: FloatArray,
-    is_small: Callable[[FloatArray], bool] = lambda _: False,
-    rounds: int = ROUNDS,
-) -> tuple[FloatArray, FloatArray]:
-    """Least squares with Tukey's biweight, from the first weights; and the last weights.
-
-    What is small after two rounds is not fitted to the last digit.
-    """
-    fitted: FloatArray = np.zeros(len(rows))
-    weights, was_small, left = first, False, residuals
-    for _ in range(rounds):
-        variance = dot(weights, left**2) / float(weights.sum()) + np.finfo(float).tiny
-        weighed = rows * weights
-        information = product(weighed, rows.T)
-        solved = np.linalg.solve(information + known_before(information, variance, lever), weighed @ residuals)
-        step, fitted = solved - fitted, np.asarray(solved, dtype=np.float64)
-        if was_small and is_small(fitted):
-            break
-        was_small = is_small(fitted)
-        left = residuals - fitted @ rows
-        weights = weights_of(left)
-        if step @ information @ step <= STILL**2 * variance:
-            break
-    return fitted, weights
-
-
-def known_before(information: FloatArray, variance: float, lever: float) -> FloatArray:
-    """What is known of strains and motions before a fit, in the units of its information, both (k, k).
-
-    Nearly exact data tell next to nothing of what their faces do not show: that has to be told from rounding.
-    """
-    return np.eye(len(information)) * (variance / (USUAL * lever) ** 2 + SINGULAR * float(np.trace(information)))
-
-
-def weights_of(residuals: FloatArray) -> FloatArray:
-    """Tukey's biweight of residuals, (n,), from their own median."""
-    limit = TUKEY * GAUSSIAN_MEDIAN * median(np.abs(residuals)) + np.finfo(float).tiny
-    # Beyond the limit nothing counts, and exact data would overflow.
-    inner = np.minimum(np.abs(residuals), limit) / limit
-    return np.asarray((1.0 - inner**2) ** 2)
 
 
 def _principal(strain: FloatArray, covariance: FloatArray) -> tuple[float, float, tuple[float, float, float]]:
@@ -262,3 +197,47 @@ def _principal(strain: FloatArray, covariance: FloatArray) -> tuple[float, float
     k = int(np.argmax(np.where(np.abs(values) >= LEAST, z, 1e-3 * z)))
     axis = axes[:, k] * np.sign(axes[np.abs(axes[:, k]).argmax(), k])
     return float(values[k]), float(sigmas[k]), (float(axis[0]), float(axis[1]), float(axis[2]))
+
+
+@dataclasses.dataclass(frozen=True)
+class Drift:
+    """How the pose changes from the first point of a scan to the last; zeros where nothing was fitted."""
+
+    rotation_rad: float = 0.0
+    displacement: float = 0.0  # Root mean square over the points, a length
+    significance: float = 0.0  # Standard deviations
+    along: Vector = (0.0, 0.0, 0.0)  # Direction in which the middle of the points moves, zeros where it mostly turns
+
+    def matters(self, size: float) -> bool:
+        """Whether it is significant, and not small against a size."""
+        return self.significance >= SIGNIFICANT_DRIFT and self.displacement >= LEAST_DRIFT * size
+
+
+def drift_of(points: FloatArray, normals: FloatArray, residuals: FloatArray, times: FloatArray) -> Drift:
+    """Drift from distances along the target's normals, fitted together with the motion that remains.
+
+    Shapes: points (n, 3) in the order of a space-filling curve, normals (n, 3), residuals (n,), times (n,) from -1/2 to
+    1/2.
+    """
+    if len(residuals) < FEWEST_DRIFT:
+        return Drift()
+    middle = points.mean(axis=0)
+    lever = float(np.sqrt(((points - middle) ** 2).sum(axis=1).mean()))
+    if not lever > 0.0:
+        return Drift()
+    still = plane_rows(points, normals, middle, lever)
+    rows = np.vstack([still, times * still])
+    fitted, weights = robust_fit(rows, residuals, lever, weights_of(residuals))
+    left = residuals - fitted @ rows
+    variance = float(weights @ left**2 / max(weights.sum() - len(rows), 1.0))
+    known = known_before(product(rows * weights, rows.T), variance, lever)
+    scatter = scatter_of(rows, points, normals, left, weights, known, variance)
+    if scatter is None:
+        return Drift()
+    twist = fitted[6:]
+    square = float(twist @ np.linalg.solve(scatter[6:, 6:] + np.eye(6) * 1e-12 * np.trace(scatter), twist))
+    moved = np.cross(twist[:3] / lever, points - middle) + twist[3:]
+    displacement = float(np.sqrt((moved**2).sum(axis=1).mean()))
+    shift = float(np.linalg.norm(twist[3:]))
+    x, y, z = (twist[3:] / shift if shift > MOSTLY * displacement else np.zeros(3)).tolist()
+    return Drift(float(np.linalg.norm(twist[:3])) / lever, displacement, float(np.sqrt(max(square, 0.0))), (x, y, z))

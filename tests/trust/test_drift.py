@@ -7,7 +7,7 @@ import dqreg
 from dqreg.geometry import Mesh, PointCloud, sample_mesh
 from dqreg.geometry.morton import distinct_in_order
 from dqreg.synth.parts import bracket
-from dqreg.trust.drift import FEWEST_DRIFT, Drift, drift_of
+from dqreg.trust.strain import FEWEST_DRIFT, Drift, drift_of
 from tests.trust.shapes import box, plane
 
 NOISE, SIZE = 0.003, 14.0**0.5
