@@ -176,9 +176,15 @@ class ScanPlanes:
         """Those at some rows, ascending, counted among these."""
         if rows is self.rows:
             return ScanPlanes(np.arange(len(rows)), self.normals, self.levers, self.residuals, len(rows))
-        places = np.minimum(np.searchsorted(self.rows, rows), len(self.rows) - 1)
-        fitted = np.flatnonzero(self.rows[places] == rows)
-        places = places[fitted]
+        # The fewer are looked up among the more.
+        if len(rows) > len(self.rows):
+            at = np.minimum(np.searchsorted(rows, self.rows), len(rows) - 1)
+            places = np.flatnonzero(rows[at] == self.rows)
+            fitted = at[places]
+        else:
+            at = np.minimum(np.searchsorted(self.rows, rows), len(self.rows) - 1)
+            fitted = np.flatnonzero(self.rows[at] == rows)
+            places = at[fitted]
         normals = np.take(self.normals, places, axis=0)
         return ScanPlanes(fitted, normals, self.levers[places], self.residuals[places], len(rows))
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, median
+from dqreg._arrays import FloatArray, dot, median
 from dqreg.geometry.cells import CellSurface
 from dqreg.geometry.vector_rows import nonzero_rows
 from dqreg.icp.correspondences import Correspondences
@@ -37,12 +37,17 @@ HIGH, FAR = 12.0, 1.5
 # Pairs that are summed in one go: to hand over fewer costs more than it saves.
 CHUNK = 8_192
 # Correspondences from which on a step so short that the first order of its rotation is all of it is taken by
-# Gauss-Newton: the sums of the exact cost take nearly three times as long, and below cost no more than a call.
-MANY = 50_000
+# Gauss-Newton: the sums of the exact cost take nearly three times as long, and of fewer no longer than a call.
+MANY = 4_000
 # Longest rotation: of the size half its square is left out, 5e-7, and its product with the noise, to the next step.
 SHORT_RAD = 1e-3
 # Of the sums over correspondences: weighted points and feet; squared heights over the planes, squared distances; pairs.
 MEANS, ASIDE, SQUARES, DIRECTED = slice(1, 7), 7, 8, 9
+# Where the products of six motions and a height stand among the sums of a short step, (7, 7).
+TRIANGLE = np.zeros((7, 7), dtype=np.int64)
+TRIANGLE[np.triu_indices(7)] = np.arange(28)
+TRIANGLE = np.maximum(TRIANGLE, TRIANGLE.T)
+TINY = float(np.finfo(float).tiny)
 # Normals that are in the target's frame.
 TURNED = np.eye(3)
 
@@ -116,18 +121,17 @@ def short_step(pairs: Correspondences, weights: FloatArray) -> tuple[FloatArray,
     origin = pairs.moved[int(weights.argmax())]
     sums = np.zeros((-(-count // CHUNK), STEP))
     over_chunks(step_sums, count, *columns, origin, CHUNK, sums, chunk=CHUNK)
-    products = np.zeros((7, 7))
-    products[np.triu_indices(7)] = sums.sum(axis=0)[:-1]
-    products += np.triu(products, 1).T
-    square_lever = np.trace(products[:3, :3]) / max(np.trace(products[3:6, 3:6]), np.finfo(float).tiny)
-    scaling = np.array([1.0 / np.sqrt(square_lever)] * 3 + [1.0] * 3) if square_lever > 0.0 else np.ones(6)
+    products = sums.sum(axis=0)[TRIANGLE]
+    x, y, z, u, v, w, _ = products.diagonal().tolist()
+    square_lever = (x + y + z) / max(u + v + w, TINY)
+    scaling = np.array([1.0 / math.sqrt(square_lever)] * 3 + [1.0] * 3) if square_lever > 0.0 else np.ones(6)
     information, slope = scaling[:, None] * products[:6, :6] * scaling, scaling * products[:6, 6]
     # All six at least as well held as what an exact step moves at all.
     values = np.linalg.eigvalsh(information)
     if not values[0] > FLAT * values[-1]:
         return None
     step = -scaling * np.linalg.solve(information, slope)
-    if not np.linalg.norm(step[:3]) <= SHORT_RAD:
+    if not math.sqrt(dot(step[:3], step[:3])) <= SHORT_RAD:
         return None
     D = single_pose.exp(step)
     D[:3, 3] += origin - D[:3, :3] @ origin

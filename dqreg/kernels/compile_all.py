@@ -38,7 +38,7 @@ from dqreg.kernels.neighbour_differences import neighbour_differences
 from dqreg.kernels.pair_differences import pair_differences
 from dqreg.kernels.pair_keys import pair_keys
 from dqreg.kernels.pair_poses import pair_poses
-from dqreg.kernels.patch_pairs import binned_agreements, covariance_products, nearest_others, spherical_covariance
+from dqreg.kernels.patch_pairs import binned_agreements, covariance_rows, nearest_others
 from dqreg.kernels.patch_sums import BESIDE, patch_sums
 from dqreg.kernels.plane_elimination import eliminate_planes
 from dqreg.kernels.plane_fits import fit_plane_rows
@@ -49,7 +49,7 @@ from dqreg.kernels.plane_rows import plane_row_columns, strain_row_columns
 from dqreg.kernels.point_tree import LEAF, PointTree
 from dqreg.kernels.points_on_faces import points_on_faces
 from dqreg.kernels.pose_forms import NUMBERS, SUMS, form_of_sums, least_cost_pose
-from dqreg.kernels.pose_steps import add_plane_steps, grid_planes
+from dqreg.kernels.pose_steps import add_plane_steps, grid_planes, take_damped_steps
 from dqreg.kernels.pseudo_normals import add_scaled_rows, corner_angles, pseudo_normals_at, smooth_normals_at
 from dqreg.kernels.quadric_fits import quadric_residual_rows
 from dqreg.kernels.rims import line_rows, one_sided_rows
@@ -179,7 +179,7 @@ def _shared_noise() -> None:
     nearest_others(FLAT, np.zeros(3))
     binned_agreements(FLAT, FLAT, ONE, 1.0, np.zeros(2), np.zeros(2))
     patch_sums(0, 0, *(FLAT,) * 3, *(ONE,) * 2, FIRST, np.zeros((1, 3 + BESIDE)))
-    covariance_products(*spherical_covariance(FLAT, 1.0, 1.0), FLAT, FLAT, np.zeros((3, 3)))
+    covariance_rows(0, 0, FLAT, FLAT, 1.0, 1.0, FLAT, FLAT)
 
 
 def _patches() -> None:
@@ -221,10 +221,10 @@ def _search() -> None:
     agree = np.zeros((2, 0), dtype=np.bool_)
     pair_poses(0, 0, *sides, 1.0, 1.0, np.zeros((2, 0, 3, 3)), np.zeros((2, 0, 3)), agree)
     mean_gains(0, 1, rotations, places, places, SHAPE, np.zeros(2, dtype=np.float32), np.zeros(1))
-    planes = np.zeros((1, 6), dtype=np.float32)
-    grid_planes(0, 0, FLAT, ONE, 1.0, SHAPE, planes, FLAT, FLAT, np.zeros(0), FIRST[:0])
-    poses = rotations.copy(), places, places
-    add_plane_steps(0, 0, *poses, *(FLAT,) * 4, NOTHING, *(1.0,) * 4, np.zeros((1, 6, 6)), np.zeros((1, 6)))
+    grid_planes(0, 0, FLAT, ONE, 1.0, SHAPE, np.zeros((1, 6), dtype=np.float32), FLAT, FLAT, np.zeros(0), FIRST[:0])
+    poses, sums = (rotations.copy(), places, places), (np.zeros((1, 6, 6)), np.zeros((1, 6)))
+    add_plane_steps(0, 0, *poses, *(FLAT,) * 4, NOTHING, *(1.0,) * 4, *sums)
+    take_damped_steps(0, 0, *poses, *sums, *(1.0,) * 3, *poses[:2])
     distinct_rows(rotations, places, 1.0, 1.0, 1)
     log_likelihoods(0, 1, np.ones((1, 1)), 1.0, 0.5, 0.001, 1)
 

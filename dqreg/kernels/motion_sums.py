@@ -102,9 +102,18 @@ def motion_shares(
     for i in range(first, last):
         if weights[i] == 0.0:
             continue
-        a, b, c, u, v, w = row = motion_row(points, normals, i, i, centre, lever)
-        o, p, q, x, y, z = motion_row(points, own, i, i, centre, lever) if len(own) else row
+        a, b, c, u, v, w = motion_row(points, normals, i, i, centre, lever)
         weight, part = weights[i], 1.0 / counts[i] if len(counts) else 1.0
+        if len(own) == 0:
+            for m in range(len(vectors)):
+                along = vectors[m, 0] * a + vectors[m, 1] * b + vectors[m, 2] * c
+                along += vectors[m, 3] * u + vectors[m, 4] * v + vectors[m, 5] * w
+                share = weight * along * along
+                sides[0, m] += share
+                sides[1, m] += share * share * part
+                sides[2, m] += share
+            continue
+        o, p, q, x, y, z = motion_row(points, own, i, i, centre, lever)
         signed = -weight if u * x + v * y + w * z < 0.0 else weight
         compared = weight if x != 0.0 or y != 0.0 or z != 0.0 else 0.0
         for m in range(len(vectors)):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, IntArray
+from dqreg._arrays import FloatArray
 from dqreg.kernels.compiled import compiled
 
 
@@ -65,48 +65,28 @@ def binned_agreements(
 
 
 @compiled
-def spherical_covariance(points: FloatArray, sill: float, reach: float) -> tuple[IntArray, FloatArray]:
-    """Pairs of points within reach, (p, 2), the later one first, and their covariances by the spherical model, (p,).
+def covariance_rows(
+    first: int,
+    last: int,
+    points: FloatArray,
+    normals: FloatArray,
+    sill: float,
+    reach: float,
+    covariances: FloatArray,
+    along: FloatArray,
+) -> None:
+    """Write rows first to last of the covariances between points by the spherical model, each with no own.
 
-    They fall from the sill at no distance to zero from the reach on (Matheron 1963). Most pairs are out of range: a
-    matrix of all would be megabytes that are written and read for them. O(m^2).
+    They fall from the sill at no distance to zero from the reach on (Matheron 1963). Along the normals they are times
+    the cosine of both. Shapes: points and normals (m, 3), covariances and along (last - first, m). O(m) a row.
     """
-    count, xyz = len(points), points.T.copy()
-    x, y, z, apart = xyz[0], xyz[1], xyz[2], np.zeros(count)
-    pairs, values, found = np.zeros((count, 2), np.int64), np.zeros(count), 0
-    for i in range(count):
-        a, b, c = x[i], y[i], z[i]
-        for j in range(i):
+    count, xyz, uvw = len(points), points.T.copy(), normals.T.copy()
+    x, y, z, u, v, w = xyz[0], xyz[1], xyz[2], uvw[0], uvw[1], uvw[2]
+    for i in range(first, last):
+        a, b, c, p, q, r, one, other = x[i], y[i], z[i], u[i], v[i], w[i], covariances[i - first], along[i - first]
+        for j in range(count):
             dx, dy, dz = a - x[j], b - y[j], c - z[j]
-            apart[j] = np.sqrt(dx * dx + dy * dy + dz * dz) / reach
-        if found + i > len(pairs):
-            more_pairs, more_values = np.zeros((2 * (found + i), 2), np.int64), np.zeros(2 * (found + i))
-            more_pairs[:found], more_values[:found] = pairs[:found], values[:found]
-            pairs, values = more_pairs, more_values
-        for j in range(i):
-            h = apart[j]
-            if h < 1.0:
-                pairs[found, 0], pairs[found, 1] = i, j
-                values[found] = sill * (1.0 - h * (1.5 - 0.5 * h * h))
-                found += 1
-    return pairs[:found], values[:found]
-
-
-@compiled
-def covariance_products(
-    pairs: IntArray, values: FloatArray, normals: FloatArray, columns: FloatArray, products: FloatArray
-) -> float:
-    """Write products of a covariance along the normals with columns, (m, k), and return its sum of squares. O(p k).
-
-    The elements are those between pairs, (p, 2), times the cosine of both normals; all others are zero.
-    """
-    squares = 0.0
-    for row in range(len(pairs)):
-        i, j = pairs[row, 0], pairs[row, 1]
-        same = normals[i, 0] * normals[j, 0] + normals[i, 1] * normals[j, 1] + normals[i, 2] * normals[j, 2]
-        along = values[row] * same
-        squares += 2.0 * along * along
-        for k in range(columns.shape[1]):
-            products[i, k] += along * columns[j, k]
-            products[j, k] += along * columns[i, k]
-    return squares
+            h = min(np.sqrt(dx * dx + dy * dy + dz * dz) / reach, 1.0)
+            one[j] = sill * (1.0 - h * (1.5 - 0.5 * h * h))
+            other[j] = one[j] * (p * u[j] + q * v[j] + r * w[j])
+        one[i] = other[i] = 0.0

@@ -1,4 +1,4 @@
-"""One step of many poses at once: planes looked up on a grid, and the normal equations of points to planes."""
+"""One step of many poses at once: planes looked up on a grid, normal equations of points to planes, their solution."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.kernels.compiled import compiled
+from dqreg.kernels.pose_forms import TINY
 
 
 @compiled
@@ -112,3 +113,77 @@ def add_plane_steps(
         for a in range(6):
             for b in range(a):
                 squares[k, b, a] = squares[k, a, b]
+
+
+@compiled
+def take_damped_steps(
+    first: int,
+    last: int,
+    rotations: FloatArray,
+    shifts: FloatArray,
+    centres: FloatArray,
+    squares: FloatArray,
+    slopes: FloatArray,
+    lever: float,
+    damping: float,
+    least: float,
+    turned: FloatArray,
+    shifted: FloatArray,
+) -> None:
+    """Write poses first to last after the steps that solve their normal equations, by Cholesky's decomposition.
+
+    Each equation is damped by a share of its mean diagonal, and by so much at least. Shapes: rotations (n, 3, 3),
+    shifts and centres (n, 3), squares (n, 6, 6), slopes (n, 6).
+    """
+    L, step, turn = np.zeros((6, 6)), np.zeros(6), np.zeros((3, 3))
+    for k in range(first, last):
+        scale = 0.0
+        for a in range(6):
+            scale += squares[k, a, a]
+        damped = max(damping * scale / 6.0, least)
+        for a in range(6):
+            step[a] = -slopes[k, a]
+            for b in range(a + 1):
+                rest = squares[k, a, b] + (damped if a == b else 0.0)
+                for c in range(b):
+                    rest -= L[a, c] * L[b, c]
+                L[a, b] = np.sqrt(rest) if a == b else rest / L[b, b]
+        for a in range(6):
+            for b in range(a):
+                step[a] -= L[a, b] * step[b]
+            step[a] /= L[a, a]
+        for a in range(5, -1, -1):
+            for b in range(a + 1, 6):
+                step[a] -= L[b, a] * step[b]
+            step[a] /= L[a, a]
+        angle = np.sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2])
+        inverse = 1.0 / max(angle, TINY)
+        x, y, z, sine, versine = (
+            step[0] * inverse,
+            step[1] * inverse,
+            step[2] * inverse,
+            np.sin(angle),
+            1.0 - np.cos(angle),
+        )
+        turn[0, 0], turn[0, 1], turn[0, 2] = (
+            1.0 - versine * (y * y + z * z),
+            versine * x * y - sine * z,
+            versine * x * z + sine * y,
+        )
+        turn[1, 0], turn[1, 1], turn[1, 2] = (
+            versine * x * y + sine * z,
+            1.0 - versine * (x * x + z * z),
+            versine * y * z - sine * x,
+        )
+        turn[2, 0], turn[2, 1], turn[2, 2] = (
+            versine * x * z - sine * y,
+            versine * y * z + sine * x,
+            1.0 - versine * (x * x + y * y),
+        )
+        for a in range(3):
+            shifted[k, a] = centres[k, a] + lever * step[3 + a]
+            for b in range(3):
+                shifted[k, a] += turn[a, b] * (shifts[k, b] - centres[k, b])
+                turned[k, a, b] = (
+                    turn[a, 0] * rotations[k, 0, b] + turn[a, 1] * rotations[k, 1, b] + turn[a, 2] * rotations[k, 2, b]
+                )

@@ -75,7 +75,7 @@ def over_chunks(kernel: Callable[..., Any], total: int, *arguments: Any, chunk: 
     if total <= chunk:
         kernel(0, total, *arguments)
         return
-    starts = deque(range(0, total, chunk))
+    starts, given = deque(range(0, total, chunk)), [(kernel, arguments)]
 
     def work() -> None:
         was_within, _here.within = getattr(_here, "within", False), True
@@ -87,7 +87,8 @@ def over_chunks(kernel: Callable[..., Any], total: int, *arguments: Any, chunk: 
                     return
                 # Helpers know of no deadline: they stop when the caller does.
                 ask_clock()
-                kernel(first, min(first + chunk, total), *arguments)
+                call, columns = given[0]
+                call(first, min(first + chunk, total), *columns)
         finally:
             _here.within = was_within
 
@@ -107,6 +108,8 @@ def over_chunks(kernel: Callable[..., Any], total: int, *arguments: Any, chunk: 
         started = [helper for helper in helpers if not helper.cancel()]
     for helper in started:
         helper.result()
+    # One that was not begun stays in the queue of a pool whose threads no core is free for: the arrays shall not.
+    given.clear()
 
 
 def as_plain(values: FloatArray) -> FloatArray:

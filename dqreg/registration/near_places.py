@@ -20,6 +20,8 @@ from dqreg.search.tangent_planes import TangentPlanes
 from dqreg.trust.information import scaling_by
 from dqreg.trust.patch_tests import ON
 
+# Points of a scan that are asked how far it reaches.
+REACHING = 5_000
 # Points of a cloud whose differences tell its periods: it is asked for one scan.
 OF_CLOUD = 600
 # A free motion is a screw where its rotation moves the part by more than this share of the whole, and its shift by more
@@ -93,8 +95,14 @@ def _shows_the_ends(fit: Fit, part: Mesh) -> bool:
 
 
 def _inliers(fit: Fit) -> FloatArray:
-    pairs, within = fit.run.pairs, ON * fit.run.mixture.scale
-    return fit.once("inliers", lambda: np.take(pairs.moved, np.flatnonzero(pairs.distances <= within), axis=0))
+    """Points on the target, (n, 3), of those that are asked how far the scan reaches."""
+
+    def found() -> FloatArray:
+        pairs, within = fit.run.pairs, ON * fit.run.mixture.scale
+        rows = sample_rows(len(pairs.moved), REACHING)
+        return np.take(pairs.moved, rows[pairs.distances[rows] <= within], axis=0)
+
+    return fit.once("inliers", found)
 
 
 def _planes_of_scan(fit: Fit) -> Planes:

@@ -16,7 +16,7 @@ from dqreg.rigid import pose
 from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
 from dqreg.search.refine import refine
-from dqreg.search.scoring import PoseScores, distances_at, likely_by, mean_gains, score_poses
+from dqreg.search.scoring import PoseScores, distances_at, likely_by, mean_gains, score_poses, scored
 
 # Points that screen a flipped pose, and the mean gain that it may lack by them: few first, which most flips fail.
 # Reach of their gain, in sizes.
@@ -59,7 +59,7 @@ def flipped_poses(
     flips = _worth_refining(T_target_source, flips, scan, surface) if len(flips) else flips
     if not len(flips):
         return []
-    poses, scores = _refined(T_target_source, flips, scan, surface, limit, floor, FIRST)
+    poses, scores = _refined(T_target_source, flips, scan, surface, limit, floor, FIRST, asked=asked)
     kept = _not_clearly_worse(scores, 0)
     if len(kept) and asked is not None:
         kept = kept[~_told_apart(poses[1 + kept], scores.width, surface, limit, *asked)]
@@ -109,12 +109,21 @@ def _refined(
     floor: float,
     points: tuple[int, int, int] = LAST,
     wide: float = WIDE,
+    asked: tuple[FloatArray, FloatArray] | None = None,
 ) -> tuple[Poses, PoseScores]:
-    """A pose, then the pose followed by each of some motions, (k, 4, 4), and refined; and the scores of all."""
+    """A pose, then the pose followed by each of some motions, (k, 4, 4), and refined; and the scores of all.
+
+    Where distances of many points at the pose are known, see `flipped_poses`, some of those points compare.
+    """
     sample = OrientedPoints.on_faces(scan.points[sample_rows(len(scan), points[0])])
     widths = _widths(wide, points[2]) * surface.diagonal
-    poses = Poses.of(T_target_source[None]) + refine(Poses.of(maps @ T_target_source), sample, surface, widths)
-    return poses, score_poses(poses, scan.points[sample_rows(len(scan), points[1])], surface, limit, floor)
+    refined = refine(Poses.of(maps @ T_target_source), sample, surface, widths)
+    poses = Poses.of(T_target_source[None]) + refined
+    if asked is None or len(asked[0]) < points[1]:
+        return poses, score_poses(poses, scan.points[sample_rows(len(scan), points[1])], surface, limit, floor)
+    rows = sample_rows(len(asked[0]), points[1])
+    there = distances_at(refined, np.take(asked[0], rows, axis=0), surface, limit)
+    return poses, scored(np.concatenate([asked[1][None, rows], there]), limit, floor)
 
 
 @lru_cache(maxsize=8)
@@ -149,7 +158,7 @@ def _worth_refining(T_target_source: FloatArray, flips: FloatArray, scan: Scan, 
     for count, lacks in SCREENS:
         if len(flips):
             few = scan.points[sample_rows(len(scan), count)]
-            moved = np.concatenate([pose.apply(T, few) for T in (T_target_source, *(flips @ T_target_source))])
-            gains = mean_gains(moved, surface, REACH, len(flips) + 1)
+            moved = (Poses.of(T_target_source[None]) + Poses.of(flips @ T_target_source)).apply(few)
+            gains = mean_gains(moved.reshape(-1, 3), surface, REACH, len(flips) + 1)
             flips = flips[gains[1:] >= gains[0] - lacks]
     return flips

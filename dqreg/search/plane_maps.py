@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -30,6 +31,10 @@ FLAT, LOST = 0.7, 0.15
 SHIFTS, MOST, HERE, ACROSS = 5, 60, 0.02, 0.3
 # Points beyond the ends of the heights.
 BEYOND = 0.01
+
+
+# Shifts of planes along one direction into those along another, and what they lose: by both directions, and the sign.
+Laid = dict[tuple[int, int, float], tuple[FloatArray, FloatArray]]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -76,10 +81,11 @@ def plane_maps(scan: Planes, target: Planes, size: float, *, mirrored: bool = Fa
     if scan.flat < FLAT or min(len(scan.directions), len(target.directions)) < 2:
         return np.zeros((0, 4, 4))
     ends = [_ends(target.points @ axis, WITHIN * size) for axis in target.directions]
+    laid: Laid = {}
     found = [
         lost_and_map
         for R in _rotations(scan, target, mirrored=mirrored)
-        for lost_and_map in _shifted(R, scan, target, ends, WITHIN * size)
+        for lost_and_map in _shifted(R, scan, target, ends, WITHIN * size, laid)
     ]
     middle = scan.points.mean(axis=0)
     found.sort(key=lambda pair: pair[0])
@@ -137,22 +143,27 @@ def _frame(one: FloatArray, other: FloatArray) -> FloatArray:
 
 
 def _shifted(
-    R: FloatArray, scan: Planes, target: Planes, ends: Sequence[tuple[float, float]], within: float
+    R: FloatArray, scan: Planes, target: Planes, ends: Sequence[tuple[float, float]], within: float, laid: Laid
 ) -> list[tuple[float, FloatArray]]:
-    """A rotation with each shift that loses few points of the scan, after the share of those."""
+    """A rotation with each shift that loses few points of the scan, after the share of those.
+
+    What planes along one direction lose in those along another is the same for many rotations, and is kept.
+    """
     axes: list[FloatArray] = []
     choices: list[list[tuple[float, float]]] = []
-    missing, turned, points = 0.0, scan.directions @ R.T, scan.points @ R.T
-    cosines = turned @ target.directions.T
+    missing, back = 0.0, target.directions @ R
+    cosines = scan.directions @ back.T
     for k, m in enumerate(np.abs(cosines).argmax(axis=1)):
         if abs(cosines[k, m]) < SAME_COS:
             missing += float(scan.shares[k].sum())
             continue
         axis = target.directions[m]
-        if axes and np.linalg.svd(np.array([*axes, axis]))[1][-1] < ACROSS:
+        if axes and _least_spread([*axes, axis]) < ACROSS:
             continue
-        heights = np.sign(cosines[k, m]) * scan.heights[k]
-        choices.append(_shifts(heights, scan.shares[k], target.heights[m], points @ axis, ends[m], within))
+        sign = float(np.sign(cosines[k, m]))
+        if (k, int(m), sign) not in laid:
+            laid[k, int(m), sign] = _laid(sign * scan.heights[k], scan.shares[k], target.heights[m], within)
+        choices.append(_shifts(laid[k, int(m), sign], scan.points @ back[m], ends[m], within))
         axes.append(axis)
         if len(axes) == 3 or not choices[-1] or missing > LOST:
             break
@@ -160,20 +171,32 @@ def _shifted(
     return _combined(R, axes, choices, missing) if is_fixed else []
 
 
-def _shifts(
-    heights: FloatArray,
-    shares: FloatArray,
-    theirs: FloatArray,
-    along: FloatArray,
-    ends: tuple[float, float],
-    within: float,
-) -> list[tuple[float, float]]:
-    """Share of the points that each shift along a direction loses, and the shift; the best ones."""
+def _least_spread(axes: Sequence[FloatArray]) -> float:
+    """Smallest singular value of two or three unit vectors."""
+    if len(axes) == 2:
+        return math.sqrt(max(1.0 - abs(float(axes[0] @ axes[1])), 0.0))
+    return float(np.linalg.svd(np.array(axes), compute_uv=False)[-1])
+
+
+def _laid(heights: FloatArray, shares: FloatArray, theirs: FloatArray, within: float) -> tuple[FloatArray, FloatArray]:
+    """Shifts that lay one of some planes in one of others and lose few points in no plane, and the share of those."""
     shifts = (theirs[:, None] - heights).ravel()
     apart = np.abs(heights[:, None] + shifts[:, None, None] - theirs).min(axis=2) > within
-    along = np.sort(along)
-    beyond = 1.0 - np.diff(np.searchsorted(along, np.array(ends)[:, None] - shifts), axis=0)[0] / len(along)
-    lost = np.maximum(apart @ shares, beyond)
+    lost = apart @ shares
+    few = lost <= LOST
+    return shifts[few], lost[few]
+
+
+def _shifts(
+    laid: tuple[FloatArray, FloatArray], along: FloatArray, ends: tuple[float, float], within: float
+) -> list[tuple[float, float]]:
+    """Share of the points that each shift along a direction loses, and the shift; the best ones."""
+    shifts, lost = laid
+    if not len(shifts):
+        return []
+    low, high = ends[0] - shifts[:, None], ends[1] - shifts[:, None]
+    beyond = 1.0 - np.count_nonzero((along >= low) & (along < high), axis=1) / len(along)
+    lost = np.maximum(lost, beyond)
     kept: list[tuple[float, float]] = []
     for k in np.argsort(lost, kind="stable"):
         if lost[k] > LOST or len(kept) == SHIFTS:
@@ -187,11 +210,13 @@ def _combined(
     R: FloatArray, axes: Sequence[FloatArray], choices: Sequence[list[tuple[float, float]]], missing: float
 ) -> list[tuple[float, FloatArray]]:
     """All combinations of shifts along the axes that lose few points together."""
+    shifts = [(missing + sum(share for share, _ in some), some) for some in itertools.product(*choices)]
+    few = [(lost, [shift for _, shift in some]) for lost, some in shifts if lost <= LOST]
+    if not few:
+        return []
     found, back = [], np.linalg.pinv(np.array(axes))
-    for some in itertools.product(*choices):
-        lost = missing + sum(share for share, _ in some)
-        if lost <= LOST:
-            T = np.eye(4)
-            T[:3, :3], T[:3, 3] = R, back @ [shift for _, shift in some]
-            found.append((lost, T))
+    for lost, shift in few:
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = R, back @ shift
+        found.append((lost, T))
     return found

@@ -8,7 +8,6 @@ from dqreg._arrays import FloatArray
 from dqreg.geometry import Surface
 from dqreg.geometry.surface import Hint
 from dqreg.kernels.threads import ask_clock
-from dqreg.rigid.rotations import about_axis
 from dqreg.search.grids import Edges
 from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
@@ -34,7 +33,7 @@ def refine(
         return poses
     faces, at_edges = sample.faces, sample.edges
     middle = faces.points.mean(axis=0)
-    lever = np.sqrt(((faces.points - middle) ** 2).sum(axis=1).mean())
+    lever = float(np.sqrt(((faces.points - middle) ** 2).sum(axis=1).mean()))
     before: Hint | None = None
     for width in widths:
         ask_clock()
@@ -49,12 +48,7 @@ def refine(
             rows, distances = edges.tree.nearest(poses.apply(at_edges.points).reshape(-1, 3), 1)
             at = np.take(edges.points, rows[:, 0], axis=0), np.zeros((0, 3)), distances[:, 0]
             _add_equations(poses, centre, at_edges, at, (width, lever, EDGE_WEIGHT), (H, g))
-        scale = np.trace(H, axis1=1, axis2=2) / 6.0
-        H = H + np.maximum(DAMPING * scale, LEAST_DAMPING)[:, None, None] * np.eye(6)
-        step = np.linalg.solve(H, -g[:, :, None])[:, :, 0]
-        angle = np.linalg.norm(step[:, :3], axis=1)
-        turn = about_axis(step[:, :3] / np.maximum(angle, np.finfo(float).tiny)[:, None], angle)
-        poses = Poses(turn @ poses.R, np.einsum("nij,nj->ni", turn, poses.t - centre) + centre + lever * step[:, 3:])
+        poses = _stepped(poses, centre, (H, g), lever)
     return poses
 
 
@@ -78,3 +72,14 @@ def _add_equations(
     numbers = width, float(np.cos(GATE_RAD)), lever, weight / len(sample)
     chunk = max(POINTS // len(sample), 1)
     over_chunks(add_plane_steps, len(poses), *map(as_plain, columns), *numbers, *sums, chunk=chunk)
+
+
+def _stepped(poses: Poses, centre: FloatArray, sums: tuple[FloatArray, FloatArray], lever: float) -> Poses:
+    """Poses after the damped steps that solve their equations, (n, 6, 6) and (n, 6), about their centres, (n, 3)."""
+    from dqreg.kernels.pose_steps import take_damped_steps
+    from dqreg.kernels.threads import as_plain, over_chunks
+
+    stepped = Poses(np.zeros(poses.R.shape), np.zeros(poses.t.shape))
+    columns = map(as_plain, (poses.R, poses.t, centre, *sums))
+    over_chunks(take_damped_steps, len(poses), *columns, lever, DAMPING, LEAST_DAMPING, stepped.R, stepped.t)
+    return stepped

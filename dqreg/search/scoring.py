@@ -55,14 +55,13 @@ class PoseScores:
         of neighbouring points are correlated (a face of the part may deviate from its model), so the standard error is
         taken from blocks of neighbours.
         """
-        near = self.distances.min(axis=0) < self.distances.max()
-        if not near.any():
-            near[:] = True
-        gaps = (self.likelihoods[best] - self.likelihoods)[:, near]
-        edges = np.linspace(0, gaps.shape[1], min(blocks, gaps.shape[1]) + 1).astype(np.int64)[:-1]
-        counts = np.diff(np.append(edges, gaps.shape[1]))
-        means = np.add.reduceat(gaps, edges, axis=1) / counts
-        error = means.std(axis=1, ddof=1) / np.sqrt(len(edges)) if len(edges) > 1 else np.zeros(len(gaps))
+        near, gaps = self.distances.min(axis=0) < self.distances.max(), self.likelihoods[best] - self.likelihoods
+        if near.any() and not near.all():
+            gaps = gaps[:, near]
+        count = min(blocks, gaps.shape[1])
+        edges = np.arange(count + 1) * gaps.shape[1] // count
+        means = np.add.reduceat(gaps, edges[:-1], axis=1) / np.diff(edges)
+        error = means.std(axis=1, ddof=1) / np.sqrt(count) if count > 1 else np.zeros(len(gaps))
         return gaps.mean(axis=1), error
 
     def as_likely(self, best: int, least: float) -> BoolArray:
@@ -115,7 +114,11 @@ def score_poses(
     """
     if directions is not None:
         return _by_normals(poses, points, directions, surface, limit, floor)
-    distances = distances_at(poses, points, surface, limit)
+    return scored(distances_at(poses, points, surface, limit), limit, floor)
+
+
+def scored(distances: FloatArray, limit: float, floor: float) -> PoseScores:
+    """The same of poses with such distances, (k, n)."""
     # The width is that of the pose under which the points are likeliest: one of those with the smallest distances.
     few = np.argsort(np.sqrt(np.minimum(distances, limit)).mean(axis=1), kind="stable")[:ESTIMATED]
     learned = [_learned(row, limit, floor) for row in distances[few]]

@@ -7,7 +7,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, IntArray, median, product
+from dqreg._arrays import FloatArray, IntArray, dot, median, product
 from dqreg.solvers.row_sums import PatchSums, RowSums
 
 # Patches of neighbouring correspondences whose noise may be common; the fewest from which a scatter can be estimated.
@@ -29,6 +29,8 @@ NEAREST, STEPS, FACTOR, FARTHEST = 1.5, 16, 2.0**0.5, 0.5
 SINGULAR = 1e-9
 # Bins of the distances, up to the farthest range.
 BINS = 256
+# Rows of the covariance between patches that are multiplied in one go: they stay in the cache.
+BLOCK = 100
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -104,8 +106,7 @@ def scatter_of_sums(
     if shared is None:
         return coarse
     pulls, along = sums.pulls(small)
-    between = _between(mix.T @ along, shared)
-    left = patches.left_by_fit(shared, mix.T @ pulls, bread)
+    between, left = patches.between_and_left(*shared, mix.T @ pulls, mix.T @ along, bread)
     fine = _sandwich(bread, mix.T @ scores, variance * known)
     return larger(coarse, fine + bread @ (between / left) @ bread)
 
@@ -130,17 +131,6 @@ def _starts(total: int, most: int, passed: FloatArray | None) -> IntArray:
         return np.linspace(0, total, patches, endpoint=False).astype(np.int64)
     starts = np.searchsorted(passed, np.linspace(0.0, passed[-1], patches, endpoint=False), side="right")
     return np.asarray(starts[np.diff(starts, prepend=-1) > 0])
-
-
-def _between(along: FloatArray, shared: tuple[IntArray, FloatArray]) -> FloatArray:
-    """Sum of ``P S P^T`` over the pulls P along each axis, (3, k, m), for a covariance S between pairs of patches."""
-    from dqreg.kernels.patch_pairs import covariance_products
-
-    patches = along.shape[2]
-    columns = np.ascontiguousarray(along.reshape(-1, patches).T)
-    products, alike = np.zeros(columns.shape), np.tile([1.0, 0.0, 0.0], (patches, 1))
-    covariance_products(*shared, alike, columns, products)
-    return np.asarray(np.einsum("akm,mal->kl", along, products.reshape(patches, 3, -1)))
 
 
 def _sandwich(bread: FloatArray, scores: FloatArray, known: FloatArray) -> FloatArray:
@@ -196,9 +186,9 @@ class _Patches:
         scale = self.variance * np.sqrt(alike)
         return agreement / scale if scale > 0.0 else 0.0
 
-    def shared_noise(self) -> tuple[IntArray, FloatArray] | None:
-        """Pairs of patches, (p, 2), and the covariances of the noise between them; None where chance explains it."""
-        from dqreg.kernels.patch_pairs import binned_agreements, nearest_others, spherical_covariance
+    def shared_noise(self) -> tuple[float, float] | None:
+        """Variance and range of the noise that neighbouring patches share; None where chance explains it."""
+        from dqreg.kernels.patch_pairs import binned_agreements, nearest_others
         from dqreg.kernels.threads import as_plain
 
         points, normals, nearest = as_plain(self.points), as_plain(self.normals), np.zeros(len(self.points))
@@ -216,25 +206,47 @@ class _Patches:
         if excess.max(initial=0.0) < SHARED:
             return None
         best = int(excess.argmax())
-        return spherical_covariance(points, float(agreements[best] / norms[best]), float(ranges[best]))
+        return float(agreements[best] / norms[best]), float(ranges[best])
 
-    def left_by_fit(self, shared: tuple[IntArray, FloatArray], pulls: FloatArray, bread: FloatArray) -> float:
-        """Share of a covariance between patches that the fit leaves in their residuals: it has followed the rest.
+    def between_and_left(
+        self, sill: float, reach: float, pulls: FloatArray, along: FloatArray, bread: FloatArray
+    ) -> tuple[FloatArray, float]:
+        """Sum of ``P S P^T`` over the pulls P along each axis for a covariance S between patches; its share left.
 
-        Residuals are ``P e`` of the errors e, so that products of theirs tell ``P K P^T`` where K was meant (Patterson
-        and Thompson 1971). Shapes: pulls (k, m): weighted rows of each patch, bread (k, k).
+        That is what the fit leaves of it in their residuals: it has followed the rest. These are ``P e`` of the errors
+        e, so that products of theirs tell ``P K P^T`` where K was meant (Patterson and Thompson 1971).
+
+        Shapes: pulls (k, m): weighted rows of each patch, along (3, k, m), bread (k, k); returns (k, k).
         """
-        from dqreg.kernels.patch_pairs import covariance_products
+        # What the fit follows of errors is H e, H = X bread X^T W with the mean rows X.
+        hat, unknowns = product((pulls / self.weights).T, bread), len(pulls)
+        columns = np.ascontiguousarray(along.reshape(3 * unknowns, -1).T), np.concatenate([hat, pulls.T], axis=1)
+        products, other, squares = self._products(sill, reach, *columns)
+        between = np.asarray(np.einsum("akm,mal->kl", along, products.reshape(-1, 3, unknowns)))
+        held, pulled = other[:, :unknowns], other[:, unknowns:]
+        followed = 2.0 * float(np.vdot(held, pulled)) - float(np.vdot(hat.T @ held, pulled.T @ pulls.T))
+        return between, max(1.0 - followed / squares, LEAST_LEFT) if squares > 0.0 else 1.0
+
+    def _products(
+        self, sill: float, reach: float, columns: FloatArray, others: FloatArray
+    ) -> tuple[FloatArray, FloatArray, float]:
+        """A covariance between patches times columns, (m, k); along their normals times others, and its sum of squares.
+
+        Most of it is zeros, but BLAS multiplies some rows of it sooner than pairs can be told from them.
+        """
+        from dqreg.kernels.patch_pairs import covariance_rows
         from dqreg.kernels.threads import as_plain
 
-        # What the fit follows of errors is H e, H = X bread X^T W with the mean rows X.
-        hat = product((pulls / self.weights).T, bread)
-        columns = np.concatenate([hat, pulls.T], axis=1)
-        products = np.zeros(columns.shape)
-        meant = covariance_products(*shared, as_plain(self.normals), columns, products)
-        held, pulled = np.split(products, 2, axis=1)
-        followed = 2.0 * float(np.vdot(held, pulled)) - float(np.vdot(hat.T @ held, pulled.T @ pulls.T))
-        return max(1.0 - followed / meant, LEAST_LEFT) if meant > 0.0 else 1.0
+        count, squares = len(self.points), 0.0
+        found, beside = np.zeros(columns.shape), np.zeros(others.shape)
+        given, (one, other) = (as_plain(self.points), as_plain(self.normals)), np.zeros((2, min(BLOCK, count), count))
+        for k in range(0, count, BLOCK):
+            part = slice(k, min(k + BLOCK, count))
+            rows = slice(part.stop - k)
+            covariance_rows(k, part.stop, *given, sill, reach, one, other)
+            found[part], beside[part] = product(one[rows], columns), product(other[rows], others)
+            squares += dot(other[rows].ravel(), other[rows].ravel())
+        return found, beside, squares
 
 
 def _spherical(h: FloatArray) -> FloatArray:

@@ -14,7 +14,8 @@ import numpy as np
 from dqreg._arrays import FloatArray, product
 from dqreg.solvers.quadratic import plane_rows
 from dqreg.solvers.sandwich import scatter_of
-from dqreg.trust.strain import COMPONENTS, best_motion, known_before, robust_fit, unexplained, weights_of
+from dqreg.trust.robust_fit import best_motion, known_before, robust_fit, unexplained, weights_of
+from dqreg.trust.strain import COMPONENTS
 
 
 class Limit(NamedTuple):

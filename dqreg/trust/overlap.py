@@ -29,7 +29,8 @@ from dqreg.rigid import pose, twist
 from dqreg.solvers.quadratic import plane_rows
 from dqreg.trust.deformation import deformation_of
 from dqreg.trust.patch_tests import waviness_of
-from dqreg.trust.strain import SIGNIFICANT_CLUTTER, Strain, robust_fit, strain_of, weights_of
+from dqreg.trust.robust_fit import robust_fit, weights_of
+from dqreg.trust.strain import SIGNIFICANT_CLUTTER, Strain, strain_of
 
 # Points that are compared; comparisons without which nothing is said.
 ASKED, FEWEST = 2_000, 60

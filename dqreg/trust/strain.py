@@ -3,35 +3,29 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
-from collections.abc import Callable
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, dot, median, product
+from dqreg._arrays import FloatArray, median, product
+from dqreg.geometry.normals import sample_rows
 from dqreg.solvers.motion_words import Vector
 from dqreg.solvers.quadratic import ROWS, plane_rows
-from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 from dqreg.solvers.sandwich import scatter_of
+from dqreg.trust.robust_fit import known_before, robust_fit, unexplained, weights_of
 
 # Correspondences without which no strain is asked for, and those that are looked at.
 FEWEST = 300
 # Of a symmetric 3 x 3 tensor.
 COMPONENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-# Rounds of the robust fit; residuals beyond so many standard deviations have no weight (Tukey's biweight).
-ROUNDS, TUKEY = 8, 4.685
-# A round that moves the fit by less than this share of a standard deviation is the last.
-STILL = 0.02
-# Share of a drift that is the shift of the middle, where it has a direction.
-MOSTLY = 0.5
-# Information below this share of the whole is none: of fifteen unknowns, some times what `scatter_of` takes for none.
-SINGULAR = 3e-9
-# Strains and motions expected beforehand, in extents of the scan: what the faces do not show stays at zero.
-USUAL = 0.2
 # Smaller strains are no fault: parts shrink, and sensors are calibrated to as much.
 LEAST, LEAST_BEND = 0.003, 0.002
 # What is below this share of those after two rounds of the robust fit, and at its end, is not looked at any further.
 SMALL = 0.3
+# Points that are asked first, where there are twice as many; below that share, nothing more is looked at. A fault that
+# all show to eight of their standard deviations is four of these off it.
+FIRST, HARDLY = 1_000, 0.15
 # What is below this share of them is no fault, however it is rounded.
 NO_FAULT = 1.0 - 1e-9
 # Larger ones are none: both sides of a sheet came together.
@@ -42,6 +36,8 @@ LARGEST = 0.5
 SIGNIFICANT, SIGNIFICANT_CLUTTER = 8.0, 15.0
 # Principal strains are alike, a scale, where the smallest is more than this share of the largest.
 ALIKE = 0.6
+# Share of a drift that is the shift of the middle, where it has a direction.
+MOSTLY = 0.5
 # Of a drift along the scan: correspondences without which none is asked for; displacements, in sizes of the target, and
 # standard deviations from which on it matters and is no chance. Scans in the order of lines or views bend along it too.
 FEWEST_DRIFT, LEAST_DRIFT, SIGNIFICANT_DRIFT = 500, 0.003, 15.0
@@ -90,27 +86,12 @@ def strain_of(
 
     Shapes: points (n, 3) in the order of a space-filling curve, normals (n, 3), residuals (n,).
     """
-    if len(residuals) < FEWEST:
+    if len(residuals) < FEWEST or _is_hardly_any(points, normals, residuals, clutter=clutter):
         return Strain()
-    # The bits of the mean along columns in a quarter of the time.
-    middle = np.einsum("ij->j", points) / len(points)
-    arms = points - middle
-    _, axes = np.linalg.eigh(arms.T @ arms)
-    lever = float(np.sqrt(np.einsum("ij,ij->", arms, arms) / len(arms)))
-    if not lever > 0.0:
+    model = _Model.of(points, normals)
+    if model is None:
         return Strain()
-    rows = _rows(points, middle, arms, normals, axes[:, ::-1], lever)
-    length = float(np.ptp(arms @ axes[:, 2]))
-    # The row is the square of the place along the axis over the lever; a sagitta is over the square of half the length.
-    # Of a torsion, the displacement of the ends at the usual distance from the axis.
-    radius = float(np.sqrt(np.mean((arms @ axes[:, :2]) ** 2) * 2.0))
-    factor = np.array([0.25 * length, 0.25 * length, 0.5 * radius]) / lever**2
-
-    def is_small(fitted: FloatArray, share: float = SMALL) -> bool:
-        # No principal strain is larger than the root of the sum of all squares.
-        square = float(fitted[6:12] ** 2 @ (1.0, 1.0, 1.0, 2.0, 2.0, 2.0)) / lever**2
-        return square <= (share * LEAST) ** 2 and bool((np.abs(fitted[12:]) * factor <= share * LEAST_BEND).all())
-
+    rows, lever, factor, is_small = model.rows, model.lever, model.factor, model.is_small
     first = weights_of(residuals) if clutter else np.ones(len(residuals))
     fitted, weights = robust_fit(rows, residuals, lever, first, is_small)
     if strays and not clutter and not is_small(fitted):
@@ -137,20 +118,51 @@ def strain_of(
     return Strain(value, sigma, along, float(bends[k]), float(sigmas[k]), significant, shown)
 
 
-def unexplained(displaced: FloatArray, motions: FloatArray, weights: FloatArray) -> float:
-    """Root mean square of displacements, (n,), without the motions, (6, n), nearest to them."""
-    left = displaced - best_motion(displaced, motions, weights) @ motions
-    return float(np.sqrt(weights @ left**2 / weights.sum()))
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Model:
+    """Motions, strains, bends and a torsion of some points, as rows of a fit."""
+
+    rows: FloatArray  # (15, n): See `_rows`
+    lever: float  # Length that rotations are over
+    factor: FloatArray  # (3,): From the last three unknowns to sagittas over lengths
+
+    @staticmethod
+    def of(points: FloatArray, normals: FloatArray) -> _Model | None:
+        """Of points and normals, (n, 3); None where all points are one."""
+        # The bits of the mean along columns in a quarter of the time.
+        middle = np.einsum("ij->j", points) / len(points)
+        arms = points - middle
+        _, axes = np.linalg.eigh(arms.T @ arms)
+        lever = float(np.sqrt(np.einsum("ij,ij->", arms, arms) / len(arms)))
+        if not lever > 0.0:
+            return None
+        rows = _rows(points, middle, arms, normals, axes[:, ::-1], lever)
+        length = float(np.ptp(arms @ axes[:, 2]))
+        # The row is the square of the place along the axis over the lever; a sagitta is over the square of half the
+        # length. Of a torsion, the displacement of the ends at the usual distance from the axis.
+        radius = float(np.sqrt(np.mean((arms @ axes[:, :2]) ** 2) * 2.0))
+        return _Model(rows, lever, np.array([0.25 * length, 0.25 * length, 0.5 * radius]) / lever**2)
+
+    def is_small(self, fitted: FloatArray, share: float = SMALL) -> bool:
+        """Whether strains and bends of a fit are all below a share of those that are faults."""
+        # No principal strain is larger than the root of the sum of all squares.
+        square = float(fitted[6:12] ** 2 @ (1.0, 1.0, 1.0, 2.0, 2.0, 2.0)) / self.lever**2
+        bends = np.abs(fitted[12:]) * self.factor
+        return square <= (share * LEAST) ** 2 and bool((bends <= share * LEAST_BEND).all())
 
 
-def best_motion(displaced: FloatArray, motions: FloatArray, weights: FloatArray) -> FloatArray:
-    """Shares of the motions, (6, n), that come nearest to displacements, (n,); zero of what these do not show."""
-    # Six unknowns need no decomposition of n rows, which takes ten times as long and wakes the threads of BLAS.
-    weighed = motions * weights
-    values, axes = np.linalg.eigh(product(weighed, motions.T))
-    shown = values > SINGULAR * values[-1]
-    found: FloatArray = axes[:, shown] @ (axes[:, shown].T @ (weighed @ displaced) / values[shown])
-    return found
+def _is_hardly_any(points: FloatArray, normals: FloatArray, residuals: FloatArray, *, clutter: bool) -> bool:
+    """Whether some of many points show so little strain that all of them show none, in a third of the time."""
+    if len(residuals) < 2 * FIRST:
+        return False
+    rows = sample_rows(len(residuals), FIRST)
+    points, normals, residuals = np.take(points, rows, axis=0), np.take(normals, rows, axis=0), residuals[rows]
+    model = _Model.of(points, normals)
+    if model is None:
+        return False
+    first = weights_of(residuals) if clutter else np.ones(len(residuals))
+    is_small = functools.partial(model.is_small, share=HARDLY)
+    return is_small(robust_fit(model.rows, residuals, model.lever, first, is_small, rounds=2)[0])
 
 
 def _rows(
@@ -167,52 +179,6 @@ def _rows(
     over_chunks(plane_row_columns, count, as_plain(points), normals, middle, lever, rows[:6], chunk=ROWS)
     over_chunks(strain_row_columns, count, as_plain(arms), normals, as_plain(axes), lever, rows[6:], chunk=ROWS)
     return rows
-
-
-def robust_fit(
-    rows: FloatArray,
-    residuals: FloatArray,
-    lever: float,
-    first: FloatArray,
-    is_small: Callable[[FloatArray], bool] = lambda _: False,
-    rounds: int = ROUNDS,
-) -> tuple[FloatArray, FloatArray]:
-    """Least squares with Tukey's biweight, from the first weights; and the last weights.
-
-    What is small after two rounds is not fitted to the last digit.
-    """
-    fitted: FloatArray = np.zeros(len(rows))
-    weights, was_small, left = first, False, residuals
-    for _ in range(rounds):
-        variance = dot(weights, left**2) / float(weights.sum()) + np.finfo(float).tiny
-        weighed = rows * weights
-        information = product(weighed, rows.T)
-        solved = np.linalg.solve(information + known_before(information, variance, lever), weighed @ residuals)
-        step, fitted = solved - fitted, np.asarray(solved, dtype=np.float64)
-        if was_small and is_small(fitted):
-            break
-        was_small = is_small(fitted)
-        left = residuals - fitted @ rows
-        weights = weights_of(left)
-        if step @ information @ step <= STILL**2 * variance:
-            break
-    return fitted, weights
-
-
-def known_before(information: FloatArray, variance: float, lever: float) -> FloatArray:
-    """What is known of strains and motions before a fit, in the units of its information, both (k, k).
-
-    Nearly exact data tell next to nothing of what their faces do not show: that has to be told from rounding.
-    """
-    return np.eye(len(information)) * (variance / (USUAL * lever) ** 2 + SINGULAR * float(np.trace(information)))
-
-
-def weights_of(residuals: FloatArray) -> FloatArray:
-    """Tukey's biweight of residuals, (n,), from their own median."""
-    limit = TUKEY * GAUSSIAN_MEDIAN * median(np.abs(residuals)) + np.finfo(float).tiny
-    # Beyond the limit nothing counts, and exact data would overflow.
-    inner = np.minimum(np.abs(residuals), limit) / limit
-    return np.asarray((1.0 - inner**2) ** 2)
 
 
 def _principal(strain: FloatArray, covariance: FloatArray) -> tuple[float, float, tuple[float, float, float]]:

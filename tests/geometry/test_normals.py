@@ -12,6 +12,7 @@ from dqreg.geometry.normals import (
     CHUNK,
     NEIGHBOURS,
     PlaneFits,
+    ScanPlanes,
     fit_edge_planes,
     fit_planes,
     fit_planes_around,
@@ -231,3 +232,15 @@ def test_points_on_a_line_and_in_a_ball_have_none() -> None:
     # Neighbours are 0.3 apart: six of 24 in one plane are no chance within a hundredth of that.
     for points in (line, rng.normal(size=(300, 3))):
         assert np.mean(fit_edge_planes(points, NeighbourTree(points).nearest(points, BY_EDGES)[0], 0.003)[2]) < 0.02
+
+
+@pytest.mark.parametrize("wanted", [0, 7, 50, 200])
+def test_planes_of_some_rows_are_theirs_however_many_are_asked_for(wanted: int) -> None:
+    rng = np.random.default_rng(0)
+    rows = np.sort(rng.choice(200, 50, replace=False))
+    planes = ScanPlanes(rows, rng.normal(size=(50, 3)), rng.uniform(size=50), rng.uniform(size=50), 200)
+    asked = np.sort(rng.choice(200, wanted, replace=False))
+    found = planes.at(asked)
+    np.testing.assert_array_equal(found.whole("normals"), planes.whole("normals")[asked])
+    np.testing.assert_array_equal(found.whole("residuals"), planes.whole("residuals")[asked])
+    np.testing.assert_array_equal(asked[found.rows], np.intersect1d(asked, rows))

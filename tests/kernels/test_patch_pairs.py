@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dqreg.kernels.patch_pairs import binned_agreements, covariance_products, nearest_others, spherical_covariance
+from dqreg.kernels.patch_pairs import binned_agreements, covariance_rows, nearest_others
 
 
 @settings(deadline=None)
@@ -29,28 +29,16 @@ def test_the_sums_are_those_of_all_pairs(seed: int, count: int, share: float) ->
     np.testing.assert_allclose(squared, np.bincount(bins, same**2, max(bins.max() + 1, 8))[:8], rtol=1e-11, atol=1e-12)
 
 
-def whole(count: int, pairs: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """The matrix of covariances between pairs."""
-    covariance = np.zeros((count, count))
-    covariance[pairs[:, 0], pairs[:, 1]] = covariance[pairs[:, 1], pairs[:, 0]] = values
-    return covariance
-
-
 @pytest.mark.parametrize("reach", [0.1, 1.3, 100.0])
 def test_the_covariance_is_the_spherical_model(reach: float) -> None:
-    points = np.random.default_rng(0).normal(size=(30, 3))
+    rng = np.random.default_rng(0)
+    points, normals = rng.normal(size=(30, 3)), rng.normal(size=(30, 3))
     h = np.minimum(np.linalg.norm(points[:, None] - points, axis=2) / reach, 1.0)
     expected = 2.0 * (1.0 - 1.5 * h + 0.5 * h**3)
     np.fill_diagonal(expected, 0.0)
-    pairs, values = spherical_covariance(points, 2.0, reach)
-    assert len(pairs) == np.count_nonzero(np.triu(expected))
-    np.testing.assert_allclose(whole(30, pairs, values), expected, atol=1e-14)
-
-
-def test_products_with_a_covariance_along_the_normals_are_those_of_the_whole_matrix() -> None:
-    rng = np.random.default_rng(1)
-    points, normals, columns = (rng.normal(size=(40, k)) for k in (3, 3, 5))
-    shared, products = spherical_covariance(points, 2.0, 1.3), np.zeros((40, 5))
-    along = whole(40, *shared) * (normals @ normals.T)
-    assert covariance_products(*shared, normals, columns, products) == pytest.approx(float((along**2).sum()))
-    np.testing.assert_allclose(products, along @ columns, atol=1e-12)
+    covariances, along = np.full((2, 12, 30), np.nan)
+    for k in (0, 12, 24):
+        rows = slice(k, min(k + 12, 30))
+        covariance_rows(k, rows.stop, points, normals, 2.0, reach, covariances, along)
+        np.testing.assert_allclose(covariances[: rows.stop - k], expected[rows], atol=1e-14)
+        np.testing.assert_allclose(along[: rows.stop - k], (expected * (normals @ normals.T))[rows], atol=1e-13)

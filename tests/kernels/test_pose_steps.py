@@ -2,10 +2,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from dqreg.geometry import Mesh, MeshSurface
 from dqreg.kernels import threads
-from dqreg.kernels.pose_steps import add_plane_steps
+from dqreg.kernels.pose_steps import add_plane_steps, take_damped_steps
 from dqreg.kernels.threads import over_chunks
 from dqreg.rigid import quaternion
 from dqreg.search.features import even_points
@@ -69,6 +70,21 @@ def test_any_number_of_threads_gives_the_same_bits(monkeypatch: pytest.MonkeyPat
         monkeypatch.setattr(threads, "thread_count", lambda count=count: count)
         found.append(b"".join(part.tobytes() for part in summed(arguments)))
     assert len(set(found)) == 1
+
+
+def test_damped_steps_solve_their_equations_and_move_about_their_centres() -> None:
+    R, t, centres, *_ = case(7, 40, 2)
+    H, g = summed(case(7, 40, 2))
+    H[3] = 0.0
+    g[3] = 0.0
+    turned, shifted = np.full(R.shape, np.nan), np.full(t.shape, np.nan)
+    take_damped_steps(0, 7, R, t, centres, H, g, LEVER, 1e-4, 1e-12, turned, shifted)
+    for k in range(7):
+        damped = H[k] + max(1e-4 * np.trace(H[k]) / 6.0, 1e-12) * np.eye(6)
+        step = np.linalg.solve(damped, -g[k])
+        turn = Rotation.from_rotvec(step[:3]).as_matrix()
+        np.testing.assert_allclose(turned[k], turn @ R[k], atol=1e-9)
+        np.testing.assert_allclose(shifted[k], turn @ (t[k] - centres[k]) + centres[k] + LEVER * step[3:], atol=1e-9)
 
 
 def test_planes_of_a_grid_are_those_of_the_nearest_node() -> None:

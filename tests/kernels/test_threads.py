@@ -7,6 +7,8 @@ import subprocess
 import sys
 import threading
 import time
+import weakref
+from concurrent.futures import Future
 
 import numpy as np
 import pytest
@@ -57,6 +59,24 @@ def test_helpers_are_asked_for_whole_ranges_alone(monkeypatch: pytest.MonkeyPatc
     threads.over_chunks(lambda first, last: seen.extend(range(first, last)), total, chunk=8)
     assert len(asked) == helpers
     assert seen == list(range(total))
+
+
+def test_a_helper_that_never_begins_holds_no_array(monkeypatch: pytest.MonkeyPatch) -> None:
+    waiting: list[tuple[object, ...]] = []
+
+    def queue(*call: object) -> Future[None]:
+        waiting.append(call)
+        return Future()
+
+    monkeypatch.setattr(threads, "thread_count", lambda: 2)
+    monkeypatch.setattr(threads, "_submit", queue)
+    rows = np.zeros(1_000, dtype=int)
+    held = weakref.ref(rows)
+    threads.over_chunks(mark, 1_000, rows, chunk=100)
+    assert (rows == 1).all()
+    assert len(waiting) == 1
+    del rows
+    assert held() is None
 
 
 def test_an_error_is_raised_and_ends_the_rest(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -43,6 +43,16 @@ def test_the_small_feature_decides_for_the_truth() -> None:
     assert others(np.eye(4), scan) == []
 
 
+def test_known_distances_compare_as_well_as_distances_that_are_found() -> None:
+    scan = scan_of(sample_mesh(BLOCK, 5_000, np.random.default_rng(1)).points)
+    asked = scan.points, SURFACE.closest(scan.points).distances
+    floor = smallest_kernel_scale(scan, SURFACE)
+    given = np.eye(4), FLIPS, scan, SURFACE, 0.05 * BLOCK.diagonal, floor, FIRST
+    (one, found), (other, known) = _refined(*given), _refined(*given, asked=asked)
+    np.testing.assert_array_equal(one.matrices, other.matrices)
+    np.testing.assert_array_equal(found.likelihoods, known.likelihoods)
+
+
 def test_from_a_flip_the_truth_is_found_as_the_better_one() -> None:
     scan = scan_of(sample_mesh(BLOCK, 30_000, np.random.default_rng(1)).points)
     wrong = FLIPS[0]

@@ -6,7 +6,7 @@ import pytest
 from dqreg._arrays import FloatArray
 from dqreg.geometry.morton import morton_order
 from dqreg.rigid import pose, twist
-from dqreg.solvers.sandwich import _between, scatter_of
+from dqreg.solvers.sandwich import BLOCK, LEAST_LEFT, _Patches, scatter_of
 from dqreg.trust import Information, without_free_motion
 from tests.trust.shapes import box, judged, plane
 
@@ -133,11 +133,21 @@ def test_outliers_without_weight_are_no_noise_that_neighbours_share() -> None:
     np.testing.assert_array_less(np.diag(C), 4.0 * np.diag(alone))
 
 
-def test_what_shared_noise_adds_is_the_product_of_matrices() -> None:
+@pytest.mark.parametrize("count", [BLOCK // 2, 2 * BLOCK + 7])
+def test_what_shared_noise_adds_and_leaves_are_products_of_matrices(count: int) -> None:
     rng = np.random.default_rng(7)
-    along, shared = rng.normal(size=(3, 4, 40)), np.zeros((40, 40))
-    pairs = np.argwhere(np.tril(rng.uniform(size=(40, 40)) < 0.1, -1))
-    values = rng.normal(size=len(pairs))
-    shared[pairs[:, 0], pairs[:, 1]] = shared[pairs[:, 1], pairs[:, 0]] = values
-    expected = sum(pulls @ shared @ pulls.T for pulls in along)
-    np.testing.assert_allclose(_between(along, (pairs, values)), expected, rtol=0, atol=1e-12)
+    points, normals, along, pulls = (
+        rng.normal(size=shape) for shape in ((count, 3), (count, 3), (3, 4, count), (4, count))
+    )
+    weights, half = rng.uniform(0.5, 1.0, count), rng.normal(size=(4, 4))
+    bread = half @ half.T / count
+    h = np.minimum(np.linalg.norm(points[:, None] - points, axis=2) / 1.3, 1.0)
+    shared = 2.0 * (1.0 - 1.5 * h + 0.5 * h**3) * ~np.eye(count, dtype=bool)
+    found, left = _Patches(points, normals, rng.normal(size=count), weights, 1.0).between_and_left(
+        2.0, 1.3, pulls, along, bread
+    )
+    np.testing.assert_allclose(found, sum(p @ shared @ p.T for p in along), rtol=0, atol=1e-10)
+    meant, hat = shared * (normals @ normals.T), (pulls / weights).T @ bread @ pulls
+    residual = (np.eye(count) - hat) @ meant @ (np.eye(count) - hat).T
+    expected = float(np.vdot(residual, meant)) / float(np.vdot(meant, meant))
+    assert left == pytest.approx(max(expected, LEAST_LEFT), abs=1e-10)

@@ -5,7 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from dqreg.geometry.morton import distinct_in_order
-from dqreg.trust.strain import FEWEST, LEAST, Strain, strain_of
+from dqreg.trust import strain
+from dqreg.trust.strain import FEWEST, FIRST, LEAST, SIGNIFICANT, Strain, strain_of
 from tests.strategies import FloatArray
 from tests.trust.shapes import box, cylinder, plane, sphere
 
@@ -143,3 +144,23 @@ def test_strains_that_show_less_than_what_is_asked_for_are_none_and_the_others_a
     asked = strain_of(points, normals, residuals, least=least)
     assert asked == (found if found.shown >= least else Strain())
     assert (asked == Strain()) == (value < 0.005)
+
+
+def test_of_many_points_some_tell_that_there_is_no_strain(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+    fit = strain.robust_fit
+    monkeypatch.setattr(strain, "robust_fit", lambda rows, *a, **k: asked.append(rows.shape[1]) or fit(rows, *a, **k))
+    points, normals, noise = scanned(box, 3 * FIRST)
+    assert strain_of(points, normals, 0.1 * noise) == Strain()
+    assert asked == [FIRST]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_strain_that_all_points_just_show_is_hidden_by_no_choice_of_them(seed: int) -> None:
+    points, normals, noise = scanned(box, 3 * FIRST, seed)
+    stretched = 1.2 * LEAST * points[:, 0] * normals[:, 0]
+    # As noisy as a significant strain of that size may be.
+    sigma = strain_of(points, normals, 10.0 * stretched + noise).sigma
+    found = strain_of(points, normals, stretched + noise * 1.2 * LEAST / (SIGNIFICANT * sigma))
+    assert found.value == pytest.approx(1.2 * LEAST, abs=4.0 * min(found.sigma, LEAST))
+    assert found != Strain()

@@ -1,0 +1,81 @@
+"""A robust least-squares fit of few unknowns to distances along normals, and what it leaves unexplained."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from dqreg._arrays import FloatArray, dot, median, product
+from dqreg.solvers.robust import GAUSSIAN_MEDIAN
+
+# Rounds of the robust fit; residuals beyond so many standard deviations have no weight (Tukey's biweight).
+ROUNDS, TUKEY = 8, 4.685
+# A round that moves the fit by less than this share of a standard deviation is the last.
+STILL = 0.02
+# Information below this share of the whole is none: of fifteen unknowns, some times what `scatter_of` takes for none.
+SINGULAR = 3e-9
+# Strains and motions expected beforehand, in extents of the scan: what the faces do not show stays at zero.
+USUAL = 0.2
+
+
+def unexplained(displaced: FloatArray, motions: FloatArray, weights: FloatArray) -> float:
+    """Root mean square of displacements, (n,), without the motions, (6, n), nearest to them."""
+    left = displaced - best_motion(displaced, motions, weights) @ motions
+    return float(np.sqrt(weights @ left**2 / weights.sum()))
+
+
+def best_motion(displaced: FloatArray, motions: FloatArray, weights: FloatArray) -> FloatArray:
+    """Shares of the motions, (6, n), that come nearest to displacements, (n,); zero of what these do not show."""
+    # Six unknowns need no decomposition of n rows, which takes ten times as long and wakes the threads of BLAS.
+    weighed = motions * weights
+    values, axes = np.linalg.eigh(product(weighed, motions.T))
+    shown = values > SINGULAR * values[-1]
+    found: FloatArray = axes[:, shown] @ (axes[:, shown].T @ (weighed @ displaced) / values[shown])
+    return found
+
+
+def robust_fit(
+    rows: FloatArray,
+    residuals: FloatArray,
+    lever: float,
+    first: FloatArray,
+    is_small: Callable[[FloatArray], bool] = lambda _: False,
+    rounds: int = ROUNDS,
+) -> tuple[FloatArray, FloatArray]:
+    """Least squares with Tukey's biweight, from the first weights; and the last weights.
+
+    What is small after two rounds is not fitted to the last digit.
+    """
+    fitted: FloatArray = np.zeros(len(rows))
+    weights, was_small, left = first, False, residuals
+    for _ in range(rounds):
+        variance = dot(weights, left**2) / float(weights.sum()) + np.finfo(float).tiny
+        weighed = rows * weights
+        information = product(weighed, rows.T)
+        solved = np.linalg.solve(information + known_before(information, variance, lever), weighed @ residuals)
+        step, fitted = solved - fitted, np.asarray(solved, dtype=np.float64)
+        if was_small and is_small(fitted):
+            break
+        was_small = is_small(fitted)
+        left = residuals - fitted @ rows
+        weights = weights_of(left)
+        if step @ information @ step <= STILL**2 * variance:
+            break
+    return fitted, weights
+
+
+def known_before(information: FloatArray, variance: float, lever: float) -> FloatArray:
+    """What is known of strains and motions before a fit, in the units of its information, both (k, k).
+
+    Nearly exact data tell next to nothing of what their faces do not show: that has to be told from rounding.
+    """
+    return np.eye(len(information)) * (variance / (USUAL * lever) ** 2 + SINGULAR * float(np.trace(information)))
+
+
+def weights_of(residuals: FloatArray) -> FloatArray:
+    """Tukey's biweight of residuals, (n,), from their own median."""
+    limit = TUKEY * GAUSSIAN_MEDIAN * median(np.abs(residuals)) + np.finfo(float).tiny
+    # Beyond the limit nothing counts, and exact data would overflow.
+    inner = np.minimum(np.abs(residuals), limit) / limit
+    return np.asarray((1.0 - inner**2) ** 2)
