@@ -23,7 +23,7 @@ from dqreg.registration.assess import (
     without_drift,
 )
 from dqreg.registration.common_faces import on_common_faces
-from dqreg.registration.fallback import Known, best_known, but_on_the_way, is_doubtful
+from dqreg.registration.fallback import Known, best_known, but_on_the_way, is_doubtful, may_search
 from dqreg.registration.fit import Fit, coarse_to_fine
 from dqreg.registration.initial_pose import GlobalSearch, InitialPose, initial_pose
 from dqreg.registration.loop_status import status_of
@@ -57,6 +57,8 @@ CLEAN = 0.1
 # Points of the scan a cell below which its mean hides nothing: all points of 5,000 to 20,000 on 40,000 cost half as
 # much again, and left the error as it was on range scans, and larger on views of parts.
 CROWDED = 3.0
+# Points of the scan a cell above which a search costs less than a loop with all of them.
+MOST = 10.0
 # Share of the inliers below which they may hold a motion at a wrong place. In doubt all motions are asked: a step on
 # its neighbour's place holds the others there too.
 MAY_HOLD = 1.0
@@ -171,6 +173,7 @@ def second_try(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
             # What is asked of a pose is asked of the answer, with its unconstrained motions as they were given.
             fit = without_drift(fit, start.T_target_source)
             known = Known(fit, start.others)
+        fit = in_doubt_on_all_points(fit)
         known = best_known(fit, start, search)
         if is_doubtful(known.fit):
             known = dataclasses.replace(known, fit=without_slide(known.fit, MAY_HOLD)[0])
@@ -214,6 +217,19 @@ def all_points_say_more(fit: Fit) -> bool:
         return False
     aside = np.sqrt(np.average(run.pairs.point_to_plane**2, weights=run.weights))
     return bool(aside < WELL_BELOW * spacing)
+
+
+def in_doubt_on_all_points(fit: Fit) -> Fit:
+    """The fit; where something speaks against cells of two clouds, that of all points if nothing does against it.
+
+    Cells as wide as a tooth hold its flanks no more: they would leave to a search what the points themselves tell.
+    """
+    prepared = fit.prepared
+    few = prepared.scan.total <= MOST * len(prepared.scan)
+    if not prepared.cell_size or prepared.is_from_a_stand or not few or not may_search(fit) or not is_doubtful(fit):
+        return fit
+    other = on_all_points(fit)
+    return other if other.found and not is_doubtful(other) else fit
 
 
 def is_clean(scan: Scan) -> bool:
