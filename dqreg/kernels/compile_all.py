@@ -52,6 +52,8 @@ from dqreg.kernels.pose_forms import NUMBERS, SUMS, form_of_sums, least_cost_pos
 from dqreg.kernels.pose_steps import add_plane_steps, grid_planes, take_damped_steps
 from dqreg.kernels.pseudo_normals import add_scaled_rows, corner_angles, pseudo_normals_at, smooth_normals_at
 from dqreg.kernels.quadric_fits import quadric_residual_rows
+from dqreg.kernels.ray_pixels import COUNTS as OF_RAYS
+from dqreg.kernels.ray_pixels import fill_pixels, rays_met
 from dqreg.kernels.rims import line_rows, one_sided_rows
 from dqreg.kernels.scattering import put_rows
 from dqreg.kernels.side_parity import number_nodes, sum_of_sides
@@ -206,6 +208,9 @@ def _rims() -> None:
     squares_along(FLAT, ONE, FIRST, FIRST[:0], 1, 0, NOTHING)
     flat = FIRST[:0], np.zeros((0, 2)), FIRST[:0], FIRST[:0]
     surrounded_rows(0, 0, *flat, FLAT, FIRST[:0], few, 1, 1, 1.0, -0.5, none)
+    image = 1.0, FIRST, FIRST + 1, ONE.copy(), ONE.copy()
+    fill_pixels(np.zeros((0, 3)), *image, FIRST[:0])
+    rays_met(0, 0, FLAT, CORNERS, FLAT, *image, 0.0, 0.0, 1.0, np.zeros((1, OF_RAYS), dtype=np.int64))
     cells = np.zeros((1, 1), dtype=np.bool_)
     hold_cells(flat[1], ONE[:2].copy(), 1.0, cells)
     enclosed_gaps(

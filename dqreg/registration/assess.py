@@ -12,7 +12,8 @@ from dqreg.geometry.morton import distinct_in_order
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.vector_rows import row_dots
 from dqreg.icp import find_correspondences
-from dqreg.registration.common_faces import begin_sampling, overlap_at, overlap_of
+from dqreg.registration.between_clouds import between_clouds, have_planes_alone, planes_of
+from dqreg.registration.common_faces import begin_sampling, overlap_at
 from dqreg.registration.exposures import second_pose
 from dqreg.registration.fit import Fit, own_normals
 from dqreg.registration.free_space import begin_free_space, looked_through_at
@@ -31,7 +32,6 @@ from dqreg.trust import (
     observe_directions,
     without_free_motion,
 )
-from dqreg.trust.common_planes import CommonPlanes
 from dqreg.trust.covariance import partial_information_of
 from dqreg.trust.neighbourhoods import is_flat
 from dqreg.trust.patch_tests import ON
@@ -112,62 +112,21 @@ def evidence_of(
 def _measured(fit: Fit, covariance: FloatArray) -> Evidence:
     """What the fit and its covariance tell alone."""
     drift, drift_rad, drift_along = max(_drift(fit), (*second_pose(fit), STILL))
+    looked_through, seen_alike = looked_through_at(fit, by_rays=have_planes_alone(fit))
     return dataclasses.replace(
-        _between(fit, covariance),
+        between_clouds(fit, covariance),
         status=status_of(fit),
         max_distance=fit.settings.max_distance,
         units=fit.problem.units[1],
         carriers_of_both=own_normals(fit.prepared.surface, fit.run.pairs) is not None,
         clutter=fit.problem.options.clutter,
         is_scene=fit.has_border or is_scene(fit),
-        looked_through=looked_through_at(fit),
+        looked_through=looked_through,
+        seen_alike=seen_alike,
         drift=drift,
         drift_rad=drift_rad,
         drift_along=drift_along,
     )
-
-
-def _between(fit: Fit, covariance: FloatArray) -> Evidence:
-    """The agreement, of two clouds with what is left between them; as it is where hardly a face is on both."""
-    target = fit.target.geometry
-    if not fit.found or fit.is_late or not isinstance(target, PointCloud):
-        return fit.agreement
-    overlap, planes = overlap_of(fit)[2], _planes_of(fit)
-    if overlap is None:
-        return fit.agreement
-    size = fit.prepared.surface.diagonal
-    # From the last on that was begun beside the caller, who is at the first.
-    strain, deformation, waviness = fit.once("shapes", lambda: overlap.shapes(size))
-    faces_apart, opposed_edges = overlap.apart(size, covariance), planes.opposed_edges() if planes else np.nan
-    ends_apart, rims_shared = planes.ends_and_rims() if planes and planes.are_all else (np.nan, np.nan)
-    return dataclasses.replace(
-        fit.agreement,
-        faces_apart=faces_apart,
-        opposed_edges=opposed_edges,
-        ends_apart=ends_apart,
-        closed_hole=planes.closed_hole(size) if planes and planes.are_all else np.nan,
-        rims_shared=rims_shared,
-        rims_elsewhere=planes.rims_elsewhere(size) if planes and planes.are_a_corner else (np.nan, 0.0),
-        largest_plane=planes.largest if planes and planes.are_a_corner else np.nan,
-        deformation=deformation,
-        waviness=waviness,
-        stretch=strain.value if strain.is_strained else 0.0,
-        stretched_along=strain.along,
-        bend=strain.bend if strain.is_bent else 0.0,
-    )
-
-
-def _planes_of(fit: Fit) -> CommonPlanes | None:
-    """The planes that two clouds have in common at the pose of a fit; None for none."""
-
-    def found() -> CommonPlanes | None:
-        moves, stands, overlap = overlap_of(fit)
-        if overlap is None:
-            return None
-        size = fit.prepared.surface.diagonal
-        return CommonPlanes.of(overlap.on_no_edge, moves, stands, fit.T_target_source, size)
-
-    return fit.once("planes", found)
 
 
 def begin_evidence(problem: Problem, surface: Surface, *, is_whole: bool) -> None:
@@ -200,7 +159,7 @@ def begin_comparing(fit: Fit) -> None:
         return
     if not isinstance(fit.target.geometry, PointCloud):
         return
-    if (planes := _planes_of(fit)) is not None:
+    if (planes := planes_of(fit)) is not None:
         planes.begin()
 
 

@@ -15,9 +15,12 @@ from dqreg.registration.problem import Problem
 from dqreg.registration.target_index import TargetIndex
 from dqreg.rigid import pose
 from dqreg.trust.free_space import Seen, can_look_through, looked_through
+from dqreg.trust.rays import BothRays, Met, Rays
 
 # Points of each side that are compared, and rays that are cast at a part.
 COMPARED, RAYS = 6_000, 3_000
+# Points of a cloud that make up its rays: of all of a spinning LiDAR's the next ring is as near as of these.
+OF_RAYS = 15_000
 # Ranges below this share of the largest are none.
 NOTHING = 1e-6
 # Distances between clouds below this many spacings of these are the gaps between their points.
@@ -26,14 +29,20 @@ GAPS = 4.0
 SIGMAS, SHARE = 10.0, 0.005
 
 
-def looked_through_at(fit: Fit) -> float:
-    """Share of what was compared that the scanner looked through at the pose; NaN where its place is not known."""
+def looked_through_at(fit: Fit, *, by_rays: bool = False) -> tuple[float, float]:
+    """Share of what was compared that the scanner looked through at the pose; NaN where its place is not known.
+
+    And the share of all points that the rays of the other of two clouds met as far, where these are asked, as is known
+    or as of few points; NaN else. Of many points they take a tenth of the time of a registration.
+    """
     if not fit.found or fit.is_late:
-        return np.nan
+        return np.nan, np.nan
     geometry = fit.target.geometry
     if isinstance(geometry, Mesh):
-        return _through_mesh(fit, geometry)
-    return _between_clouds(fit, geometry)
+        return _through_mesh(fit, geometry), np.nan
+    is_asked = by_rays or _asks_rays(fit)
+    met = met_at(fit) if is_asked else None
+    return (_between_clouds(fit, geometry), np.nan) if met is None else (float(met.through[0]), float(met.alike[0]))
 
 
 def _between_clouds(fit: Fit, target: PointCloud) -> float:
@@ -41,8 +50,54 @@ def _between_clouds(fit: Fit, target: PointCloud) -> float:
     return looked_through(source, seen, fit.T_target_source, GAPS)
 
 
+def both_rays(problem: Problem) -> BothRays | None:
+    """What the rays of two clouds met; None where their scanners' places are not known, or not amid what they show."""
+    return problem.once("rays", lambda: _both_rays(problem))
+
+
+def met_at(fit: Fit) -> Met | None:
+    """What the rays of two clouds say at the pose of a fit; None likewise."""
+    rays = both_rays(fit.problem) if fit.found and not fit.is_late else None
+    return None if rays is None else fit.once("met", lambda: met_by(fit, rays, fit.T_target_source[None]))
+
+
+def met_by(fit: Fit, rays: BothRays, poses: FloatArray) -> Met:
+    """The same at some poses, (k, 4, 4)."""
+    return rays.met(poses, fit.prepared.scan.noise, COMPARED)
+
+
+def _both_rays(problem: Problem) -> BothRays | None:
+    target = _rays_of_target(problem.target)
+    if target is None:
+        return None
+    source, viewpoint = problem.source, _viewpoint(problem)
+    eye = source.centred(np.zeros((1, 3)))[0] if viewpoint is None else viewpoint
+    found = Rays.of(_some(source.cloud.points, OF_RAYS), eye, is_known=viewpoint is not None)
+    return None if found is None else BothRays(found, target)
+
+
+def _rays_of_target(index: TargetIndex) -> Rays | None:
+    """The target's: the same for every scan that is registered to it."""
+    geometry = index.geometry
+    if not isinstance(geometry, PointCloud):
+        return None
+    if "rays" not in index.derived:
+        place = geometry.viewpoint
+        is_one = place is not None or _seen_target(index, geometry).one_place
+        eye = -index.origin if place is None else place
+        found = Rays.of(_some(geometry.points, OF_RAYS), eye, is_known=place is not None) if is_one else None
+        index.derived["rays"] = found
+    rays: Rays | None = index.derived["rays"]
+    return rays
+
+
+def _asks_rays(fit: Fit) -> bool:
+    """Whether rays are asked in any case: a search takes its pick, and of few points they cost little."""
+    return fit.problem.start is None or not fit.prepared.cell_size
+
+
 def begin_free_space(problem: Problem, target: PointCloud) -> None:
-    """Make what `looked_through_at` asks of two clouds, beside the caller."""
+    """Make what `looked_through_at` asks of two clouds of many points, beside the caller."""
     problem.begin("seen", lambda: _seen_both(problem, target))
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
+from collections.abc import Callable
 
 import numpy as np
 
@@ -10,17 +12,21 @@ from dqreg._arrays import FloatArray
 from dqreg.geometry import Scan
 from dqreg.icp.stopwatch import Stopwatch
 from dqreg.registration.constraints import PoseConstraints
+from dqreg.registration.free_space import both_rays
 from dqreg.registration.options import Options
 from dqreg.registration.prepared import Prepared
 from dqreg.registration.problem import Problem
 from dqreg.registration.target_index import TargetIndex
 from dqreg.search import Candidate, search
+from dqreg.trust.rays import BothRays
 
 # How near the global search comes to the pose, in diagonals of the target.
 FOUND = 5e-3
 # Of a time limit a search leaves so many times what preparing took, at most half of what is left, to the loop and the
 # verdict: these ask the same points on the same machine.
 AFTER, HALF = 2.0, 0.5
+# Points of each of two clouds that rays of the other are asked of, for many poses.
+LOOKED_AT = 1_500
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,12 +38,15 @@ class GlobalSearch:
     options: Options
     max_distance: float
     watch: Stopwatch
+    # What the rays of two clouds met; None where their places are not known, or their sizes
+    rays: Callable[[], BothRays | None] = lambda: None
 
     @staticmethod
     def of(problem: Problem, prepared: Prepared) -> GlobalSearch:
         """The search for the initial pose of a problem."""
         # Poses are compared by what all of the scan says, whatever distances the loop was asked to keep to.
-        return GlobalSearch(prepared.scan, problem.target, problem.options, problem.reach(prepared), problem.watch)
+        reach, rays = problem.reach(prepared), functools.partial(both_rays, problem)
+        return GlobalSearch(prepared.scan, problem.target, problem.options, reach, problem.watch, rays)
 
     @property
     def kernel_scale(self) -> float:
@@ -47,7 +56,12 @@ class GlobalSearch:
 
     def candidates(self) -> tuple[Candidate, ...]:
         """Poses between the centred frames, the best first."""
-        target = self.target
+        target, rays, noise = self.target, self.rays(), self.scan.noise
+
+        def through(poses: FloatArray, slack: float) -> FloatArray:
+            assert rays is not None
+            return rays.met(poses, noise, LOOKED_AT, slack).through
+
         return search(
             self.scan,
             target.surface,
@@ -57,6 +71,7 @@ class GlobalSearch:
             np.random.default_rng(self.options.seed),
             time_limit=self.time_limit,
             observe=self.options.observe_search,
+            through=None if rays is None else through,
         )
 
     @property

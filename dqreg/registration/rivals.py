@@ -10,6 +10,7 @@ from dqreg.geometry.normals import sample_rows
 from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.registration.evidence import NEAR
 from dqreg.registration.fit import Fit
+from dqreg.registration.free_space import both_rays, met_at, met_by
 from dqreg.registration.near_places import is_same_place, near_maps
 from dqreg.rigid import pose
 from dqreg.rigid.rotations import angle_of, axis_of
@@ -22,6 +23,7 @@ from dqreg.search.poses import Poses
 from dqreg.search.problem import SCENE
 from dqreg.search.refine import refine
 from dqreg.search.scoring import WORSE, PoseScores, score_poses
+from dqreg.search.search import TOLD
 from dqreg.search.stages import FINE_APART
 from dqreg.solvers.motion_words import axis_words, direction_words
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
@@ -140,7 +142,14 @@ def _as_likely(fit: Fit) -> FloatArray:
     # Few points may tell them apart where their mean does not.
     scores = scores_of(fit, np.concatenate([fit.T_target_source[None], others]))
     likely = scores.as_likely(0, BETTER) & ~scores.distinguishable(0)
-    return others[likely[1:]]
+    return but_passed(fit, others[likely[1:]])
+
+
+def but_passed(fit: Fit, others: FloatArray) -> FloatArray:
+    """Poses, (k, 4, 4), without those at which rays of one scan passed through more of the other than at the fit's."""
+    if not len(others) or (rays := both_rays(fit.problem)) is None or (here := met_at(fit)) is None:
+        return others
+    return np.asarray(others[met_by(fit, rays, others).through <= here.through[0] + TOLD])
 
 
 def best_near_symmetric(fit: Fit, kernel_scale: float) -> tuple[Fit, FloatArray]:

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dqreg._arrays import IntArray
+from dqreg._arrays import FloatArray, IntArray
 from dqreg.geometry import CloudSurface, Mesh, PointCloud, Scan, Surface
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp import IcpSettings, smallest_kernel_scale
@@ -32,8 +32,14 @@ CLOUD_WIDTH = 1e-3
 # Points of the part alone, with outliers around it or not, have a root mean square distance from their centre below
 # this fraction of its diagonal, in any frame.
 PART_SPREAD = 0.5
+# Log-likelihood that a pose loses for each point that rays of the other scan passed through: few pass a wall.
+PASSED = 3.0
 # Points of the target that score the other way round.
 TARGET_POINTS = 4_000
+
+
+# Share of the points of two scans that rays passed through at some poses, (k, 4, 4), which are as exact as a length.
+Through = Callable[[FloatArray, float], FloatArray]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,6 +52,7 @@ class SearchProblem:
     plan: IcpSettings  # Parts of the ICP loop and its largest distance
     make_table: Callable[[], PairTable]  # Makes the target's pairs; called once, when they are first needed
     rng: np.random.Generator  # Draws the samples
+    through: Through | None = None  # What rays passed through at poses, of two scans from known places
 
     @cached_property
     def table(self) -> PairTable:
@@ -158,11 +165,17 @@ class SearchProblem:
         """By falling likelihood; without those that are too far behind, but so many in any case."""
         if not len(poses):
             return poses
-        means = self.scores(poses, count, floor).means
+        means = self.scores(poses, count, floor).means - PASSED * self.passed(poses, floor)
         order = np.argsort(-means, kind="stable")
         near = means[order] >= means[order[0]] - margin
         near[:least] = True
         return poses[order[near]]
+
+    def passed(self, poses: Poses, floor: float) -> FloatArray:
+        """Share of the points that rays passed through at each pose, by a smallest width in sizes; 0 where unknown."""
+        if self.through is None or not len(poses):
+            return np.zeros(len(poses))
+        return self.through(poses.matrices, floor * self.size)
 
     def distinct(self, poses: Poses, apart: tuple[float, float], most: int) -> Poses:
         """The first ones that differ by more than an angle in radians or a distance in sizes."""

@@ -106,7 +106,7 @@ QUESTIONS: dict[Code, tuple[str, Relation, Unit, Figures]] = {
         "Points where a scanner looked through",
         "at most",
         "%",
-        lambda e: (e.looked_through, limits.LOOKED_THROUGH),
+        lambda e: (e.looked_through, limits.looked_through_limit(e)),
     ),
     "faces_apart": (
         "Places that both scans show and that lie apart",

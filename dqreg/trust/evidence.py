@@ -77,6 +77,9 @@ class Evidence:
         Fraction of the scan on smooth surface that is on the target; NaN where that was not asked.
     looked_through : float
         Fraction of the points compared that stand where a scanner looked through; NaN where its place is not known.
+    seen_alike : float
+        Fraction of all points that the other scan's rays met as far, where `looked_through` is by the rays themselves:
+        of two scans from places amid what they show; NaN else.
     faces_apart : float
         Share of the places that both of two scans show at which they lie apart; NaN where that was not asked.
     ends_apart : float
@@ -162,6 +165,7 @@ class Evidence:
     share_on_faces: float = math.nan
     opposed_edges: float = math.nan
     closed_hole: float = math.nan
+    seen_alike: float = math.nan
 
     @property
     def contradiction(self) -> float:

@@ -60,6 +60,11 @@ WAVY = 1.5e-3
 WAVY_BETWEEN = 5e-4
 # Points where a scanner looked through: right poses of depth cameras and LiDARs came to 0.004, wrong ones to 0.05.
 LOOKED_THROUGH = 0.05
+# The same by rays, of two scans from places amid what they show.
+LOOKED_THROUGH_BY_RAYS = 0.035
+# Share that rays may have passed through, and of all points that they must have met as far, where they tell that faces
+# end where they end in both of two scans.
+PASSED, SEEN_ALIKE = 0.01, 0.3
 # Places of two scans that lie apart: right poses of measured pairs came to 0.025, most ripples of 0.4 % to 0.07.
 FACES_APART = 0.03
 # Faces beyond those of the other scan, where both have a few planes in common at most: right poses of generated views
@@ -128,6 +133,16 @@ def chance_limit(evidence: Evidence) -> float:
 def wavy_limit(evidence: Evidence) -> float:
     """Largest deviation that neighbours may have in common, in sizes; between clouds one above their noise is told."""
     return WAVY if math.isnan(evidence.faces_apart) else WAVY_BETWEEN
+
+
+def looked_through_limit(evidence: Evidence) -> float:
+    """Share of the points that a scanner may have looked through: less where its own rays tell."""
+    return LOOKED_THROUGH if math.isnan(evidence.seen_alike) else LOOKED_THROUGH_BY_RAYS
+
+
+def rays_agree(evidence: Evidence) -> bool:
+    """Whether the rays of two scans met much of each other's, and passed through next to nothing."""
+    return evidence.seen_alike >= SEEN_ALIKE and evidence.looked_through <= PASSED
 
 
 def ends_limit(evidence: Evidence) -> float:

@@ -10,11 +10,11 @@ from dqreg.trust.evidence import Evidence
 from dqreg.trust.limits import (
     CLOSED_HOLE,
     FACES_APART,
-    LOOKED_THROUGH,
     ONE_PLANE,
     OPPOSED_EDGES,
     RIMS_GAINED,
     ends_limit,
+    looked_through_limit,
     rims_limit,
     wavy_limit,
 )
@@ -22,7 +22,7 @@ from dqreg.trust.limits import (
 
 def looked_through(evidence: Evidence) -> Iterator[str]:
     """Things stand where a scanner looked through."""
-    if evidence.looked_through > LOOKED_THROUGH:
+    if evidence.looked_through > looked_through_limit(evidence):
         yield (
             f"{100 * evidence.looked_through:.0f} % of the points compared stand where a scanner looked through: a "
             "wrong pose, a wrong viewpoint, or things that moved between the scans"

@@ -9,6 +9,7 @@ import pytest
 
 from dqreg.registration.result import Alternative, Direction
 from dqreg.trust import Evidence, judge, limits
+from dqreg.trust.confidence import confidence_of
 from dqreg.trust.doubts import DOUBTS
 from dqreg.trust.verdict import UNLIKELY
 
@@ -82,6 +83,11 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
     "looked through": (
         {"looked_through": 0.18},
         "18 % of the points compared stand where a scanner looked through",
+        "looked_through",
+    ),
+    "rays passed": (
+        {"looked_through": limits.LOOKED_THROUGH_BY_RAYS + 0.005, "seen_alike": 0.6},
+        "4 % of the points compared stand where a scanner looked through",
         "looked_through",
     ),
     "faces apart": (
@@ -297,6 +303,7 @@ def test_every_doubt_is_provoked_by_a_cause() -> None:
         {"share_on": 0.841, "is_scene": False},
         {"share_on": 0.651, "is_scene": False, "strays": 0.3},
         {"looked_through": 0.05},
+        {"looked_through": limits.LOOKED_THROUGH_BY_RAYS, "seen_alike": 0.6},
         {"ends_apart": limits.ENDS_APART},
         # A room before a LiDAR: what it saw from either place ends elsewhere, some of the rims are the same.
         {"ends_apart": 0.26, "rims_shared": 0.21},
@@ -391,3 +398,10 @@ def test_a_part_that_shrank_is_named_before_its_mirror_image() -> None:
     # At a wrong scale either image may fit better: 2 % too small gains 0.5 when mirrored, as a mirrored part does.
     found = judge(dataclasses.replace(GOOD, stretch=-0.02, mirror_gain=0.5))
     assert [reason.code for reason in found.reasons] == ["stretched", "mirrored"]
+
+
+def test_rays_that_agree_speak_for_a_pose_and_where_they_passed_through_much_they_do_not() -> None:
+    alike = dataclasses.replace(GOOD, seen_alike=0.6, looked_through=0.0)
+    assert confidence_of(alike, []) > confidence_of(GOOD, [])
+    for other in ({"looked_through": 0.02}, {"seen_alike": 0.2}):
+        assert confidence_of(dataclasses.replace(alike, **other), []) == confidence_of(GOOD, [])
