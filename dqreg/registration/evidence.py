@@ -156,6 +156,7 @@ def _counted(
         places=places_of(np.take(pairs.moved, here[sample_rows(len(here), COUNTED)], axis=0)),
         share_on=float(np.mean(on)),
         share_other=float(np.mean(~on)),
+        looking_away=pairs.looking_away(max_distance),
     )
 
 

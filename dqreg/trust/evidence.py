@@ -108,6 +108,11 @@ class Evidence:
         Distinct places at which inliers lie, of some hundreds of them; infinite where that was not counted.
     clutter : str
         "allowed", or "none" where the scan is of the part alone.
+    looking_away : float
+        Share of the points near the target whose normals, of known sides, look the other way than its faces; NaN where
+        the sides are not known.
+    viewpoint_behind : float
+        Share of the scan's own points that stand behind others, seen from the viewpoint that was given; NaN without.
     is_scene : bool
         Whether the scan is so large that it shows more than a closed target; True where that is not known.
     """
@@ -162,6 +167,8 @@ class Evidence:
     share_on_faces: float = math.nan
     opposed_edges: float = math.nan
     closed_hole: float = math.nan
+    looking_away: float = math.nan
+    viewpoint_behind: float = math.nan
 
     @property
     def contradiction(self) -> float:
