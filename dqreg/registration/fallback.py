@@ -9,6 +9,7 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
 from dqreg.registration.assess import evidence_of, is_partial, uncertainty_of, verdict_on
+from dqreg.registration.displacement import FEW, displacement_between
 from dqreg.registration.evidence import MISFIT
 from dqreg.registration.fit import Fit
 from dqreg.registration.initial_pose import FOUND, GlobalSearch, InitialPose
@@ -40,8 +41,6 @@ AS_WELL, ERRORS, ROUNDING = 0.02, 3.0, 5e-4
 COPY = 2e-3
 # Poses of a search that are refined.
 TRIED = 8
-# Points that tell whether an initial pose is near.
-FEW = 500
 
 
 @dataclasses.dataclass(frozen=True)
@@ -170,15 +169,8 @@ def but_on_the_way(fit: Fit, others: FloatArray, kernel_scale: float | None) -> 
         last = last.resumed(T, kernel_scale)
         if last.problem.watch.is_over:
             return others
-        kept.append(not last.found or _away(fit, last.T_target_source, fit.T_target_source) > FOUND)
+        kept.append(not last.found or displacement_between(fit, last.T_target_source, fit.T_target_source) > FOUND)
     return np.asarray(others[np.flatnonzero(kept)])
-
-
-def _away(fit: Fit, T: FloatArray, other: FloatArray) -> float:
-    """How far two poses place a point of the scan apart at most, in sizes of the target."""
-    points = fit.prepared.scan.thinned(FEW).points
-    away = np.linalg.norm(pose.apply(other, points) - pose.apply(T, points), axis=1).max(initial=0.0)
-    return float(away / fit.prepared.surface.diagonal)
 
 
 def _is_slid(fit: Fit, T: FloatArray, other: FloatArray) -> bool:
@@ -189,7 +181,7 @@ def _is_slid(fit: Fit, T: FloatArray, other: FloatArray) -> bool:
     information, scale = fit.information, np.r_[[fit.information.lever] * 3, [1.0] * 3]
     free, motion = information.vectors[:, information.free], twist.log(other @ pose.inverse(T))
     along = twist.exp(free @ (free.T @ (scale * motion)) / scale) @ T
-    return _away(fit, along, other) <= FOUND
+    return displacement_between(fit, along, other) <= FOUND
 
 
 def _copies(fit: Fit) -> FloatArray:
