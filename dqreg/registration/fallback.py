@@ -12,6 +12,7 @@ from dqreg.registration.assess import evidence_of, is_partial, uncertainty_of, v
 from dqreg.registration.displacement import FEW, displacement_between
 from dqreg.registration.evidence import MISFIT
 from dqreg.registration.fit import Fit
+from dqreg.registration.free_space import looked_through_at
 from dqreg.registration.initial_pose import FOUND, GlobalSearch, InitialPose
 from dqreg.registration.rivals import BETTER, NO_POSES, SIGNIFICANT, down_to_noise, is_scene, mirror_gain, scores_of
 from dqreg.registration.slides import without_slide
@@ -41,6 +42,12 @@ AS_WELL, ERRORS, ROUNDING = 0.02, 3.0, 5e-4
 COPY = 2e-3
 # Poses of a search that are refined.
 TRIED = 8
+# Displacement of a point from the initial pose, in sizes, beyond which the loop between two clouds is in no basin that
+# was meant; a rotation by 23 degrees, or less with a shift.
+FAR = 0.2
+# Points of two clouds near each other, and within their borders, of which so large a share lies apart: right poses of
+# one body leave 0.002.
+BETWEEN = 0.02
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,7 +67,7 @@ def best_known(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
         return known
     if is_given and not may_search(fit):
         return known
-    is_asked = is_given and (problem.options.search == "always" or is_partial(fit))
+    is_asked = is_given and (problem.options.search == "always" or is_partial(fit) or _is_astray(fit, start))
     beside = np.concatenate([start.others, start.unlikely])
     kernel_scale = search.kernel_scale if problem.options.method == "auto" else None
     if not is_asked and ((not is_given and not len(beside)) or not is_doubtful(fit)):
@@ -81,6 +88,20 @@ def best_known(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
     if is_partial(fit):
         copies = np.concatenate([copies, _copies(known.fit)])
     return dataclasses.replace(known, others=np.concatenate([known.others, copies]))
+
+
+def _is_astray(fit: Fit, start: InitialPose) -> bool:
+    """Whether a pose between two clouds is one that the initial pose did not mean, or leaves some of both apart.
+
+    Two clouds fit at many poses, with less in common: what lies off the target may be what it does not show. Where the
+    place of a scanner is known, its free space tells.
+    """
+    if fit.target.kind != "cloud" or not fit.found or np.isfinite(looked_through_at(fit)):
+        return False
+    return (
+        fit.agreement.share_near < 1.0 - BETWEEN
+        or displacement_between(fit, start.T_target_source, fit.T_target_source) > FAR
+    )
 
 
 def may_search(fit: Fit) -> bool:
