@@ -384,6 +384,17 @@ def test_a_wrong_viewpoint_is_a_cause_of_doubts_and_none_itself(changes: dict[st
     assert words in found.reasons[0]
 
 
+@pytest.mark.parametrize(("changes", "is_named"), [
+    ({"has_border": True}, True),
+    ({"has_border": False}, False),
+    ({"has_border": True, "drift_along": (1.0, 0.0, 0.0)}, False),
+])  # fmt: skip
+def test_points_beside_an_open_target_may_be_of_a_face_that_it_lacks(changes: dict[str, Any], is_named: bool) -> None:
+    found = judge(dataclasses.replace(GOOD, drift=1.0, **changes))
+    assert found.codes == ("drift",)
+    assert ("a face that the open target lacks" in found.reasons[0]) == is_named
+
+
 @pytest.mark.parametrize(("inliers", "code"), [(2.0, "too_few_points"), (100.0, "no_pose")])
 def test_a_loop_that_ended_with_nothing_is_failed(inliers: float, code: str) -> None:
     verdict = judge(dataclasses.replace(GOOD, found=False, inliers=inliers, status="stopped by observer"))
