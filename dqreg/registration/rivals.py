@@ -14,7 +14,7 @@ from dqreg.registration.free_space import both_rays, met_at, met_by
 from dqreg.registration.near_places import is_same_place, near_maps
 from dqreg.rigid import pose
 from dqreg.rigid.rotations import angle_of, axis_of
-from dqreg.rigid.symmetry import SAME_AXIS_RAD
+from dqreg.rigid.symmetry import SAME_AXIS_RAD, Axis
 from dqreg.search import symmetry_words
 from dqreg.search.flipped_poses import far_mirrors, flipped_poses, gain_of_mirror
 from dqreg.search.near_symmetry import mirrors_about
@@ -255,14 +255,28 @@ def alternatives_of(fit: Fit, others: FloatArray, near: FloatArray = NO_POSES) -
     rms = np.sqrt((scores.distances**2).mean(axis=1))
     found = []
     for k in np.flatnonzero(deficit[1:] <= WORSE) + 1:
-        # Known where a global search has run.
-        symmetry = target.pairs.symmetry if "pairs" in vars(target) else None
-        axis = symmetry.between(poses[0], poses[k], offset * diagonal) if symmetry else None
+        axis = _symmetry_between(fit, poses[0], poses[k], offset * diagonal)
         words = symmetry_words(axis.moved(target.origin), fit.problem.units[1], diagonal) if axis else ""
         motion = _motion_words(fit, poses[k] @ pose.inverse(poses[0]))
         pose_k = fit.problem.to_caller(poses[k])
         found.append(Alternative(pose_k, float(rms[k]), words, float(-deficit[k]), float(error[k]), motion))
     return tuple(found)
+
+
+def _symmetry_between(fit: Fit, T: FloatArray, other: FloatArray, within: float) -> Axis | None:
+    """The axis of a symmetry that leads from one pose of a part to another within a length; None if none does.
+
+    Across a wall half of its thickness is the limit: one side of it laid on the other is no symmetry.
+    """
+    target = fit.problem.target
+    # Known where a global search has run.
+    symmetry = target.pairs.symmetry if "pairs" in vars(target) else None
+    axis = symmetry.between(T, other, within) if symmetry else None
+    if axis is None or symmetry is None:
+        return None
+    walls = target.thin_walls
+    shift = pose.apply(other @ pose.inverse(T), symmetry.centre[None])[0] - symmetry.centre
+    return None if (np.abs(walls.normals @ shift) > 0.5 * walls.thickness).any() else axis
 
 
 def _motion_words(fit: Fit, T: FloatArray) -> str:
