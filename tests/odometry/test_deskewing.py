@@ -10,7 +10,7 @@ from dqreg.geometry import Scan
 from dqreg.geometry.surface import Closest
 from dqreg.icp import Alignment, InlierMixture
 from dqreg.icp.correspondences import Correspondences
-from dqreg.odometry import deskew
+from dqreg.odometry import Odometry, deskew
 from dqreg.odometry.deskewing import sweep_steps
 from dqreg.odometry.frame import DownsampledFrame
 from dqreg.odometry.sweep import swept
@@ -109,3 +109,12 @@ def test_rows_keep_their_places():
 def test_what_is_no_sweep_is_refused(points, times, motion, said):
     with pytest.raises(InputError, match=said):
         deskew(points, times, motion)
+
+
+def test_a_first_frame_with_times_may_be_followed_by_one_without() -> None:
+    rng = np.random.default_rng(0)
+    walls = rng.uniform(-4, 4, (6000, 3))
+    walls[np.arange(6000), np.arange(6000) % 3] = np.sign(walls[np.arange(6000), np.arange(6000) % 3]) * 4
+    odometry = Odometry()
+    odometry.register_frame(walls, np.linspace(0.0, 0.1, 6000))
+    assert odometry.register_frame(walls - [0.05, 0.0, 0.0]).inlier_fraction > 0.8
