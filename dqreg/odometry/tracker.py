@@ -13,7 +13,7 @@ from dqreg._arrays import FloatArray, as_pose
 from dqreg.kernels.threads import Later
 from dqreg.odometry.align import FrameSearch
 from dqreg.odometry.assess import LOST, MapLink, first_frame, frame_result, without_pose
-from dqreg.odometry.deskewing import WORSE, WORTHWHILE, Deskewed, off_at
+from dqreg.odometry.deskewing import WORTHWHILE, Deskewed, fits_no_worse, off_at
 from dqreg.odometry.frame import DownsampledFrame, RawFrame, downsample_frame
 from dqreg.odometry.kiss import KissParts, rigid
 from dqreg.odometry.prediction import Prediction
@@ -111,7 +111,7 @@ class Tracker:
         there = dataclasses.replace(search, surface=made.surface)
         straight = there.refine(frame.without(self._motion).scan, predict(self._T_last, self._motion, ratio))
         # Times may be no times.
-        if straight.inlier_fraction >= aligned.inlier_fraction - WORSE:
+        if fits_no_worse(straight, aligned):
             self._map = made
 
     def _ahead(self, raw: RawFrame) -> RawFrame:

@@ -10,8 +10,9 @@ from dqreg.geometry import Scan
 from dqreg.geometry.surface import Closest
 from dqreg.icp import Alignment, InlierMixture
 from dqreg.icp.correspondences import Correspondences
+from dqreg.icp.history import Iteration
 from dqreg.odometry import Odometry, deskew
-from dqreg.odometry.deskewing import sweep_steps
+from dqreg.odometry.deskewing import fits_no_worse, sweep_steps
 from dqreg.odometry.frame import DownsampledFrame
 from dqreg.odometry.sweep import swept
 from dqreg.rigid import Trajectory, pose, twist
@@ -88,6 +89,24 @@ def test_what_was_seen_early_and_late_tells_the_motion():
     # What a third of the points tells is believed to three quarters: the rest is left to the next round.
     np.testing.assert_allclose(found[1], change, atol=0.3 * np.abs(change).max())
     np.testing.assert_allclose(found[0], step, atol=0.3 * np.abs(step).max())
+
+
+@pytest.mark.parametrize(
+    ("share", "scale", "is_kept"), [(0.77, 0.187, True), (0.75, 0.169, True), (0.75, 0.187, False), (0.5, 0.169, False)]
+)
+def test_a_narrower_kernel_may_hold_fewer_points(share: float, scale: float, is_kept: bool) -> None:
+    # A bend of 9 mrad undone: the share fell from 0.78 to 0.75, with the kernel's width from 0.187 to 0.169.
+    def run(share: float, scale: float) -> Alignment:
+        points = np.zeros((100, 3))
+        scan = Scan(points, points, np.ones(100), np.ones(100), False, 0.1, 0.01, 100)
+        pairs = Correspondences(
+            scan, np.eye(4), Closest(points, points, np.zeros(100), np.arange(100)), same_sign=False
+        )
+        mixture, weights = InlierMixture(scale, share, 1.0), np.full(100, share)
+        seen = Iteration(1, "fine", 100, 100, share, 0.1, scale, 0.0, 0.0, 0.0, 0.0, np.eye(4))
+        return Alignment(np.eye(4), "converged", (seen,), pairs, weights, mixture=mixture)
+
+    assert fits_no_worse(run(share, scale), run(0.78, 0.187)) == is_kept
 
 
 def test_rows_keep_their_places():
