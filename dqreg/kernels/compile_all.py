@@ -269,7 +269,7 @@ def _maps() -> None:
     found = FIRST.repeat(3), ONE, ONE, FLAT, FLAT, ONE
     closest_in_voxels(0, 0, FLAT, 1.0, 1.0, *held, sums, kept, 1, before, before[:, 0], 1.0, 1.0, *found)
     figures = np.zeros(FIGURES)
-    step_on_planes(FLAT, FLAT, FLAT, FLAT, ONE, np.ones(8), 0, np.eye(4), np.zeros(3), figures)
+    step_on_planes(FLAT, FLAT, FLAT, FLAT, ONE, np.ones(9), 0, np.eye(4), np.zeros(3), figures)
 
 
 def _many_problems() -> None:

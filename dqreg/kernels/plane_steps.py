@@ -34,11 +34,14 @@ def step_on_planes(
     says how well it fits, and moves nothing. Weights and figures are those before the last step.
 
     Limits: largest distance, least cosine of the normals, scale, fraction of inliers, the least scale, the largest fall
-    of the scale in a step, root mean square range of the points, motion below which the step is the last.
+    of the scale in a step, root mean square range of the points, motion below which the step is the last, and the
+    distance at which a match moves the pose half as much as a near one: a surface bends away from its plane by the
+    square of the way along it, so that the variance of the height grows with its fourth power.
     """
     count = len(points)
     farthest, cosine, scale, fraction = limits[0], limits[1], limits[2], limits[3]
     floor, steepest, lever, enough = limits[4], limits[5], limits[6], limits[7]
+    far = limits[8]
     aside, A, g = np.zeros(count), np.zeros((SIX, SIX)), np.zeros(SIX)
     for i in range(count):
         aside[i] = _aside(i, points, own, feet, normals, distances[i], farthest, cosine, T)
@@ -70,6 +73,7 @@ def step_on_planes(
             if not known:
                 continue
             p, q, r = y * nz - z * ny, z * nx - x * nz, x * ny - y * nx
+            w /= 1.0 + (distances[i] / far) ** 4
             _add_row(w, p, q, r, nx, ny, nz, h, A, g)
         figures[0], figures[1], figures[3], figures[4], figures[5] = scale, fraction, total, squares, used
         figures[2] = -2.0 * scale * scale * (energy / count - math.log1p(odds))

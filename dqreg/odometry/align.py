@@ -32,6 +32,8 @@ QUICK = AnnealingSchedule("quick", stages=25, iterations=1, rounds=1)
 FINE = AnnealingSchedule("fine", stages=4, iterations=None, rounds=30)
 # Steps a search and searches of either, for planes; and the step, in voxels, from which on all points go on.
 QUICK_STEPS, FINE_STEPS, NEAR_ENOUGH = (2, 25), (6, 20), 0.1
+# Distance at which a match counts half on the last level, over their median.
+FAR = 3.0
 # First kernel scale, over the largest distance.
 WIDE = 0.3
 # The last level ends once a step moves the points by less than this fraction of the map's diagonal.
@@ -103,8 +105,10 @@ class FrameSearch:
         near, T = self.lengths.near, run.T_target_source
         narrow = InlierMixture(min(run.mixture.scale, 0.5 * near), run.mixture.inlier_fraction, near)
         if self.settings.method == "plane":
-            how, floor = Following("fine", *FINE_STEPS, enough=TOLERANCE * self.surface.diagonal), self._floor(scan)
-            found = follow(scan, self.surface, T, narrow, how, floor=floor, first=run.next_number, before=before)
+            how = Following("fine", *FINE_STEPS, enough=TOLERANCE * self.surface.diagonal, far=FAR)
+            found = follow(
+                scan, self.surface, T, narrow, how, floor=self._floor(scan), first=run.next_number, before=before
+            )
         else:
             level = dataclasses.replace(self._level(scan, near), last=True)
             found = level.descend(narrow, T, FINE, None, run.next_number, before=before)

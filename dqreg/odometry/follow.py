@@ -12,8 +12,9 @@ import time
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, median
 from dqreg.geometry import Scan
+from dqreg.geometry.surface import Closest
 from dqreg.icp import Alignment, InlierMixture
 from dqreg.icp.correspondences import Correspondences, find_correspondences
 from dqreg.icp.history import Iteration
@@ -38,6 +39,7 @@ class Following:
     steps: int  # Steps on the planes of one search at most
     searches: int  # At most
     enough: float  # Root mean square motion of the points since the search that ends it, a length; 0: their noise does
+    far: float = math.inf  # Distance at which a match counts half, over the median of all
 
 
 def follow(
@@ -67,7 +69,7 @@ def follow(
         enough = max(how.enough, PLACED * mixture.scale / math.sqrt(max(len(points), 1)))
         angle = min(max(math.pi * mixture.scale / mixture.limit, NEAR_ANGLE_RAD), 0.5 * math.pi)
         scales = mixture.scale, mixture.inlier_fraction, floor, STEEPEST
-        limits = np.array([mixture.limit, math.cos(angle), *scales, lever, SHORT * enough])
+        limits = np.array([mixture.limit, math.cos(angle), *scales, lever, SHORT * enough, _far(found, how.far)])
         columns = points, own, found.points, found.normals, found.distances
         step_on_planes(*columns, limits, how.steps, moved, weights, figures)
         scale, fraction, energy, total, squares, used, _ = figures.tolist()
@@ -100,3 +102,10 @@ def follow(
             status = "iteration limit"
         if status is not None:
             return Alignment(T, status, tuple(history), pairs, weights, mixture=mixture)
+
+
+def _far(found: Closest, share: float) -> float:
+    """The distance at which a match counts half: rings that are metres apart on the ground meet their next ones."""
+    met = found.distances[found.elements >= 0]
+    scale = share * median(met) if len(met) else math.inf
+    return scale if scale > 0.0 else math.inf
