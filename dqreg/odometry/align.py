@@ -33,7 +33,7 @@ FINE = AnnealingSchedule("fine", stages=4, iterations=None, rounds=30)
 # Steps a search and searches of either, for planes; and the step, in voxels, from which on all points go on.
 QUICK_STEPS, FINE_STEPS, NEAR_ENOUGH = (2, 25), (6, 20), 0.1
 # Distance at which a match counts half on the last level, over their median.
-FAR = 3.0
+FAR = 2.5
 # First kernel scale, over the largest distance.
 WIDE = 0.3
 # The last level ends once a step moves the points by less than this fraction of the map's diagonal.
