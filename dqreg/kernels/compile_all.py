@@ -23,7 +23,6 @@ from dqreg.kernels.edge_planes import edge_plane_rows, with_others_rows
 from dqreg.kernels.face_fans import fans_of_faces
 from dqreg.kernels.face_scatter import face_precisions, face_sums, orientation_cells, square_heights, times_precisions
 from dqreg.kernels.garbage import not_collected
-from dqreg.kernels.growing_tree import GrowingTree
 from dqreg.kernels.largest_eigenvectors import largest_eigenvectors
 from dqreg.kernels.lopsided import lopsided_rows
 from dqreg.kernels.majority_planes import majority_plane_rows
@@ -46,6 +45,7 @@ from dqreg.kernels.plane_gaps import COLUMNS as OF_GAPS
 from dqreg.kernels.plane_gaps import enclosed_gaps, hold_cells
 from dqreg.kernels.plane_growth import measure_pieces, take_pieces
 from dqreg.kernels.plane_rows import plane_row_columns, strain_row_columns
+from dqreg.kernels.plane_steps import FIGURES, step_on_planes
 from dqreg.kernels.point_tree import LEAF, PointTree
 from dqreg.kernels.points_on_faces import points_on_faces
 from dqreg.kernels.pose_forms import NUMBERS, SUMS, form_of_sums, least_cost_pose
@@ -60,7 +60,11 @@ from dqreg.kernels.surrounded import shares_beside, squares_along, surrounded_ro
 from dqreg.kernels.swept_rows import swept_rows
 from dqreg.kernels.systematic_rows import systematic_rows
 from dqreg.kernels.triangle_tree import TriangleTree
-from dqreg.kernels.voxel_points import admit_points
+from dqreg.kernels.voxel_blocks import put_blocks
+from dqreg.kernels.voxel_nearest import distances_in_voxels
+from dqreg.kernels.voxel_planes import closest_in_voxels
+from dqreg.kernels.voxel_points import CELLS, admit_points
+from dqreg.kernels.voxel_points import SUMS as OF_CELLS
 from dqreg.kernels.voxel_rows import first_of_voxels
 from dqreg.kernels.weighing import SUMS as WEIGHED
 from dqreg.kernels.weighing import follow_rows, place_rows, slide_rows, weigh_rows
@@ -264,11 +268,24 @@ def _pairs() -> None:
 
 
 def _maps() -> None:
-    GrowingTree().grow(FLAT, 3)
     first_of_voxels(FLAT, 1.0)
     swept_rows(0, 0, FLAT, ONE, np.zeros(6), FLAT)
-    links, voxels = np.zeros((3, 2), dtype=np.int64), np.zeros((3, 5), dtype=np.int64)
-    admit_points(FLAT, 1.0, 1.0, 1, np.zeros((3, 3)), links, np.full(8, -1), voxels, FIRST.repeat(2))
+    many, table, cells = (
+        np.zeros((3, 2), dtype=np.int64),
+        np.zeros(8, dtype=np.int32),
+        np.zeros((3, 64), dtype=np.int32),
+    )
+    keys, members = np.zeros((3, 3), dtype=np.int64), np.zeros((3, 1), dtype=np.int32)
+    slots, sums = np.zeros((3, 1, 3), dtype=np.float32), np.zeros((3 * CELLS, OF_CELLS), dtype=np.float32)
+    put_blocks(keys, 0, table)
+    held = FLAT.copy(), many, table, keys, cells, many.copy(), slots, members
+    admit_points(FLAT, 1.0, 1.0, 1, *held, sums, FIRST.repeat(3))
+    distances_in_voxels(0, 0, FLAT, 1.0, 1.0, *held, ONE)
+    kept, before = np.zeros((3 * CELLS, 5)), np.zeros((0, 3))
+    found = FIRST.repeat(3), ONE, ONE, FLAT, FLAT, ONE
+    closest_in_voxels(0, 0, FLAT, 1.0, 1.0, *held, sums, kept, 1, before, before[:, 0], 1.0, 1.0, *found)
+    figures = np.zeros(FIGURES)
+    step_on_planes(FLAT, FLAT, FLAT, FLAT, ONE, np.ones(9), 0, np.eye(4), np.zeros(3), figures)
 
 
 def _many_problems() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.kernels.compiled import compiled
-from dqreg.kernels.voxel_points import HALF, A, B, C
+from dqreg.kernels.voxel_blocks import HALF, A, B, C
 
 # Places of the table for each point, at least.
 SPARSE = 2

@@ -19,6 +19,7 @@ from dqreg.icp import (
     smallest_kernel_scale,
 )
 from dqreg.icp.correspondences import Correspondences
+from dqreg.odometry.follow import Following, follow
 from dqreg.odometry.map_surface import MapSurface
 from dqreg.odometry.settings import OdometrySettings, Resolved
 from dqreg.odometry.starts import candidates, screen
@@ -29,6 +30,10 @@ COARSE = 400
 # The kernel scale falls with every iteration; few suffice from an initial pose that was chosen.
 QUICK = AnnealingSchedule("quick", stages=25, iterations=1, rounds=1)
 FINE = AnnealingSchedule("fine", stages=4, iterations=None, rounds=30)
+# Steps a search and searches of either, for planes; and the step, in voxels, from which on all points go on.
+QUICK_STEPS, FINE_STEPS, NEAR_ENOUGH = (2, 25), (6, 20), 0.1
+# Distance at which a match counts half on the last level, over their median.
+FAR = 2.5
 # First kernel scale, over the largest distance.
 WIDE = 0.3
 # The last level ends once a step moves the points by less than this fraction of the map's diagonal.
@@ -74,29 +79,44 @@ class FrameSearch:
 
     def _align(self, scan: Scan, poses: FloatArray, keep: int) -> Alignment:
         """The best of several initial poses, (m, 4, 4), of which some are refined."""
-        surface, lengths = self.surface, self.lengths
-        plan = IcpSettings(ESTIMATORS[self.settings.method], lengths.reach)
-        coarse = Level(scan.thinned(COARSE), surface, plan, smallest_kernel_scale(scan, surface), last=False)
+        surface, lengths, few = self.surface, self.lengths, scan.thinned(COARSE)
         starts = screen(surface, scan.points, poses, 0.5 * lengths.reach, keep) if len(poses) > 1 else poses
-        wide = InlierMixture.starting(WIDE * lengths.reach, lengths.reach)
-        runs = [coarse.descend(wide, start, QUICK, None, 1) for start in starts]
+        runs = [self._coarse(few, start) for start in starts]
         run = runs[0]
         if len(runs) > 1:
+            coarse = self._level(few, lengths.reach)
             run = min(runs, key=lambda run: np.inf if run.ended_early else coarse.mean_nll(run))
-        if run.ended_early:
-            return run
-        return self._fine(coarse, scan, run)
+        return run if run.ended_early else self._fine(scan, run)
+
+    def _coarse(self, few: Scan, start: FloatArray) -> Alignment:
+        """A run with few points, from anywhere."""
+        wide = InlierMixture.starting(WIDE * self.lengths.reach, self.lengths.reach)
+        if self.settings.method == "plane":
+            how = Following("quick", *QUICK_STEPS, enough=NEAR_ENOUGH * self.lengths.voxel_size)
+            return follow(few, self.surface, start, wide, how, floor=smallest_kernel_scale(few, self.surface))
+        return self._level(few, self.lengths.reach).descend(wide, start, QUICK, None, 1)
 
     def settle(self, scan: Scan, T_map_frame: FloatArray, before: Alignment) -> Alignment:
         """The pose of a frame, all but known: from there, where it was found before with its points a little off."""
-        plan = IcpSettings(ESTIMATORS[self.settings.method], self.lengths.reach)
-        level = Level(scan, self.surface, plan, smallest_kernel_scale(scan, self.surface), last=True)
-        return self._fine(level, scan, dataclasses.replace(before, T_target_source=T_map_frame), before.pairs)
+        return self._fine(scan, dataclasses.replace(before, T_target_source=T_map_frame), before.pairs)
 
-    def _fine(self, level: Level, scan: Scan, run: Alignment, before: Correspondences | None = None) -> Alignment:
+    def _fine(self, scan: Scan, run: Alignment, before: Correspondences | None = None) -> Alignment:
         """A run refined with all points, whose matches are near those that they had before."""
-        plan, lengths = level.plan, self.lengths
-        fine = dataclasses.replace(plan, max_distance=lengths.near, stopping=Stopping(TOLERANCE, ITERATIONS))
-        level = dataclasses.replace(level, scan=scan, plan=fine, last=True)
-        narrow = InlierMixture(min(run.mixture.scale, 0.5 * lengths.near), run.mixture.inlier_fraction, lengths.near)
-        return level.descend(narrow, run.T_target_source, FINE, None, run.next_number, before=before).after(run)
+        near, T = self.lengths.near, run.T_target_source
+        narrow = InlierMixture(min(run.mixture.scale, 0.5 * near), run.mixture.inlier_fraction, near)
+        if self.settings.method == "plane":
+            how = Following("fine", *FINE_STEPS, enough=TOLERANCE * self.surface.diagonal, far=FAR)
+            found = follow(
+                scan, self.surface, T, narrow, how, floor=self._floor(scan), first=run.next_number, before=before
+            )
+        else:
+            level = dataclasses.replace(self._level(scan, near), last=True)
+            found = level.descend(narrow, T, FINE, None, run.next_number, before=before)
+        return found.after(run)
+
+    def _floor(self, scan: Scan) -> float:
+        return smallest_kernel_scale(scan, self.surface)
+
+    def _level(self, scan: Scan, farthest: float) -> Level:
+        plan = IcpSettings(ESTIMATORS[self.settings.method], farthest, stopping=Stopping(TOLERANCE, ITERATIONS))
+        return Level(scan, self.surface, plan, self._floor(scan), last=False)

@@ -29,7 +29,7 @@ from dqreg.trust.records import Reason
 WORTHWHILE, ROUNDS = 0.1, 5
 # Share of the correspondences that has to face a motion for it to count: at this share, half of it is believed.
 HELD = 0.03
-# Loss of inliers at which a round is rejected: kernel scales estimated anew change the fraction by less.
+# Loss of inliers at which a round is rejected, unless the kernel narrows by as much: a narrower one holds fewer.
 WORSE = 0.02
 
 
@@ -117,10 +117,18 @@ class Deskewed:
             frame = best.frame.without(rigid(twist.exp(twist.log(best.frame.motion) + change)))
             T = rigid(best.aligned.T_target_source @ twist.exp(step))
             aligned = search.settle(frame.scan, T, best.aligned)
-            if aligned.inlier_fraction < best.aligned.inlier_fraction - WORSE:
+            if not fits_no_worse(aligned, best.aligned):
                 break
             best = Deskewed(frame, aligned)
         return best
+
+
+def fits_no_worse(after: Alignment, before: Alignment) -> bool:
+    """Whether a frame fits as well as before: as many inliers, or as many for the width of their kernel."""
+    share = after.inlier_fraction / before.inlier_fraction if before.inlier_fraction > 0.0 else np.inf
+    return bool(
+        after.inlier_fraction >= before.inlier_fraction - WORSE or share * before.mixture.scale >= after.mixture.scale
+    )
 
 
 def off_at(reach: float, change: FloatArray) -> float:

@@ -16,11 +16,10 @@ from dqreg.files.cloud_data import TimedCloudData
 from dqreg.geometry import Mesh, Scan
 from dqreg.geometry.morton import morton_order
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.geometry.normals import fit_planes, sample_rows
+from dqreg.geometry.normals import fit_planes_at, sample_rows
 from dqreg.geometry.objects import recognise
 from dqreg.geometry.spacing import spacing_of
 from dqreg.geometry.vector_rows import nonzero_rows
-from dqreg.odometry.kiss import thin
 from dqreg.odometry.settings import Resolved
 from dqreg.odometry.sweep import swept
 from dqreg.trust.records import Reason
@@ -29,6 +28,8 @@ from dqreg.trust.records import Reason
 DENSE, SPARSE = 0.5, 1.5
 # Points that the pose is found from at most: beyond, they add time and hardly any accuracy.
 MOST = 4_500
+# Rows are taken in steps of so many, a large prime.
+STRIDE = 15_485_863
 # Points of a fit: rings of a LiDAR leave few neighbours across them.
 NEIGHBOURS = 12
 # Coordinates beyond which a return is no measurement.
@@ -124,16 +125,24 @@ class DownsampledFrame:
 
 def downsample_frame(raw: RawFrame, lengths: Resolved) -> DownsampledFrame | None:
     """Downsample a frame and fit its normals."""
+    from dqreg.kernels.voxel_rows import first_of_voxels
+
     points, times = _in_range(raw, lengths)
-    dense = thin(points, DENSE * lengths.voxel_size) if len(points) else points
-    sparse = thin(dense, SPARSE * lengths.voxel_size) if len(points) else points
+    if not len(points):
+        return None
+    kept = first_of_voxels(points, DENSE * lengths.voxel_size)
+    kept = kept[morton_order(np.take(points, kept, axis=0))]
+    dense = np.take(points, kept, axis=0)
+    # In an order that is none: the first along the curve would be the same corner of each voxel.
+    mixed = np.arange(len(dense)) * STRIDE % len(dense)
+    rows = mixed[first_of_voxels(np.take(dense, mixed, axis=0), SPARSE * lengths.voxel_size)]
+    rows.sort()
+    rows = rows[sample_rows(len(rows), MOST)]
+    sparse = np.take(dense, rows, axis=0)
     if len(sparse) < 3:
         return None
-    # KISS-ICP keeps the order of its hash table, which is none: sorted, a run repeats to the last bit.
-    dense, sparse = (rows[morton_order(rows)] for rows in (dense, sparse))
-    sparse = sparse[sample_rows(len(sparse), MOST)]
     reach = float(np.linalg.norm(sparse, axis=1).max())
-    fits = fit_planes(NeighbourTree(dense), dense, sparse, NEIGHBOURS)
+    fits = fit_planes_at(NeighbourTree(dense, in_order=True), dense, rows, NEIGHBOURS)
     known = fits.known
     scan = Scan(
         points=sparse,
@@ -146,19 +155,8 @@ def downsample_frame(raw: RawFrame, lengths: Resolved) -> DownsampledFrame | Non
         noise=median(fits.residuals[known]) if known.any() else 0.0,
         total=len(dense),
     )
-    back = None if times is None else _times_back(points, times, DENSE * lengths.voxel_size)
-    # Each point of the scan is its own nearest neighbour.
-    rows = np.zeros(0, dtype=np.int64) if fits.neighbours is None else fits.neighbours[:, 0]
+    back = None if times is None else (times[kept] - times.max()) / np.ptp(times)
     return DownsampledFrame(dense, back, scan, rows, reach, np.eye(4), scan.normals)
-
-
-def _times_back(points: FloatArray, times: FloatArray, size: float) -> FloatArray:
-    """Times of what `thin` leaves of the points, in Morton order, from -1 at the beginning of the sweep to 0."""
-    from dqreg.kernels.voxel_rows import first_of_voxels
-
-    rows = first_of_voxels(points, size)
-    rows = rows[morton_order(np.take(points, rows, axis=0))]
-    return np.asarray((times[rows] - times.max()) / np.ptp(times))
 
 
 def _in_range(raw: RawFrame, lengths: Resolved) -> tuple[FloatArray, FloatArray | None]:

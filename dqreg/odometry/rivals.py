@@ -155,7 +155,8 @@ def _repeated(search: FrameSearch, scan: Scan, aligned: Alignment, view: View) -
         step = pose.from_parts(np.eye(3), shift)
         if behind_faces(scan.points, scan.normals, shift) or not view.repeats(scan, step, ROUGHLY):
             continue
-        there = search.refine(scan, T @ step).T_target_source
+        # Known to a cell: begun farther off, a frame that overlaps by little would slide along what does not hold it.
+        there = search.settle(scan, T @ step, aligned).T_target_source
         away, known = _off(there, T), [aligned.T_target_source, *(other.T_target_source for other in found)]
         if _off(there, T @ step) > NEAR_CELLS * cell or min(_off(there, other) for other in known) < least:
             continue

@@ -13,7 +13,7 @@ from dqreg._arrays import FloatArray, as_pose
 from dqreg.kernels.threads import Later
 from dqreg.odometry.align import FrameSearch
 from dqreg.odometry.assess import LOST, MapLink, first_frame, frame_result, without_pose
-from dqreg.odometry.deskewing import WORSE, WORTHWHILE, Deskewed, off_at
+from dqreg.odometry.deskewing import WORTHWHILE, Deskewed, fits_no_worse, off_at
 from dqreg.odometry.frame import DownsampledFrame, RawFrame, downsample_frame
 from dqreg.odometry.kiss import KissParts, rigid
 from dqreg.odometry.prediction import Prediction
@@ -80,7 +80,7 @@ class Tracker:
             self._merge(self._map, frame)
             self._first = None if frame.back is None else frame
             return first_frame(self._T_last, raw.notes, self._words(frame))
-        if self._first is not None:
+        if self._first is not None and frame.back is not None:
             self._undo_first_sweep(self._first, lengths, frame, ratio)
         frame = frame.without(self._motion)
         return self._register(kiss, self._map, lengths, frame, raw, ratio, expected, insert=insert)
@@ -111,7 +111,7 @@ class Tracker:
         there = dataclasses.replace(search, surface=made.surface)
         straight = there.refine(frame.without(self._motion).scan, predict(self._T_last, self._motion, ratio))
         # Times may be no times.
-        if straight.inlier_fraction >= aligned.inlier_fraction - WORSE:
+        if fits_no_worse(straight, aligned):
             self._map = made
 
     def _ahead(self, raw: RawFrame) -> RawFrame:
@@ -155,7 +155,7 @@ class Tracker:
         spread = expected.spread if expected is not None and measured else deviation
         timed = self._timeline.is_timed
         place = placed(search, frame.scan, seen, aligned, T_predicted, spread, measured=measured, timed=timed)
-        found = frame_result(place, surface, frame, self._usual_fraction, notes, self._words(frame), expected)
+        found = frame_result(place, frame, self._usual_fraction, notes, self._words(frame), expected)
         fits = self._kept_out >= self.settings.patience or (found.verdict.level != "failed" and self._fits(found))
         result = self._link.linked(found, place, self._timeline.count, fits=fits)
         self._learn(kiss, world, frame, result, T_predicted, trusted=place.is_escaped, insert=insert)
