@@ -13,6 +13,7 @@ from dqreg.kernels.cell_moments import cell_moments, table_of
 from dqreg.kernels.cell_planes import cell_planes
 from dqreg.kernels.close_points import close_points, facing_matches
 from dqreg.kernels.company import company_rows
+from dqreg.kernels.compile_maps import compile_maps
 from dqreg.kernels.components import components
 from dqreg.kernels.copies import first_copies
 from dqreg.kernels.corner_lists import list_corners, weld
@@ -45,7 +46,6 @@ from dqreg.kernels.plane_gaps import COLUMNS as OF_GAPS
 from dqreg.kernels.plane_gaps import enclosed_gaps, hold_cells
 from dqreg.kernels.plane_growth import measure_pieces, take_pieces
 from dqreg.kernels.plane_rows import plane_row_columns, strain_row_columns
-from dqreg.kernels.plane_steps import FIGURES, step_on_planes
 from dqreg.kernels.point_tree import LEAF, PointTree
 from dqreg.kernels.points_on_faces import points_on_faces
 from dqreg.kernels.pose_forms import NUMBERS, SUMS, form_of_sums, least_cost_pose
@@ -57,15 +57,8 @@ from dqreg.kernels.scattering import put_rows
 from dqreg.kernels.side_parity import number_nodes, sum_of_sides
 from dqreg.kernels.split_sort import split_sorted_rows
 from dqreg.kernels.surrounded import shares_beside, squares_along, surrounded_rows
-from dqreg.kernels.swept_rows import swept_rows
 from dqreg.kernels.systematic_rows import systematic_rows
 from dqreg.kernels.triangle_tree import TriangleTree
-from dqreg.kernels.voxel_blocks import put_blocks
-from dqreg.kernels.voxel_nearest import distances_in_voxels
-from dqreg.kernels.voxel_planes import closest_in_voxels
-from dqreg.kernels.voxel_points import CELLS, admit_points
-from dqreg.kernels.voxel_points import SUMS as OF_CELLS
-from dqreg.kernels.voxel_rows import first_of_voxels
 from dqreg.kernels.weighing import SUMS as WEIGHED
 from dqreg.kernels.weighing import follow_rows, place_rows, slide_rows, weigh_rows
 from dqreg.kernels.weighted_draws import drawn_rows
@@ -267,27 +260,6 @@ def _pairs() -> None:
     disc_pair_sums(0, 0, *(FLAT,) * 5, *(ONE,) * 3, np.zeros((2, 3)), 1, np.zeros((1, SUMS)))
 
 
-def _maps() -> None:
-    first_of_voxels(FLAT, 1.0)
-    swept_rows(0, 0, FLAT, ONE, np.zeros(6), FLAT)
-    many, table, cells = (
-        np.zeros((3, 2), dtype=np.int64),
-        np.zeros(8, dtype=np.int32),
-        np.zeros((3, 64), dtype=np.int32),
-    )
-    keys, members = np.zeros((3, 3), dtype=np.int64), np.zeros((3, 1), dtype=np.int32)
-    slots, sums = np.zeros((3, 1, 3), dtype=np.float32), np.zeros((3 * CELLS, OF_CELLS), dtype=np.float32)
-    put_blocks(keys, 0, table)
-    held = FLAT.copy(), many, table, keys, cells, many.copy(), slots, members
-    admit_points(FLAT, 1.0, 1.0, 1, *held, sums, FIRST.repeat(3))
-    distances_in_voxels(0, 0, FLAT, 1.0, 1.0, *held, ONE)
-    kept, before = np.zeros((3 * CELLS, 5)), np.zeros((0, 3))
-    found = FIRST.repeat(3), ONE, ONE, FLAT, FLAT, ONE
-    closest_in_voxels(0, 0, FLAT, 1.0, 1.0, *held, sums, kept, 1, before, before[:, 0], 1.0, 1.0, *found)
-    figures = np.zeros(FIGURES)
-    step_on_planes(FLAT, FLAT, FLAT, FLAT, ONE, np.ones(9), 0, np.eye(4), np.zeros(3), figures)
-
-
 def _many_problems() -> None:
     largest_eigenvectors(0, 1, np.eye(3)[:, :, None].copy(), np.zeros((3, 1)), np.zeros((4, 1)))
 
@@ -302,7 +274,7 @@ STEPS: tuple[Callable[[], None], ...] = (
     _neighbourhoods,
     _common_planes,
     _many_problems,
-    _maps,
+    compile_maps,
     _rims,
     _pairs,
     _shared_noise,

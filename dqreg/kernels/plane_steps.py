@@ -10,9 +10,11 @@ from dqreg._arrays import FloatArray
 from dqreg.kernels.compiled import compiled, inside_kernels
 
 # Unknowns of a step, and the damping of those that nothing holds, over the mean of their kind.
-SIX, DAMPING = 6, 1e-9
+SIX, DAMPING = 6, 1e-3
 # What is written of the last step: scale, fraction, energy, weights, squares, rows with a weight, motion.
 FIGURES = 7
+# Products of densities are added up once they are below this.
+TINY = 1e-200
 
 
 @compiled
@@ -34,14 +36,13 @@ def step_on_planes(
     says how well it fits, and moves nothing. Weights and figures are those before the last step.
 
     Limits: largest distance, least cosine of the normals, scale, fraction of inliers, the least scale, the largest fall
-    of the scale in a step, root mean square range of the points, motion below which the step is the last, and the
-    distance at which a match moves the pose half as much as a near one: a surface bends away from its plane by the
-    square of the way along it, so that the variance of the height grows with its fourth power.
+    of the scale in a step, root mean square range of the points, motion below which the step is the last, and whether a
+    point without a plane says nothing: it counts as the others do on average.
     """
     count = len(points)
     farthest, cosine, scale, fraction = limits[0], limits[1], limits[2], limits[3]
     floor, steepest, lever, enough = limits[4], limits[5], limits[6], limits[7]
-    far = limits[8]
+    silent = limits[8] > 0.0
     aside, A, g = np.zeros(count), np.zeros((SIX, SIX)), np.zeros(SIX)
     for i in range(count):
         aside[i] = _aside(i, points, own, feet, normals, distances[i], farthest, cosine, T)
@@ -49,7 +50,7 @@ def step_on_planes(
         odds = (1.0 - fraction) / farthest * scale * math.sqrt(0.5 * math.pi) / fraction
         beyond = math.log(math.exp(-0.5 * (farthest / scale) ** 2) + odds)
         A[:], g[:] = 0.0, 0.0
-        total, squares, used, energy, near = 0.0, 0.0, 0.0, 0.0, 0.0
+        total, squares, used, energy, near, many = 0.0, 0.0, 0.0, 0.0, 0.0, 1.0
         for i in range(count):
             weights[i] = 0.0
             if aside[i] < 0.0:
@@ -59,6 +60,9 @@ def step_on_planes(
             rx, ry, rz = x + T[0, 3] - feet[i, 0], y + T[1, 3] - feet[i, 1], z + T[2, 3] - feet[i, 2]
             nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
             known = nx != 0.0 or ny != 0.0 or nz != 0.0
+            if silent and not known:
+                weights[i] = fraction
+                continue
             h = rx * nx + ry * ny + rz * nz
             square = h * h + aside[i] if known else rx * rx + ry * ry + rz * rz
             if square > farthest * farthest:
@@ -67,14 +71,17 @@ def step_on_planes(
             near += 1.0
             density = math.exp(-0.5 * square / (scale * scale))
             w = density / (density + odds)
-            energy += math.log(density + odds)
+            # One logarithm for many.
+            many *= density + odds
+            if many < TINY:
+                energy, many = energy + math.log(many), 1.0
             weights[i] = w
             total, squares, used = total + w, squares + w * square, used + (1.0 if w > 0.0 else 0.0)
             if not known:
                 continue
             p, q, r = y * nz - z * ny, z * nx - x * nz, x * ny - y * nx
-            w /= 1.0 + (distances[i] / far) ** 4
             _add_row(w, p, q, r, nx, ny, nz, h, A, g)
+        energy += math.log(many)
         figures[0], figures[1], figures[3], figures[4], figures[5] = scale, fraction, total, squares, used
         figures[2] = -2.0 * scale * scale * (energy / count - math.log1p(odds))
         figures[6] = 0.0
@@ -169,35 +176,51 @@ def _move(A: FloatArray, g: FloatArray, lever: float, T: FloatArray) -> float:
     turns, shifts = A[0, 0] + A[1, 1] + A[2, 2], A[3, 3] + A[4, 4] + A[5, 5]
     for k in range(SIX):
         A[k, k] += DAMPING * (turns if k < 3 else shifts) + 1e-300
-    for j in range(SIX):
+    solve_in_place(A, g)
+    x, y, z = -g[0], -g[1], -g[2]
+    square = x * x + y * y + z * z
+    turn_and_shift(T, x, y, z, -g[3], -g[4], -g[5])
+    moved: float = math.sqrt(square * lever * lever + g[3] * g[3] + g[4] * g[4] + g[5] * g[5])
+    return moved
+
+
+@inside_kernels
+def solve_in_place(A: FloatArray, g: FloatArray) -> None:
+    """Solve normal equations, of which the lower half is given, by Cholesky; into the right-hand side."""
+    count = len(g)
+    for j in range(count):
         for k in range(j):
             A[j, j] -= A[j, k] * A[j, k]
         A[j, j] = math.sqrt(max(A[j, j], 1e-300))
-        for i in range(j + 1, SIX):
+        for i in range(j + 1, count):
             for k in range(j):
                 A[i, j] -= A[i, k] * A[j, k]
             A[i, j] /= A[j, j]
-    for j in range(SIX):
+    for j in range(count):
         for k in range(j):
             g[j] -= A[j, k] * g[k]
         g[j] /= A[j, j]
-    for j in range(SIX - 1, -1, -1):
-        for k in range(j + 1, SIX):
+    for j in range(count - 1, -1, -1):
+        for k in range(j + 1, count):
             g[j] -= A[k, j] * g[k]
         g[j] /= A[j, j]
-    x, y, z = -g[0], -g[1], -g[2]
+
+
+@inside_kernels
+def turn_and_shift(T: FloatArray, x: float, y: float, z: float, u: float, v: float, w: float) -> None:
+    """Turn a pose by a rotation vector about its own place, and move it: Rodrigues' formula."""
     square = x * x + y * y + z * z
     angle = math.sqrt(square)
     s, c = 1.0, 0.5
     if angle > 1e-8:
         s, c = math.sin(angle) / angle, (1.0 - math.cos(angle)) / square
     for k in range(3):
-        u, v, t = T[0, k], T[1, k], T[2, k]
-        # w x R and w x (w x R), Rodrigues' formula.
-        p, q, r = y * t - z * v, z * u - x * t, x * v - y * u
+        a, b, d = T[0, k], T[1, k], T[2, k]
+        # w x R and w x (w x R).
+        p, q, r = y * d - z * b, z * a - x * d, x * b - y * a
         T[0, k] += s * p + c * (y * r - z * q)
         T[1, k] += s * q + c * (z * p - x * r)
         T[2, k] += s * r + c * (x * q - y * p)
-        T[k, 3] -= g[3 + k]
-    moved: float = math.sqrt(square * lever * lever + g[3] * g[3] + g[4] * g[4] + g[5] * g[5])
-    return moved
+    T[0, 3] += u
+    T[1, 3] += v
+    T[2, 3] += w

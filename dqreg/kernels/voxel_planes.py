@@ -17,7 +17,7 @@ ENOUGH, WIDEST = 12.0, 4
 # Steps of Newton's method at most, and the step over the trace that is the last.
 ROUNDS, STILL = 20, 1e-14
 # A plane stands one state more for each so many points: meanwhile their number grows by a quarter or so.
-KEPT = 48.0
+KEPT = 16.0
 # What no other is nearer than, less what slots are rounded by.
 ROUNDED = 1.0 - 1e-6
 
@@ -31,7 +31,7 @@ def _cell_of(row: int, points: FloatArray, links: IntArray, size: float) -> int:
 
 
 @inside_kernels
-def _fit_cell(
+def fit_cell(
     cell: int,
     place: FloatArray,
     size: float,
@@ -45,6 +45,8 @@ def _fit_cell(
 ) -> None:
     """Write the plane of the points in the cells around that of a place: normal, zero where they fix none, variance.
 
+    Then their middle, through which it goes.
+
     As far around as it takes for enough of them that are no line: one cell where frames came before, more where there
     is one sweep. And the state of the map until which it stands: the more points, the less the next frames change it.
     """
@@ -55,6 +57,7 @@ def _fit_cell(
             break
     # No other than what threads that meet here write, and the state last.
     planes[cell, 0], planes[cell, 1], planes[cell, 2], planes[cell, 3] = normal[0], normal[1], normal[2], variance
+    planes[cell, 5], planes[cell, 6], planes[cell, 7] = normal[3], normal[4], normal[5]
     planes[cell, 4] = state + 1.0 + np.floor(count / KEPT)
 
 
@@ -69,10 +72,14 @@ def _plane_around(
     sums: Slots,
     normal: FloatArray,
 ) -> tuple[float, float]:
-    """Write the normal of the points in the cells so many around that of a place; its variance, and how many."""
+    """Write normal and middle of the points in the cells so many around that of a place; variance, and how many.
+
+    What is there is seen best by its own cell: those of others count half as much for as many steps from it as
+    there are to the farthest cell along an axis.
+    """
     half = 0.5 * size
     a, b, c = int(np.floor(place[0] / half)), int(np.floor(place[1] / half)), int(np.floor(place[2] / half))
-    n = sx = sy = sz = xx = yy = zz = xy = xz = yz = 0.0
+    full = n = square = sx = sy = sz = xx = yy = zz = xy = xz = yz = 0.0
     block, ba, bb, bc, known = int(np.int64(NONE)), a, b, c, False
     for i in range(a - reach, a + reach + 1):
         for j in range(b - reach, b + reach + 1):
@@ -87,22 +94,26 @@ def _plane_around(
                 if (held >> s) & 1 == 0:
                     continue
                 s += ((held >> CELLS) - 1) * CELLS
+                g = 0.5 ** ((abs(i - a) + abs(j - b) + abs(m - c)) / reach)
                 w = float(sums[s, 0])
                 u, v, t = (i - a) * half, (j - b) * half, (m - c) * half
-                n, sx, sy, sz = n + w, sx + sums[s, 1] + w * u, sy + sums[s, 2] + w * v, sz + sums[s, 3] + w * t
-                xx += sums[s, 4] + u * (2.0 * sums[s, 1] + w * u)
-                yy += sums[s, 5] + v * (2.0 * sums[s, 2] + w * v)
-                zz += sums[s, 6] + t * (2.0 * sums[s, 3] + w * t)
-                xy += sums[s, 7] + u * sums[s, 2] + v * sums[s, 1] + w * u * v
-                xz += sums[s, 8] + u * sums[s, 3] + t * sums[s, 1] + w * u * t
-                yz += sums[s, 9] + v * sums[s, 3] + t * sums[s, 2] + w * v * t
+                full, n, square = full + w, n + g * w, square + g * g * w
+                sx, sy, sz = sx + g * (sums[s, 1] + w * u), sy + g * (sums[s, 2] + w * v), sz + g * (sums[s, 3] + w * t)
+                xx += g * (sums[s, 4] + u * (2.0 * sums[s, 1] + w * u))
+                yy += g * (sums[s, 5] + v * (2.0 * sums[s, 2] + w * v))
+                zz += g * (sums[s, 6] + t * (2.0 * sums[s, 3] + w * t))
+                xy += g * (sums[s, 7] + u * sums[s, 2] + v * sums[s, 1] + w * u * v)
+                xz += g * (sums[s, 8] + u * sums[s, 3] + t * sums[s, 1] + w * u * t)
+                yz += g * (sums[s, 9] + v * sums[s, 3] + t * sums[s, 2] + w * v * t)
     normal[0] = normal[1] = normal[2] = 0.0
-    if n < FEWEST:
-        return np.inf, n
+    if full < FEWEST:
+        return np.inf, full
     sx, sy, sz = sx / n, sy / n, sz / n
+    normal[3], normal[4], normal[5] = (a + 0.5) * half + sx, (b + 0.5) * half + sy, (c + 0.5) * half + sz
     xx, yy, zz = xx / n - sx * sx, yy / n - sy * sy, zz / n - sz * sz
     xy, xz, yz = xy / n - sx * sy, xz / n - sx * sz, yz / n - sy * sz
-    return _thinnest(xx, yy, zz, xy, xz, yz, n, normal), n
+    # As many points of equal weight would tell as much.
+    return _thinnest(xx, yy, zz, xy, xz, yz, n * n / square, normal), full
 
 
 @inside_kernels
@@ -185,7 +196,7 @@ def closest_in_voxels(
     that were the nearest at other places, (m, 3) or (0, 3), are kept where no other can be nearer by more than a
     tolerance.
     """
-    best, normal = np.zeros(2), np.zeros(3)
+    best, normal = np.zeros(2), np.zeros(6)
     for i in range(first, last):
         x, y, z = queries[i, 0], queries[i, 1], queries[i, 2]
         row, again = rows[i], True
@@ -211,7 +222,7 @@ def closest_in_voxels(
             continue
         cell = _cell_of(row, points, links, size)
         if planes[cell, 4] <= state:
-            _fit_cell(cell, points[row], size, table, keys, cells, sums, planes, state, normal)
+            fit_cell(cell, points[row], size, table, keys, cells, sums, planes, state, normal)
         for k in range(3):
             feet[i, k], normals[i, k] = points[row, k], planes[cell, k]
         variances[i] = planes[cell, 3]

@@ -6,12 +6,13 @@ sums of its cell, and the plane at a point is that of the cells around it, found
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, IntArray
 from dqreg.geometry.surface import Closest, Hint
 
 Rows = TypeVar("Rows", bound=NDArray[Any])
@@ -28,7 +29,27 @@ KEPT = 0.03
 # Queries that one thread answers in one go.
 CHUNK = 512
 # Number, voxels and blocks; sums of a voxel; plane of a point: see the kernels.
-COUNTS, SUMS, PLANE = 3, (8, 10), 5
+COUNTS, SUMS, PLANE = 3, (8, 10), 8
+
+
+@dataclasses.dataclass(frozen=True)
+class CellPlanes(Closest):
+    """What `MapSurface.planes_at` finds; the element is a cell, -1 where nothing stands."""
+
+    variances: FloatArray = dataclasses.field(kw_only=True)
+    asked: IntArray = dataclasses.field(kw_only=True)  # (n, 3): Cells of the queries
+
+    @staticmethod
+    def none(count: int) -> CellPlanes:
+        """Of so many queries that were never asked."""
+        (points, normals), rows = np.zeros((2, count, 3)), np.full(count, -1)
+        asked, variances = np.full((count, 3), np.iinfo(np.int64).min), np.full(count, np.inf)
+        return CellPlanes(points, normals, np.zeros(count), rows, variances=variances, asked=asked)
+
+    def copied(self) -> CellPlanes:
+        """The same, to be written over."""
+        places = self.points.copy(), self.normals.copy(), self.distances.copy(), self.elements.copy()
+        return CellPlanes(*places, variances=self.variances.copy(), asked=self.asked.copy())
 
 
 class MapSurface:
@@ -144,6 +165,22 @@ class MapSurface:
         was = before, others_before, 1.0 - ROUNDING, KEPT * self._size
         over_chunks(closest_in_voxels, count, as_plain(points), *asked, *was, *found, chunk=CHUNK)
         return Closest(feet, normals, distances, rows, others, variances)
+
+    def planes_at(self, points: FloatArray, before: CellPlanes | None = None) -> CellPlanes:
+        """Plane of the cell of each query, (n, 3), or of the nearest cell beside it.
+
+        Points of it are the middle of those that the plane was fitted to, distances those from the plane. What was
+        found for the same queries before is taken over where they lie in the same cells.
+        """
+        from dqreg.kernels.cell_matches import planes_in_cells
+        from dqreg.kernels.threads import as_plain, over_chunks
+
+        found = CellPlanes.none(len(points)) if before is None else before.copied()
+        columns = found.asked, found.elements, found.distances, found.points, found.normals, found.variances
+        held = self._size, self._table, self._keys, self._cells, self._sums.reshape(-1, SUMS[1])
+        planes = self._planes.reshape(-1, PLANE), self._state, self._reach
+        over_chunks(planes_in_cells, len(points), as_plain(points), *held, *planes, *columns, chunk=CHUNK)
+        return found
 
     def distances(self, points: FloatArray, cap: float = np.inf) -> FloatArray:
         """Distance of each query, (n, 3), to the nearest map point, or the cap where that is less, (n,)."""

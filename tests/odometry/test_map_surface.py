@@ -80,10 +80,39 @@ def test_a_line_has_no_plane_and_a_sparse_sweep_has() -> None:
     np.testing.assert_allclose(np.abs(sparse.closest(sparse.points).normals[:, 2]), 1.0, rtol=1e-9)
 
 
+def test_planes_of_cells_are_near_and_those_of_their_points() -> None:
+    rng, R = np.random.default_rng(2), pose.exp(np.array([0.3, -0.4, 0.0, 0.0, 0.0, 0.0]))[:3, :3]
+    flat = np.column_stack([rng.uniform(-3, 3, (20_000, 2)), 0.02 * rng.normal(size=20_000)])
+    surface, asked = surface_of(flat @ R.T), np.column_stack([rng.uniform(-2, 2, (300, 2)), np.full(300, 0.1)])
+    found = surface.planes_at(asked @ R.T)
+    assert (found.elements >= 0).all()
+    np.testing.assert_allclose(np.abs(found.normals @ R[:, 2]), 1.0, atol=2e-3)
+    # A twentieth of the noise of the points: a plane has some hundreds.
+    np.testing.assert_allclose(found.distances, 0.1, atol=0.015)
+    assert (np.linalg.norm(found.points - asked @ R.T, axis=1) < 1.5 * SIZE).all()
+    far = surface.planes_at(np.array([[40.0, 0.0, 0.0]]))
+    assert (far.elements[0], far.distances[0], far.normals.any()) == (-1, REACH, False)
+
+
+def test_what_was_asked_before_stays_in_its_cell() -> None:
+    surface, queries = surface_of(points(4_000)), points(700) + np.array([0.05, 0.0, 0.1])
+    before = surface.planes_at(queries)
+    moved = queries + 0.3
+    found, expected = surface.planes_at(moved, before), surface.planes_at(moved)
+    # Law: within the same cell the same plane; in another one that of the other.
+    same = (np.floor(queries / (0.5 * SIZE)) == np.floor(moved / (0.5 * SIZE))).all(axis=1)
+    for name in ("points", "normals", "distances", "elements", "variances"):
+        assert np.array_equal(getattr(found, name)[~same], getattr(expected, name)[~same]), name
+    assert np.array_equal(found.normals[same], before.normals[same])
+    assert not np.array_equal(before.distances, found.distances)
+
+
 def test_the_bits_are_the_same_for_any_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
     found = []
     for threads in ("1", "2"):
         monkeypatch.setenv("OMP_NUM_THREADS", threads)
-        found.append(surface_of(points(4_000)).closest(points(3_000) + 0.05))
+        surface = surface_of(points(4_000))
+        found.append((surface.closest(points(3_000) + 0.05), surface.planes_at(points(3_000) + 0.05)))
     for name in ("points", "normals", "distances", "elements", "others", "variances"):
-        assert np.array_equal(getattr(found[0], name), getattr(found[1], name)), name
+        for one, other in zip(*found, strict=True):
+            assert np.array_equal(getattr(one, name), getattr(other, name)), name
