@@ -1,7 +1,7 @@
 """A frame followed onto the planes of the map: matches are searched rarely, and between two searches all is solved.
 
-The next pose, and the kernel that its distances ask for, cost a tenth of the search for the matches. So each search is
-followed by as many steps as its planes are good for.
+The next pose, and the kernel that its distances ask for, cost less than the search for the matches. So each search is
+followed by as many steps as its planes are good for. Near the pose a match is the plane of the cell of a point.
 """
 
 from __future__ import annotations
