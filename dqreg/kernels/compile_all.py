@@ -13,6 +13,7 @@ from dqreg.kernels.cell_moments import cell_moments, table_of
 from dqreg.kernels.cell_planes import cell_planes
 from dqreg.kernels.close_points import close_points, facing_matches
 from dqreg.kernels.company import company_rows
+from dqreg.kernels.compile_maps import compile_maps
 from dqreg.kernels.components import components
 from dqreg.kernels.copies import first_copies
 from dqreg.kernels.corner_lists import list_corners, weld
@@ -23,7 +24,6 @@ from dqreg.kernels.edge_planes import edge_plane_rows, with_others_rows
 from dqreg.kernels.face_fans import fans_of_faces
 from dqreg.kernels.face_scatter import face_precisions, face_sums, orientation_cells, square_heights, times_precisions
 from dqreg.kernels.garbage import not_collected
-from dqreg.kernels.growing_tree import GrowingTree
 from dqreg.kernels.largest_eigenvectors import largest_eigenvectors
 from dqreg.kernels.lopsided import lopsided_rows
 from dqreg.kernels.majority_planes import majority_plane_rows
@@ -59,11 +59,8 @@ from dqreg.kernels.scattering import put_rows
 from dqreg.kernels.side_parity import number_nodes, sum_of_sides
 from dqreg.kernels.split_sort import split_sorted_rows
 from dqreg.kernels.surrounded import shares_beside, squares_along, surrounded_rows
-from dqreg.kernels.swept_rows import swept_rows
 from dqreg.kernels.systematic_rows import systematic_rows
 from dqreg.kernels.triangle_tree import TriangleTree
-from dqreg.kernels.voxel_points import admit_points
-from dqreg.kernels.voxel_rows import first_of_voxels
 from dqreg.kernels.weighing import SUMS as WEIGHED
 from dqreg.kernels.weighing import follow_rows, place_rows, slide_rows, weigh_rows
 from dqreg.kernels.weighted_draws import drawn_rows
@@ -268,14 +265,6 @@ def _pairs() -> None:
     disc_pair_sums(0, 0, *(FLAT,) * 5, *(ONE,) * 3, np.zeros((2, 3)), 1, np.zeros((1, SUMS)))
 
 
-def _maps() -> None:
-    GrowingTree().grow(FLAT, 3)
-    first_of_voxels(FLAT, 1.0)
-    swept_rows(0, 0, FLAT, ONE, np.zeros(6), FLAT)
-    links, voxels = np.zeros((3, 2), dtype=np.int64), np.zeros((3, 5), dtype=np.int64)
-    admit_points(FLAT, 1.0, 1.0, 1, np.zeros((3, 3)), links, np.full(8, -1), voxels, FIRST.repeat(2))
-
-
 def _many_problems() -> None:
     largest_eigenvectors(0, 1, np.eye(3)[:, :, None].copy(), np.zeros((3, 1)), np.zeros((4, 1)))
 
@@ -290,7 +279,7 @@ STEPS: tuple[Callable[[], None], ...] = (
     _neighbourhoods,
     _common_planes,
     _many_problems,
-    _maps,
+    compile_maps,
     _rims,
     _pairs,
     _shared_noise,
