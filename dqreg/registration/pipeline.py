@@ -12,6 +12,7 @@ from dqreg._arrays import FloatArray
 from dqreg.geometry import MeshSurface, Scan
 from dqreg.icp.rejectors import beyond_boundary
 from dqreg.kernels.threads import TimeUpError, until
+from dqreg.registration.alternatives import alternatives_of
 from dqreg.registration.assess import (
     Uncertainty,
     begin_comparing,
@@ -33,7 +34,6 @@ from dqreg.registration.problem import Problem, SourceAndTarget
 from dqreg.registration.result import Registration
 from dqreg.registration.rivals import (
     NO_POSES,
-    alternatives_of,
     best_near_symmetric,
     best_seen,
     down_to_noise,
