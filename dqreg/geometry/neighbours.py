@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds
 from dqreg._open3d import load_open3d
-
-if TYPE_CHECKING:
-    from dqreg.kernels.point_tree import PointTree
 
 # Neighbours of its own points that a tree remembers: what normals and rims of a cloud are read from.
 AROUND = 24
@@ -26,24 +22,9 @@ class NeighbourTree:
 
         self.size = len(points)
         self._points, self._in_order = points, in_order
-        self._standing: IntArray | None = None
         self._found: IntArray = np.zeros((0, 0), dtype=np.int64)
         # Points in Morton order that few queries are asked of need no other order.
         self._tree = PointTree.of(points, in_order=in_order)
-
-    @staticmethod
-    def holding(tree: PointTree, points: FloatArray, standing: IntArray) -> NeighbourTree:
-        """A tree that was built before, of the first of the points, and at which of its places each stands, (n,)."""
-        made = object.__new__(NeighbourTree)
-        made.size, made._points, made._in_order, made._tree, made._standing = (
-            len(standing),
-            points,
-            False,
-            tree,
-            standing,
-        )
-        made._found = np.zeros((0, 0), dtype=np.int64)
-        return made
 
     def nearest(self, queries: FloatArray, count: int) -> tuple[IntArray, FloatArray]:
         """Nearest points of each query, closest first. Shapes: indices (m, k), distances (m, k)."""
@@ -58,17 +39,11 @@ class NeighbourTree:
     ) -> tuple[IntArray, FloatArray]:
         """The same of queries near some of the points, (m,) rows; where fewer are within a distance, that distance."""
         places = {"at": rows} if self._in_order else {}
-        if self._standing is not None:
-            places = {"at": np.take(self._standing, rows)}
         return self._tree.nearest(queries, min(count, self.size), within, **places)
 
     def have_near(self, count: int, within: float) -> BoolArray:
         """Which points have so many within a distance, themselves among them, (n,)."""
         return self._tree.have_near(count, within)
-
-    def capped_distances(self, queries: FloatArray, cap: float) -> FloatArray:
-        """Distance of each query to the nearest point, (m,), or the cap where that is less: little is looked at."""
-        return self._tree.nearest(queries, 1, cap)[1][:, 0]
 
     def around(self, rows: IntArray) -> tuple[NDArray[np.int32], FloatArray]:
         """Nearest points of points of the cloud itself, each found once.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from functools import cached_property
 
 import numpy as np
@@ -17,6 +18,8 @@ from dqreg.rigid import pose
 CHUNK = 16_384
 # Points that are moved together: what `product` takes in one go, so that the bits are those of all at once.
 PLACED = PIECE // 9
+# Normals farther apart than 125 degrees look the other way.
+OPPOSED_COS = -math.cos(math.radians(55.0))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,6 +69,13 @@ class Correspondences:
         back = product(self.closest.normals, self.T_target_source[:3, :3])
         cosines: FloatArray = row_dots(back, self.scan.normals)
         return cosines
+
+    def looking_away(self, reach: float) -> float:
+        """Share of the pairs within reach whose normals are opposed; NaN where a side of them is not known."""
+        near = self.distances <= reach
+        if not self.same_sign or not near.any():
+            return math.nan
+        return float(np.mean(self.normal_cosines[near] < OPPOSED_COS))
 
     @cached_property
     def source_directions(self) -> FloatArray:

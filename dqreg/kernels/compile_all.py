@@ -6,12 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dqreg.kernels import second_process
+from dqreg.kernels import compile_clouds, second_process
 from dqreg.kernels.areas_by_direction import areas_by_direction
 from dqreg.kernels.cache import keep_beside_package
-from dqreg.kernels.cell_moments import cell_moments, table_of
-from dqreg.kernels.cell_planes import cell_planes
-from dqreg.kernels.close_points import close_points, facing_matches
 from dqreg.kernels.company import company_rows
 from dqreg.kernels.components import components
 from dqreg.kernels.copies import first_copies
@@ -19,18 +16,14 @@ from dqreg.kernels.corner_lists import list_corners, weld
 from dqreg.kernels.creases import COLUMNS as OF_CREASES
 from dqreg.kernels.creases import near_creases
 from dqreg.kernels.disc_pairs import disc_pair_sums
-from dqreg.kernels.edge_planes import edge_plane_rows, with_others_rows
 from dqreg.kernels.face_fans import fans_of_faces
 from dqreg.kernels.face_scatter import face_precisions, face_sums, orientation_cells, square_heights, times_precisions
 from dqreg.kernels.garbage import not_collected
-from dqreg.kernels.growing_tree import GrowingTree
 from dqreg.kernels.largest_eigenvectors import largest_eigenvectors
 from dqreg.kernels.lopsided import lopsided_rows
-from dqreg.kernels.majority_planes import majority_plane_rows
 from dqreg.kernels.many_poses import distinct_rows, log_likelihoods, mean_gains
 from dqreg.kernels.mesh_faces import ENDS, MOMENTS, face_columns, solid_faces, surface_moments
 from dqreg.kernels.mesh_sides import number_sides
-from dqreg.kernels.morton import count_cells, morton_cells, new_places, sorted_rows, take_points
 from dqreg.kernels.motion_sums import COLUMNS as MOTION_SUMS
 from dqreg.kernels.motion_sums import motion_shares, motion_sums
 from dqreg.kernels.near_rows import near_rows
@@ -51,19 +44,14 @@ from dqreg.kernels.points_on_faces import points_on_faces
 from dqreg.kernels.pose_forms import NUMBERS, SUMS, form_of_sums, least_cost_pose
 from dqreg.kernels.pose_steps import add_plane_steps, grid_planes, take_damped_steps
 from dqreg.kernels.pseudo_normals import add_scaled_rows, corner_angles, pseudo_normals_at, smooth_normals_at
-from dqreg.kernels.quadric_fits import quadric_residual_rows
 from dqreg.kernels.ray_pixels import COUNTS as OF_RAYS
 from dqreg.kernels.ray_pixels import fill_pixels, rays_met
 from dqreg.kernels.rims import line_rows, one_sided_rows
 from dqreg.kernels.scattering import put_rows
 from dqreg.kernels.side_parity import number_nodes, sum_of_sides
-from dqreg.kernels.split_sort import split_sorted_rows
 from dqreg.kernels.surrounded import shares_beside, squares_along, surrounded_rows
-from dqreg.kernels.swept_rows import swept_rows
 from dqreg.kernels.systematic_rows import systematic_rows
 from dqreg.kernels.triangle_tree import TriangleTree
-from dqreg.kernels.voxel_points import admit_points
-from dqreg.kernels.voxel_rows import first_of_voxels
 from dqreg.kernels.weighing import SUMS as WEIGHED
 from dqreg.kernels.weighing import follow_rows, place_rows, slide_rows, weigh_rows
 from dqreg.kernels.weighted_draws import drawn_rows
@@ -99,34 +87,10 @@ def _faces() -> None:
     TriangleTree.of(CORNERS, np.ones((2, 3))).closest(np.zeros((1, 3)))
 
 
-def _order() -> None:
-    codes = np.zeros(2, dtype=np.uint64)
-    morton_cells(0, 2, CORNERS[0], np.zeros(3), 1.0, codes)
-    new_places(CORNERS[0], codes, sorted_rows(codes)[0])
-    take_points(0, 2, CORNERS[0], sorted_rows(codes)[0], np.zeros((2, 3)))
-    split_sorted_rows(codes)
-    count_cells(codes)
-    cell_moments(CORNERS[0], codes, FIRST)
-    table, edges = table_of(codes[:1]), (1.0,) * 5
-    cell_planes(0, 0, FIRST, codes, table, FLAT, ONE, np.zeros((0, 6)), *edges, np.zeros((0, 6)), np.zeros(0, np.bool_))
-
-
 def _points() -> None:
     tree = PointTree.of(CORNERS[0])
     rows, _ = tree.nearest(CORNERS[0], 3)
     fit_plane_rows(0, 0, CORNERS[0], rows, np.zeros((1, 3)), np.zeros(1), np.zeros(1))
-
-
-def _neighbourhoods() -> None:
-    corners, rows, none = CORNERS[0], np.zeros((0, 3), dtype=np.int64), np.zeros(1, dtype=np.bool_)
-    quadric_residual_rows(0, 0, corners, rows, np.zeros((1, 3)), 0.5, np.zeros(1))
-    majority_plane_rows(0, 0, corners, rows, corners, np.zeros((1, 3), dtype=np.int64), 1, 0.5, 0.5, np.zeros(1))
-    edge_plane_rows(0, 0, corners, rows, 1, 0.5, 1.0, 1, 1, np.zeros((1, 3)), np.zeros(1), none)
-    with_others_rows(0, 0, FIRST, corners, corners, 1.0, 0.5, 0.5, 1, none)
-    near, far, motion = np.full(3, -1), np.zeros(3), np.eye(4)[:3].copy()
-    close_points(0, 0, np.zeros((1, 6)), corners, LEAF, FIRST, corners, corners, motion, 1.0, 1.0, near, far)
-    plain, open_all = (corners, corners), np.zeros(3, dtype=np.bool_)
-    facing_matches(*plain, motion, near, *plain, open_all, 1.0, 0.0, True, near.copy(), far, far.copy())
 
 
 def _features() -> None:
@@ -268,14 +232,6 @@ def _pairs() -> None:
     disc_pair_sums(0, 0, *(FLAT,) * 5, *(ONE,) * 3, np.zeros((2, 3)), 1, np.zeros((1, SUMS)))
 
 
-def _maps() -> None:
-    GrowingTree().grow(FLAT, 3)
-    first_of_voxels(FLAT, 1.0)
-    swept_rows(0, 0, FLAT, ONE, np.zeros(6), FLAT)
-    links, voxels = np.zeros((3, 2), dtype=np.int64), np.zeros((3, 5), dtype=np.int64)
-    admit_points(FLAT, 1.0, 1.0, 1, np.zeros((3, 3)), links, np.full(8, -1), voxels, FIRST.repeat(2))
-
-
 def _many_problems() -> None:
     largest_eigenvectors(0, 1, np.eye(3)[:, :, None].copy(), np.zeros((3, 1)), np.zeros((4, 1)))
 
@@ -285,12 +241,12 @@ def _many_problems() -> None:
 STEPS: tuple[Callable[[], None], ...] = (
     _meshes,
     _sides,
-    _order,
+    compile_clouds.order_points,
     _faces,
-    _neighbourhoods,
+    compile_clouds.fit_neighbourhoods,
     _common_planes,
     _many_problems,
-    _maps,
+    compile_clouds.keep_maps,
     _rims,
     _pairs,
     _shared_noise,

@@ -1,7 +1,7 @@
 """Scan-to-map odometry: a LiDAR sequence becomes a trajectory, with a verdict and a covariance for every frame.
 
-`Odometry` takes frames one by one. The thinning, the motion compensation and the adaptive threshold are KISS-ICP's
-own (package ``kiss-icp``), the map takes the points that its map does; the pose is found by the steps of `dqreg.icp`.
+`Odometry` takes frames one by one. The adaptive threshold is KISS-ICP's own (package ``kiss-icp``), the map takes the
+points that its map does; the pose is found on planes of the map's cells, or by the steps of `dqreg.icp`.
 """
 
 from __future__ import annotations

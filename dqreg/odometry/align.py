@@ -19,6 +19,8 @@ from dqreg.icp import (
     smallest_kernel_scale,
 )
 from dqreg.icp.correspondences import Correspondences
+from dqreg.odometry.follow import Following, Sweep, follow, is_in_cells
+from dqreg.odometry.frame import DownsampledFrame
 from dqreg.odometry.map_surface import MapSurface
 from dqreg.odometry.settings import OdometrySettings, Resolved
 from dqreg.odometry.starts import candidates, screen
@@ -29,6 +31,13 @@ COARSE = 400
 # The kernel scale falls with every iteration; few suffice from an initial pose that was chosen.
 QUICK = AnnealingSchedule("quick", stages=25, iterations=1, rounds=1)
 FINE = AnnealingSchedule("fine", stages=4, iterations=None, rounds=30)
+# Steps a search and searches of either, for planes; and the step, in voxels, from which on all points go on.
+QUICK_STEPS, FINE_STEPS, NEAR_ENOUGH = (2, 25), (6, 20), 0.3
+# Least scale of the kernel, in voxels: below it the faces that are seen at a grazing angle, whose heights hardly err,
+# would outvote those that are seen from the front.
+LEAST = 0.05
+# Points from which on a frame is followed on the planes of cells: of fewer, many meet none.
+MANY = 1_000
 # First kernel scale, over the largest distance.
 WIDE = 0.3
 # The last level ends once a step moves the points by less than this fraction of the map's diagonal.
@@ -49,8 +58,24 @@ class FrameSearch:
     usual: float  # Fraction of inliers in the frames before; NaN where there are none
     anchors: list[tuple[FloatArray, FloatArray]]  # Poses (4, 4) around which is searched, the likeliest first
 
-    def find(self, scan: Scan, *, trust_motion: bool) -> Alignment:
-        """The pose of a frame."""
+    def asked(self, frame: DownsampledFrame) -> Scan:
+        """What is asked of a frame: its own normals where few points, or the method, need them."""
+        return frame.scan if self.settings.method == "plane" and len(frame.rows) >= MANY else frame.fitted
+
+    def find(self, frame: DownsampledFrame, *, trust_motion: bool, near: bool = False) -> Alignment:
+        """The pose of a frame; near the prediction, where that has been good to a voxel."""
+        scan = self.asked(frame)
+        aligned = self._found(scan, trust_motion=trust_motion, near=near)
+        if len(scan) < MANY or self.settings.method != "plane" or not aligned.found or is_in_cells(aligned):
+            return aligned
+        return self._found(frame.fitted, trust_motion=trust_motion, near=False)
+
+    def _found(self, scan: Scan, *, trust_motion: bool, near: bool) -> Alignment:
+        if near and self.settings.method == "plane":
+            mixture = InlierMixture.starting(0.5 * self.lengths.near, self.lengths.near)
+            aligned = self._follow(scan, self.anchors[0][1], mixture, 1)
+            if aligned.status == "converged" and self.fits(aligned) and is_in_cells(aligned):
+                return aligned
         if trust_motion:
             aligned = self.refine(scan, self.anchors[0][1])
             if self.fits(aligned):
@@ -74,29 +99,66 @@ class FrameSearch:
 
     def _align(self, scan: Scan, poses: FloatArray, keep: int) -> Alignment:
         """The best of several initial poses, (m, 4, 4), of which some are refined."""
-        surface, lengths = self.surface, self.lengths
-        plan = IcpSettings(ESTIMATORS[self.settings.method], lengths.reach)
-        coarse = Level(scan.thinned(COARSE), surface, plan, smallest_kernel_scale(scan, surface), last=False)
+        surface, lengths, few = self.surface, self.lengths, scan.thinned(COARSE)
         starts = screen(surface, scan.points, poses, 0.5 * lengths.reach, keep) if len(poses) > 1 else poses
-        wide = InlierMixture.starting(WIDE * lengths.reach, lengths.reach)
-        runs = [coarse.descend(wide, start, QUICK, None, 1) for start in starts]
+        runs = [self._coarse(few, start) for start in starts]
         run = runs[0]
         if len(runs) > 1:
+            coarse = self._level(few, lengths.reach)
             run = min(runs, key=lambda run: np.inf if run.ended_early else coarse.mean_nll(run))
-        if run.ended_early:
-            return run
-        return self._fine(coarse, scan, run)
+        return run if run.ended_early else self._fine(scan, run)
+
+    def _coarse(self, few: Scan, start: FloatArray) -> Alignment:
+        """A run with few points, from anywhere."""
+        wide = InlierMixture.starting(WIDE * self.lengths.reach, self.lengths.reach)
+        if self.settings.method == "plane":
+            how = Following("quick", *QUICK_STEPS, enough=NEAR_ENOUGH * self.lengths.voxel_size, cells=False)
+            return follow(few, self.surface, start, wide, how, floor=self._floor(few))
+        return self._level(few, self.lengths.reach).descend(wide, start, QUICK, None, 1)
 
     def settle(self, scan: Scan, T_map_frame: FloatArray, before: Alignment) -> Alignment:
         """The pose of a frame, all but known: from there, where it was found before with its points a little off."""
-        plan = IcpSettings(ESTIMATORS[self.settings.method], self.lengths.reach)
-        level = Level(scan, self.surface, plan, smallest_kernel_scale(scan, self.surface), last=True)
-        return self._fine(level, scan, dataclasses.replace(before, T_target_source=T_map_frame), before.pairs)
+        return self._fine(scan, dataclasses.replace(before, T_target_source=T_map_frame), before.pairs)
 
-    def _fine(self, level: Level, scan: Scan, run: Alignment, before: Correspondences | None = None) -> Alignment:
+    def settle_sweep(self, sweep: Sweep, before: Alignment) -> Alignment:
+        """The pose of a frame as above, and the motion during its sweep."""
+        near = self.lengths.near
+        narrow = InlierMixture(min(before.mixture.scale, 0.5 * near), before.mixture.inlier_fraction, near)
+        T, scan = before.T_target_source, sweep.frame.scan
+        return self._follow(scan, T, narrow, before.next_number, before.pairs, sweep).after(before)
+
+    def _fine(self, scan: Scan, run: Alignment, before: Correspondences | None = None) -> Alignment:
         """A run refined with all points, whose matches are near those that they had before."""
-        plan, lengths = level.plan, self.lengths
-        fine = dataclasses.replace(plan, max_distance=lengths.near, stopping=Stopping(TOLERANCE, ITERATIONS))
-        level = dataclasses.replace(level, scan=scan, plan=fine, last=True)
-        narrow = InlierMixture(min(run.mixture.scale, 0.5 * lengths.near), run.mixture.inlier_fraction, lengths.near)
-        return level.descend(narrow, run.T_target_source, FINE, None, run.next_number, before=before).after(run)
+        near, T = self.lengths.near, run.T_target_source
+        narrow = InlierMixture(min(run.mixture.scale, 0.5 * near), run.mixture.inlier_fraction, near)
+        if self.settings.method == "plane":
+            return self._follow(scan, T, narrow, run.next_number, before).after(run)
+        level = dataclasses.replace(self._level(scan, near), last=True)
+        return level.descend(narrow, T, FINE, None, run.next_number, before=before).after(run)
+
+    def _follow(
+        self,
+        scan: Scan,
+        T: FloatArray,
+        mixture: InlierMixture,
+        first: int,
+        before: Correspondences | None = None,
+        sweep: Sweep | None = None,
+    ) -> Alignment:
+        how = Following("fine", *FINE_STEPS, enough=TOLERANCE * self.surface.diagonal, cells=len(scan) >= MANY)
+        floor = self._floor(scan)
+        found = follow(scan, self.surface, T, mixture, how, floor=floor, first=first, before=before, sweep=sweep)
+        if sweep is not None or not how.cells or is_in_cells(found):
+            return found
+        # A sparse sensor, in its first frames.
+        how = dataclasses.replace(how, cells=False)
+        return follow(scan, self.surface, T, mixture, how, floor=floor, first=first)
+
+    def _floor(self, scan: Scan) -> float:
+        if self.settings.method == "plane":
+            return LEAST * self.lengths.voxel_size
+        return smallest_kernel_scale(scan, self.surface)
+
+    def _level(self, scan: Scan, farthest: float) -> Level:
+        plan = IcpSettings(ESTIMATORS[self.settings.method], farthest, stopping=Stopping(TOLERANCE, ITERATIONS))
+        return Level(scan, self.surface, plan, self._floor(scan), last=False)

@@ -11,7 +11,6 @@ from dqreg._arrays import FloatArray, product
 from dqreg.icp import NO_POSE, Alignment
 from dqreg.odometry.frame import DownsampledFrame
 from dqreg.odometry.kiss import rigid
-from dqreg.odometry.map_surface import MapSurface
 from dqreg.odometry.prediction import Prediction, contradiction, held_directions, held_notes
 from dqreg.odometry.rivals import Placed
 from dqreg.registration.assess import Uncertainty
@@ -33,7 +32,6 @@ TINY = float(np.finfo(float).tiny)
 
 def frame_result(
     place: Placed,
-    surface: MapSurface,
     frame: DownsampledFrame,
     usual: float,
     notes: tuple[Reason, ...],
@@ -45,7 +43,7 @@ def frame_result(
     if run.status not in NO_POSE and not run.inlier_fraction >= LOST:
         words = f"no pose: only {100 * run.inlier_fraction:.0f} % of the points are inliers at the best one"
         return without_pose((Reason(words, "lost"), *notes), run.status, settings)
-    uncertainty = Uncertainty.of(information_at(run, surface, frame.reach, free)) if run.found else None
+    uncertainty = Uncertainty.of(information_at(run, frame.reach, free)) if run.found else None
     T = rigid(run.T_target_source)
     doubts: tuple[Reason, ...] = ()
     status: Status = run.status
@@ -126,9 +124,7 @@ def _with_prediction(
     return T, Uncertainty(covariance, held_directions(uncertainty.directions, covariance, lever, reach))
 
 
-def information_at(
-    run: Alignment, surface: MapSurface, reach: float, free_axis: FloatArray | None = None
-) -> Information:
+def information_at(run: Alignment, reach: float, free_axis: FloatArray | None = None) -> Information:
     """Information of the six motions about the sensor.
 
     A wall that lies two centimetres off in the map shifts all of its points the same way; taken as independent, they
@@ -140,7 +136,8 @@ def information_at(
     weights = np.where(normals.any(axis=1), run.weights, 0.0)
     centre = T[:3, 3]
     matches = points, normals, along, weights, reach, centre
-    noise = weights * np.minimum(surface.normal_variances(pairs.closest.elements), 1.0)
+    variances = pairs.closest.variances
+    noise = weights if variances is None else weights * np.minimum(variances, 1.0)
     information = _without_spurious(information_of(*matches), (points - centre) / reach, normals, noise)
     if free_axis is not None:
         information = _without(information, np.concatenate([np.zeros(3), free_axis]))

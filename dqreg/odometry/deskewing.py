@@ -18,6 +18,7 @@ from dqreg._arrays import FloatArray, as_float, as_pose, product, require_finite
 from dqreg.errors import InputError
 from dqreg.icp import Alignment
 from dqreg.odometry.align import FrameSearch
+from dqreg.odometry.follow import Sweep, is_in_cells, off_at
 from dqreg.odometry.frame import DownsampledFrame
 from dqreg.odometry.kiss import rigid
 from dqreg.odometry.sweep import swept
@@ -29,7 +30,7 @@ from dqreg.trust.records import Reason
 WORTHWHILE, ROUNDS = 0.1, 5
 # Share of the correspondences that has to face a motion for it to count: at this share, half of it is believed.
 HELD = 0.03
-# Loss of inliers at which a round is rejected: kernel scales estimated anew change the fraction by less.
+# Loss of inliers at which a round is rejected, unless the kernel narrows by as much: a narrower one holds fewer.
 WORSE = 0.02
 
 
@@ -104,10 +105,14 @@ class Deskewed:
         if not search.fits(best.aligned):
             # The motion that was removed may have been far off, or the times are no times.
             plain = best.frame.without(np.eye(4))
-            aligned = search.find(plain.scan, trust_motion=False)
+            aligned = search.find(plain, trust_motion=False)
             if aligned.inlier_fraction > best.aligned.inlier_fraction:
                 words = "the sweep was not deskewed: the frame fits better as it is than with its times"
                 best = Deskewed(plain, aligned, (Reason(words, "not_deskewed"),))
+        if best.aligned.found and is_in_cells(best.aligned):
+            sweep = Sweep(best.frame, worthwhile)
+            aligned = search.settle_sweep(sweep, best.aligned)
+            return Deskewed(sweep.frame, aligned, best.notes) if fits_no_worse(aligned, best.aligned) else best
         for _ in range(ROUNDS):
             if not best.aligned.found:
                 break
@@ -116,16 +121,19 @@ class Deskewed:
                 break
             frame = best.frame.without(rigid(twist.exp(twist.log(best.frame.motion) + change)))
             T = rigid(best.aligned.T_target_source @ twist.exp(step))
-            aligned = search.settle(frame.scan, T, best.aligned)
-            if aligned.inlier_fraction < best.aligned.inlier_fraction - WORSE:
+            aligned = search.settle(search.asked(frame), T, best.aligned)
+            if not fits_no_worse(aligned, best.aligned):
                 break
             best = Deskewed(frame, aligned)
         return best
 
 
-def off_at(reach: float, change: FloatArray) -> float:
-    """How far a twist, (6,), moves points at a distance from the sensor, at most."""
-    return reach * float(np.linalg.norm(change[:3])) + float(np.linalg.norm(change[3:]))
+def fits_no_worse(after: Alignment, before: Alignment) -> bool:
+    """Whether a frame fits as well as before: as many inliers, or as many for the width of their kernel."""
+    share = after.inlier_fraction / before.inlier_fraction if before.inlier_fraction > 0.0 else np.inf
+    return bool(
+        after.inlier_fraction >= before.inlier_fraction - WORSE or share * before.mixture.scale >= after.mixture.scale
+    )
 
 
 def sweep_steps(frame: DownsampledFrame, aligned: Alignment) -> tuple[FloatArray, FloatArray]:

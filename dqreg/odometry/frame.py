@@ -16,11 +16,11 @@ from dqreg.files.cloud_data import TimedCloudData
 from dqreg.geometry import Mesh, Scan
 from dqreg.geometry.morton import morton_order
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.geometry.normals import fit_planes, sample_rows
+from dqreg.geometry.normals import PlaneFits, fit_planes_at, sample_rows
 from dqreg.geometry.objects import recognise
 from dqreg.geometry.spacing import spacing_of
 from dqreg.geometry.vector_rows import nonzero_rows
-from dqreg.odometry.kiss import thin
+from dqreg.kernels.threads import unlocked_property
 from dqreg.odometry.settings import Resolved
 from dqreg.odometry.sweep import swept
 from dqreg.trust.records import Reason
@@ -28,7 +28,12 @@ from dqreg.trust.records import Reason
 # Voxels a point, over the map's: of what enters the map, and of what the pose is found from.
 DENSE, SPARSE = 0.5, 1.5
 # Points that the pose is found from at most: beyond, they add time and hardly any accuracy.
-MOST = 4_500
+MOST = 3_000
+# Share of a sweep within which points of a voxel are seen together: what is seen at its beginning and again at its end
+# lies elsewhere.
+TOGETHER = 0.1
+# Rows are taken in steps of so many, a large prime.
+STRIDE = 15_485_863
 # Points of a fit: rings of a LiDAR leave few neighbours across them.
 NEIGHBOURS = 12
 # Coordinates beyond which a return is no measurement.
@@ -89,17 +94,29 @@ def _values_of(points: Any) -> tuple[FloatArray, FloatArray | None]:
     return found.points, found.times
 
 
+class OwnPlanes:
+    """Planes fitted to a frame alone, for who asks."""
+
+    def __init__(self, points: FloatArray, rows: IntArray) -> None:
+        self._points, self._rows = points, rows
+
+    @unlocked_property
+    def fits(self) -> PlaneFits:
+        """At some of the points, among all of them."""
+        return fit_planes_at(NeighbourTree(self._points, in_order=True), self._points, self._rows, NEIGHBOURS)
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class DownsampledFrame:
     """A frame downsampled twice."""
 
     seen: FloatArray  # (n, 3): What enters the map, each point where the sensor saw it
     back: FloatArray | None  # (n,): Time of each, from -1 at the beginning of the sweep to 0 at its end, if it is known
-    scan: Scan  # What the pose is found from, with normals fitted among all of them
-    rows: IntArray  # (m,): Its rows among what enters the map
-    reach: float  # Distance of the farthest point from the sensor
-    motion: FloatArray  # (4, 4): Motion during the sweep that was undone
-    seen_normals: FloatArray  # (m, 3): Normals of the scan as it was seen
+    rows: IntArray  # (m,): Those of which the pose is found from
+    reach: float  # Distance of the farthest of these from the sensor
+    spacing: float  # Edge of the voxels of which one point each enters the map
+    own: OwnPlanes  # Planes of these, as they were seen
+    motion: FloatArray = dataclasses.field(default_factory=lambda: np.eye(4))  # (4, 4): Undone motion during the sweep
 
     @cached_property
     def dense(self) -> FloatArray:
@@ -111,54 +128,62 @@ class DownsampledFrame:
         """Time of each point of the scan, (m,)."""
         return None if self.back is None else self.back[self.rows]
 
+    @cached_property
+    def scan(self) -> Scan:
+        """What the pose is found from, without normals: the map has some."""
+        points, back = np.take(self.seen, self.rows, axis=0), self.scan_back
+        return Scan(
+            points=points if back is None else swept(points, back, self.motion),
+            normals=np.zeros(points.shape),
+            levers=np.zeros(len(points)),
+            residuals=np.full(len(points), np.nan),
+            fitted=np.arange(len(points)),
+            oriented=False,
+            spacing=self.spacing,
+            noise=0.0,
+            total=len(self.seen),
+        )
+
+    @cached_property
+    def fitted(self) -> Scan:
+        """The same with normals that are fitted among all points."""
+        fits, back = self.own.fits, self.back
+        known, normals = fits.known, np.where(fits.known[:, None], fits.normals, 0.0)
+        return dataclasses.replace(
+            self.scan,
+            normals=normals if back is None else swept(normals, back[self.rows], self.motion, directions=True),
+            levers=np.where(known, fits.lever, 0.0),
+            residuals=fits.residuals,
+            spacing=spacing_of(fits, self.seen),
+            noise=median(fits.residuals[known]) if known.any() else 0.0,
+        )
+
     def without(self, motion: FloatArray) -> DownsampledFrame:
         """The frame with another motion undone, (4, 4); as it is where its points have no times."""
-        back = self.scan_back
-        if back is None:
-            return self
-        points = swept(np.take(self.seen, self.rows, axis=0), back, motion)
-        normals = swept(self.seen_normals, back, motion, directions=True)
-        scan = dataclasses.replace(self.scan, points=points, normals=normals)
-        return dataclasses.replace(self, scan=scan, motion=motion)
+        return self if self.back is None else dataclasses.replace(self, motion=motion)
 
 
 def downsample_frame(raw: RawFrame, lengths: Resolved) -> DownsampledFrame | None:
-    """Downsample a frame and fit its normals."""
+    """Downsample a frame."""
+    from dqreg.kernels.voxel_rows import first_of_voxels, means_of_voxels
+
     points, times = _in_range(raw, lengths)
-    dense = thin(points, DENSE * lengths.voxel_size) if len(points) else points
-    sparse = thin(dense, SPARSE * lengths.voxel_size) if len(points) else points
-    if len(sparse) < 3:
+    if not len(points):
         return None
-    # KISS-ICP keeps the order of its hash table, which is none: sorted, a run repeats to the last bit.
-    dense, sparse = (rows[morton_order(rows)] for rows in (dense, sparse))
-    sparse = sparse[sample_rows(len(sparse), MOST)]
-    reach = float(np.linalg.norm(sparse, axis=1).max())
-    fits = fit_planes(NeighbourTree(dense), dense, sparse, NEIGHBOURS)
-    known = fits.known
-    scan = Scan(
-        points=sparse,
-        normals=np.where(known[:, None], fits.normals, 0.0),
-        levers=np.where(known, fits.lever, 0.0),
-        residuals=fits.residuals,
-        fitted=np.arange(len(sparse)),
-        oriented=False,
-        spacing=spacing_of(fits, dense),
-        noise=median(fits.residuals[known]) if known.any() else 0.0,
-        total=len(dense),
-    )
-    back = None if times is None else _times_back(points, times, DENSE * lengths.voxel_size)
-    # Each point of the scan is its own nearest neighbour.
-    rows = np.zeros(0, dtype=np.int64) if fits.neighbours is None else fits.neighbours[:, 0]
-    return DownsampledFrame(dense, back, scan, rows, reach, np.eye(4), scan.normals)
-
-
-def _times_back(points: FloatArray, times: FloatArray, size: float) -> FloatArray:
-    """Times of what `thin` leaves of the points, in Morton order, from -1 at the beginning of the sweep to 0."""
-    from dqreg.kernels.voxel_rows import first_of_voxels
-
-    rows = first_of_voxels(points, size)
-    rows = rows[morton_order(np.take(points, rows, axis=0))]
-    return np.asarray((times[rows] - times.max()) / np.ptp(times))
+    size = DENSE * lengths.voxel_size
+    when = None if times is None else (times - times.max()) / np.ptp(times)
+    dense, back = means_of_voxels(points, when, size, TOGETHER)
+    order = morton_order(dense)
+    dense, back = np.take(dense, order, axis=0), back[order]
+    # In an order that is none: the first along the curve would be the same corner of each voxel.
+    mixed = np.arange(len(dense)) * STRIDE % len(dense)
+    rows = mixed[first_of_voxels(np.take(dense, mixed, axis=0), SPARSE * lengths.voxel_size)]
+    rows.sort()
+    rows = rows[sample_rows(len(rows), MOST)]
+    if len(rows) < 3:
+        return None
+    reach = float(np.linalg.norm(np.take(dense, rows, axis=0), axis=1).max())
+    return DownsampledFrame(dense, None if when is None else back, rows, reach, size, OwnPlanes(dense, rows))
 
 
 def _in_range(raw: RawFrame, lengths: Resolved) -> tuple[FloatArray, FloatArray | None]:

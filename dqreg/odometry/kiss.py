@@ -38,13 +38,6 @@ def rigid(T: FloatArray) -> FloatArray:
     return pose
 
 
-def thin(points: FloatArray, size: float) -> FloatArray:
-    """The first point of each voxel, by KISS-ICP."""
-    # What is read only, as arrays over the bytes of a message are, it does not take.
-    points = np.require(points, requirements="W")
-    return np.array(load_kiss("voxelization").voxel_down_sample(points, size), dtype=np.float64).reshape(-1, 3)
-
-
 class KissParts:
     """KISS-ICP's adaptive threshold, set up for one sequence."""
 

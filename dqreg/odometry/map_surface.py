@@ -1,66 +1,120 @@
-"""The map as a surface: nearest map point, with the plane of its neighbours fitted when it is first asked for.
+"""The map as a surface: points in voxels, and planes of the sums of their cells.
 
-A frame meets a few thousand of the map's hundred thousand points, so fitting on demand saves most of the work; and
-the fit sees the points of all frames, not one frame's lines.
+A plane of the map is never fitted to neighbours that are searched: every point that a frame brings is added to the
+sums of its cell, and the plane at a point is that of the cells around it, found when a frame first meets it.
 """
 
 from __future__ import annotations
 
+import dataclasses
+from typing import Any, TypeVar, cast
+
 import numpy as np
+from numpy.typing import NDArray
 
 from dqreg._arrays import FloatArray, IntArray
-from dqreg.geometry.cloud_surface import followed
-from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.geometry.normals import fit_planes_at
 from dqreg.geometry.surface import Closest, Hint
 
-NEIGHBOURS = 12
+Rows = TypeVar("Rows", bound=NDArray[Any])
+
+# Places of the table of blocks for each that there is room for.
+SPARSE = 2
+# What is taken off what no other point is nearer than: more than rounding.
+ROUNDING = 1e-12
+# Points of a voxel that lie side by side at most.
+SLOTS = 16
+# A match is kept where no other point can be nearer by more than this many voxels: points of the map are three times as
+# far apart, and the planes of all of them are the same.
+KEPT = 0.03
+# Queries that one thread answers in one go.
+CHUNK = 512
+# Number, voxels and blocks; sums of a voxel; plane of a point: see the kernels.
+COUNTS, SUMS, PLANE = 3, (8, 10), 8
+
+
+@dataclasses.dataclass(frozen=True)
+class CellPlanes(Closest):
+    """What `MapSurface.planes_at` finds; the element is a cell, -1 where nothing stands."""
+
+    variances: FloatArray = dataclasses.field(kw_only=True)
+    asked: IntArray = dataclasses.field(kw_only=True)  # (n, 3): Cells of the queries
+
+    @staticmethod
+    def none(count: int) -> CellPlanes:
+        """Of so many queries that were never asked."""
+        (points, normals), rows = np.zeros((2, count, 3)), np.full(count, -1)
+        asked, variances = np.full((count, 3), np.iinfo(np.int64).min), np.full(count, np.inf)
+        return CellPlanes(points, normals, np.zeros(count), rows, variances=variances, asked=asked)
+
+    def copied(self) -> CellPlanes:
+        """The same, to be written over."""
+        places = self.points.copy(), self.normals.copy(), self.distances.copy(), self.elements.copy()
+        return CellPlanes(*places, variances=self.variances.copy(), asked=self.asked.copy())
 
 
 class MapSurface:
     """Points of a map that grows as a surface, for one thread.
 
     >>> flat = np.stack(np.meshgrid(range(8), range(8), [0.0]), axis=-1).reshape(-1, 3)
-    >>> found = MapSurface(flat).closest(np.array([[3.2, 4.1, 2.0]]))
+    >>> found = MapSurface(2.0, 12, 10.0, flat).closest(np.array([[3.2, 4.1, 2.0]]))
     >>> found.points.tolist(), np.abs(found.normals).tolist()
     ([[3.0, 4.0, 0.0]], [[0.0, 0.0, 1.0]])
     """
 
     oriented = False
 
-    def __init__(self, points: FloatArray) -> None:
-        from dqreg.kernels.growing_tree import GrowingTree
+    def __init__(self, size: float, most: int, reach: float, points: FloatArray | None = None) -> None:
+        self._size, self._most, self._reach = size, most, reach
+        self._counts, self._state = np.zeros(COUNTS, dtype=np.int64), 0
+        self._low, self._high = np.full(3, np.inf), np.full(3, -np.inf)
+        self._points, self._planes = np.zeros((0, 3)), np.zeros((0, 8, PLANE))
+        self._links, self._voxels = np.zeros((0, 2), dtype=np.int64), np.zeros((0, 2), dtype=np.int64)
+        self._sums = np.zeros((0, *SUMS), dtype=np.float32)
+        self._slots = np.zeros((0, min(most, SLOTS), 3), dtype=np.float32)
+        self._members = np.zeros((0, min(most, SLOTS)), dtype=np.int32)
+        self._table, self._keys = np.zeros(SPARSE, dtype=np.int32), np.zeros((0, 3), dtype=np.int64)
+        self._cells = np.zeros((0, 64), dtype=np.int32)
+        self.add(np.zeros((0, 3)) if points is None else points)
 
-        self._growing, self._count = GrowingTree(), 0
-        self._points = self._normals = np.zeros((0, 3))
-        self._variances, self._fitted = np.zeros(0), np.zeros(0, dtype=bool)
-        self.room(len(points))[: len(points)] = points
-        self.grow(len(points))
+    def add(self, points: FloatArray) -> None:
+        """Take those of some points, (n, 3), for which there is room, and the sums of all."""
+        from dqreg.kernels.threads import as_plain
+        from dqreg.kernels.voxel_points import admit_points
 
-    def room(self, more: int) -> FloatArray:
-        """Points so far, and behind them room for so many, (m, 3)."""
-        if self._count + more > len(self._points):
-            rows = 2 * (self._count + more)
-            self._points = np.vstack([self.points, np.zeros((rows - self._count, 3))])
-            self._normals, self._variances, self._fitted = (
-                np.zeros((rows, 3)),
-                np.zeros(rows),
-                np.zeros(rows, dtype=bool),
-            )
-        return self._points
-
-    def grow(self, count: int) -> None:
-        """Take the points that were written behind those so far, up to a count of all."""
-        self._growing.grow(self._points, count)
+        self._make_room(len(points))
+        held = self._points, self._links, self._table, self._keys, self._cells, self._voxels, self._slots, self._members
+        apart, before = self._size / float(np.sqrt(self._most)), int(self._counts[0])
+        sums = self._sums.reshape(-1, SUMS[1])
+        admit_points(as_plain(points), self._size, apart, self._most, *held, sums, self._counts)
         # Planes know the points that there were.
-        self._count, self._fitted[:] = count, False
-        self._tree = NeighbourTree.holding(self._growing.tree, self._points, self._growing.standing)
+        self._state += 1
+        if len(new := self._points[before : self._counts[0]]):
+            self._low, self._high = np.minimum(self._low, new.min(axis=0)), np.maximum(self._high, new.max(axis=0))
         self.about(np.zeros(3), np.inf)
+
+    def _make_room(self, more: int) -> None:
+        """Room for so many points more, each in a voxel and a block of its own."""
+        from dqreg.kernels.voxel_blocks import put_blocks
+
+        points, voxels, blocks = (self._counts + more).tolist()
+        if points > len(self._points):
+            self._points, self._links = _longer(self._points, 2 * points), _longer(self._links, 2 * points)
+        if voxels > len(self._voxels):
+            self._voxels, self._sums = _longer(self._voxels, 2 * voxels), _longer(self._sums, 2 * voxels)
+            self._planes, self._slots = _longer(self._planes, 2 * voxels), _longer(self._slots, 2 * voxels)
+            self._members = _longer(self._members, 2 * voxels)
+        if blocks > len(self._keys):
+            self._keys, self._cells = _longer(self._keys, 2 * blocks), _longer(self._cells, 2 * blocks)
+            size = 1
+            while size < SPARSE * len(self._keys):
+                size *= 2
+            self._table = np.zeros(size, dtype=np.int32)
+            put_blocks(self._keys, int(self._counts[2]), self._table)
 
     def about(self, place: FloatArray, reach: float) -> None:
         """Measure the surface by what a frame can meet of it: what lies within a reach of a place."""
-        low, high = self._growing.tree.boxes[1].reshape(2, 3)
-        if not self._count:
+        low, high = self._low, self._high
+        if not self._counts[0]:
             low = high = np.zeros(3)
         near = np.maximum(low, place - reach), np.minimum(high, place + reach)
         low, high = near if (near[0] < near[1]).any() and (near[0] <= near[1]).all() else (low, high)
@@ -69,43 +123,78 @@ class MapSurface:
 
     @property
     def points(self) -> FloatArray:
-        """Of the map, (n, 3)."""
-        return self._points[: self._count]
+        """Of the map, (n, 3), the oldest first."""
+        return self._points[: self._counts[0]]
+
+    def voxels_of(self, values: FloatArray) -> FloatArray:
+        """Of each point the value of the first one of its voxel, (n,)."""
+        found: FloatArray = values[self._voxels[self._links[: self._counts[0], 1], 0]]
+        return found
+
+    @property
+    def _held(self) -> tuple[Any, ...]:
+        whole = self._points, self._links, self._table, self._keys, self._cells, self._voxels
+        return self._size, *whole, self._slots, self._members
 
     def closest(self, points: FloatArray, hint: Hint | None = None, within: float = np.inf) -> Closest:
-        """Nearest map point for each query, (n, 3), with the normal there; zero where the neighbours fix none.
+        """Nearest map point for each query, (n, 3), with the normal there; zero where the cells fix none.
 
-        What was nearest is so still where it is nearer than any other can have come since the hint.
+        Farther off than the reach nothing is found: the row is -1 and the distance the reach. What was nearest is so
+        still where it is nearer than any other can have come since the hint.
         """
-        rows, distances, others = self._nearest(points, hint)
-        missing = rows[~self._fitted[rows]]
-        if len(missing):
-            # In the order of the queries: those that lie close together are answered sooner.
-            missing = missing[np.sort(np.unique(missing, return_index=True)[1])]
-            fits = fit_planes_at(self._tree, self._points, missing, NEIGHBOURS)
-            self._normals[missing] = np.where(fits.known[:, None], fits.normals, 0.0)
-            self._variances[missing] = fits.variances
-            self._fitted[missing] = True
-        found, normals = np.take(self._points, rows, axis=0), np.take(self._normals, rows, axis=0)
-        return Closest(found, normals, distances, rows, others)
+        from dqreg.kernels.threads import as_plain, over_chunks
+        from dqreg.kernels.voxel_planes import closest_in_voxels
 
-    def _nearest(self, points: FloatArray, hint: Hint | None) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Row of the nearest, distance to it, and what no other is nearer than, (n,) each."""
-        others_before = None if hint is None else hint[1].others
-        if hint is None or others_before is None or self._count < 2:
-            indices, apart = self._tree.nearest(points, 2)
-            return indices[:, 0], apart[:, 0], apart[:, -1]
-        places, before = hint
-        rows, (distances, others) = before.elements.copy(), followed(points, places, before.points, others_before)
-        again = np.flatnonzero(distances >= others)
-        indices, apart = self._tree.nearest_beside(np.take(points, again, axis=0), rows[again], 2)
-        rows[again], distances[again], others[again] = indices[:, 0], apart[:, 0], apart[:, -1]
-        return rows, distances, others
+        count, none = len(points), np.zeros((0, 3))
+        distances, others, variances = np.zeros((3, count))
+        if hint is not None and hint[1].others is not None and hint[1].variances is not None:
+            known = hint[1]
+            before, others_before, rows = as_plain(hint[0]), as_plain(hint[1].others), known.elements.copy()
+            feet, normals, variances = known.points.copy(), known.normals.copy(), hint[1].variances.copy()
+        else:
+            before, others_before, rows = none, none[:, 0], np.full(count, -1)
+            feet, normals = np.zeros((2, count, 3))
+        asked = (
+            min(within, self._reach),
+            *self._held,
+            self._sums.reshape(-1, SUMS[1]),
+            self._planes.reshape(-1, PLANE),
+            self._state,
+        )
+        found = rows, distances, others, feet, normals, variances
+        was = before, others_before, 1.0 - ROUNDING, KEPT * self._size
+        over_chunks(closest_in_voxels, count, as_plain(points), *asked, *was, *found, chunk=CHUNK)
+        return Closest(feet, normals, distances, rows, others, variances)
 
-    def normal_variances(self, rows: IntArray) -> FloatArray:
-        """Variance of the normals at map points that `closest` gave as elements, rad^2, (n,); infinite for none."""
-        return self._variances[rows]
+    def planes_at(self, points: FloatArray, before: CellPlanes | None = None) -> CellPlanes:
+        """Plane of the cell of each query, (n, 3), or of the nearest cell beside it.
+
+        Points of it are the middle of those that the plane was fitted to, distances those from the plane. What was
+        found for the same queries before is taken over where they lie in the same cells.
+        """
+        from dqreg.kernels.cell_matches import planes_in_cells
+        from dqreg.kernels.threads import as_plain, over_chunks
+
+        found = CellPlanes.none(len(points)) if before is None else before.copied()
+        columns = found.asked, found.elements, found.distances, found.points, found.normals, found.variances
+        held = self._size, self._table, self._keys, self._cells, self._sums.reshape(-1, SUMS[1])
+        planes = self._planes.reshape(-1, PLANE), self._state, self._reach
+        over_chunks(planes_in_cells, len(points), as_plain(points), *held, *planes, *columns, chunk=CHUNK)
+        return found
 
     def distances(self, points: FloatArray, cap: float = np.inf) -> FloatArray:
         """Distance of each query, (n, 3), to the nearest map point, or the cap where that is less, (n,)."""
-        return self._tree.capped_distances(points, cap)
+        from dqreg.kernels.threads import as_plain, over_chunks
+        from dqreg.kernels.voxel_nearest import distances_in_voxels
+
+        found = np.zeros(len(points))
+        asked = as_plain(points), min(cap, self._reach), *self._held
+        over_chunks(distances_in_voxels, len(points), *asked, found, chunk=CHUNK)
+        return found
+
+
+def _longer(rows: Rows, count: int) -> Rows:
+    """The same rows, and zeros up to a count."""
+    made = np.zeros((count, *rows.shape[1:]), dtype=rows.dtype)
+    made[: len(rows)] = rows
+    return cast(Rows, made)

@@ -17,6 +17,7 @@ from dqreg.geometry.normals import sample_rows
 from dqreg.icp import Alignment
 from dqreg.kernels.threads import Later
 from dqreg.odometry.align import FrameSearch
+from dqreg.odometry.frame import DownsampledFrame
 from dqreg.odometry.map_surface import MapSurface
 from dqreg.odometry.self_similarity import CONTRADICTED, ROUGHLY, View, behind_faces, self_similar_shifts
 from dqreg.rigid import pose
@@ -35,7 +36,7 @@ FACING, FACED = 0.5, 200
 # Normals that agree at least so well belong to one face; a difference of so many standard errors is one.
 AGREE, SIGNIFICANT = 0.7, 3.0
 # Points of the map that are held against the frame's lines of sight, and those in view that say something.
-VIEWED, FEWEST = 20_000, 200
+VIEWED, FEWEST = 8_000, 200
 # Voxels that the refinement of a place one period on may move it, and such places that are named.
 NEAR_CELLS, NAMED = 3.0, 2
 
@@ -64,7 +65,7 @@ class Placed:
 
 def placed(
     search: FrameSearch,
-    scan: Scan,
+    frame: DownsampledFrame,
     seen: Later[View],
     aligned: Alignment,
     T_predicted: FloatArray,
@@ -78,7 +79,7 @@ def placed(
     A prediction that was measured, with its covariance, decides between them. Without times, frames may be missing, and
     constant velocity excludes no place where the frame is like itself.
     """
-    place = _along_weakest(search, scan, aligned, T_predicted, deviation, measured=measured)
+    place = _along_weakest(search, frame, aligned, T_predicted, deviation, measured=measured)
     if not place.aligned.found:
         return place
     T, view = place.aligned.T_target_source, seen.result()
@@ -88,15 +89,22 @@ def placed(
         place = dataclasses.replace(place, looked_through=nearer / (nearer + alike))
     if timed or measured or place.rivals:
         return place
-    return dataclasses.replace(place, rivals=_repeated(search, scan, place.aligned, view))
+    return dataclasses.replace(place, rivals=_repeated(search, frame.fitted, place.aligned, view))
 
 
 def _along_weakest(
-    search: FrameSearch, scan: Scan, aligned: Alignment, T_predicted: FloatArray, deviation: float, *, measured: bool
+    search: FrameSearch,
+    frame: DownsampledFrame,
+    aligned: Alignment,
+    T_predicted: FloatArray,
+    deviation: float,
+    *,
+    measured: bool,
 ) -> Placed:
     axis, share = _weakest(aligned)
     if not aligned.found or (share >= WEAK and search.fits(aligned)):
         return Placed(aligned, axis, share)
+    scan = frame.fitted
     rows = np.flatnonzero(scan.normals.any(axis=1))
     if len(rows) < POINTS // 10:
         return Placed(aligned, axis, share)
@@ -155,7 +163,11 @@ def _repeated(search: FrameSearch, scan: Scan, aligned: Alignment, view: View) -
         step = pose.from_parts(np.eye(3), shift)
         if behind_faces(scan.points, scan.normals, shift) or not view.repeats(scan, step, ROUGHLY):
             continue
-        there = search.refine(scan, T @ step).T_target_source
+        # Known to a cell: begun farther off, a frame that overlaps by little would slide along what does not hold it.
+        run = search.settle(scan, T @ step, aligned)
+        if not run.found:
+            continue
+        there = run.T_target_source
         away, known = _off(there, T), [aligned.T_target_source, *(other.T_target_source for other in found)]
         if _off(there, T @ step) > NEAR_CELLS * cell or min(_off(there, other) for other in known) < least:
             continue

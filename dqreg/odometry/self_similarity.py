@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from scipy import fft, ndimage
+from scipy import fft
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry import Scan
@@ -66,17 +66,16 @@ def self_similar_shifts(points: FloatArray, normals: FloatArray, cell: float, le
     cell = max(cell, float((flat.max(axis=0) - low).max()) / CELLS)
     cells = ((flat - low) / cell).astype(np.int64)
     shape = tuple(fft.next_fast_len(int(2 * count), real=True) for count in cells.max(axis=0) + 1)
-    known, occupied = np.zeros(shape, dtype=np.float32), np.zeros(shape, dtype=np.float32)
-    known[tuple(cells.T)] = 1.0
-    occupied[tuple(cells[stands].T)] = 1.0
-    around = np.ones((3, 3), dtype=bool)
-    wide = [ndimage.binary_dilation(grid > 0.0, around).astype(np.float32) for grid in (known, occupied)]
-    spectrum = np.conj(fft.rfft2(occupied))
+    known, occupied = np.zeros(shape, dtype=bool), np.zeros(shape, dtype=bool)
+    known[tuple(cells.T)] = True
+    occupied[tuple(cells[stands].T)] = True
+    spectrum = np.conj(fft.rfft2(occupied.astype(np.float32)))
+    wide = (_widened(grid).astype(np.float32) for grid in (known, occupied))
     # Counts of cells: rounded, they are right to the last one.
     ground, met = (np.rint(fft.irfft2(spectrum * fft.rfft2(grid), shape)) for grid in wide)
-    alike = (ground >= COMMON * occupied.sum()) & (met >= SIMILAR * ground)
+    alike = (ground >= COMMON * np.count_nonzero(occupied)) & (met >= SIMILAR * ground)
     share = fft.fftshift(np.divide(met, ground, out=np.zeros(shape), where=alike))
-    steps = np.argwhere(share > 0.0)
+    steps = np.column_stack(np.unravel_index(np.flatnonzero(fft.fftshift(alike)), shape))
     shifts = (steps - np.array(shape) // 2) * cell
     kept = np.flatnonzero((np.hypot(*shifts.T) > least) & _is_peak(share, steps))
     kept = kept[np.argsort(-share[tuple(steps[kept].T)], kind="stable")]
@@ -86,6 +85,17 @@ def self_similar_shifts(points: FloatArray, normals: FloatArray, cell: float, le
         found.append(int(kept[0]))
         kept = kept[(np.abs(steps[kept] - steps[kept[0]]) > AROUND).any(axis=1)]
     return np.asarray(shifts[found] @ plane.T)
+
+
+def _widened(grid: BoolArray) -> BoolArray:
+    """Cells that hold something, and those around them."""
+    for axis in (0, 1):
+        wide = grid.copy()
+        here, there = (np.moveaxis(each, axis, 0) for each in (grid, wide))
+        there[1:] |= here[:-1]
+        there[:-1] |= here[1:]
+        grid = wide
+    return grid
 
 
 def _is_peak(share: FloatArray, cells: IntArray) -> BoolArray:

@@ -13,7 +13,8 @@ from dqreg._arrays import FloatArray, as_pose
 from dqreg.kernels.threads import Later
 from dqreg.odometry.align import FrameSearch
 from dqreg.odometry.assess import LOST, MapLink, first_frame, frame_result, without_pose
-from dqreg.odometry.deskewing import WORSE, WORTHWHILE, Deskewed, off_at
+from dqreg.odometry.deskewing import WORTHWHILE, Deskewed, fits_no_worse
+from dqreg.odometry.follow import off_at
 from dqreg.odometry.frame import DownsampledFrame, RawFrame, downsample_frame
 from dqreg.odometry.kiss import KissParts, rigid
 from dqreg.odometry.prediction import Prediction
@@ -30,8 +31,11 @@ from dqreg.trust.records import Reason
 
 # Points below which a frame gets no pose, and cannot begin a map.
 FEWEST_POINTS = 30
-# Frames over which the usual fraction of inliers is taken.
-MEMORY = 10
+# Frames over which the usual fraction of inliers is taken; steps without which no prediction is known to be good.
+MEMORY, FEWEST_STEPS = 10, 3
+# Points that predictions miss by so many voxels at most lie in the cells that they belong to, or beside them. Of those
+# that they miss by such a share of the largest distance of a pair, enough find their matches.
+NEAR, TRUSTED = 0.75, 0.5
 # The first motion may be so many times what one frame is usually off its prediction: that stands still.
 FIRST_STEP = 3.0
 
@@ -51,6 +55,8 @@ class Tracker:
         self._motion = np.eye(4)
         self._T_doubtful: FloatArray | None = None
         self._usual: deque[float] = deque(maxlen=MEMORY)
+        # How far the points of the last frames were from where they were predicted, root mean square.
+        self._off: deque[float] = deque(maxlen=MEMORY)
         # The first frame, while nobody knows the motion during its sweep.
         self._first: DownsampledFrame | None = None
         # Frames kept out of the map in a row.
@@ -80,7 +86,7 @@ class Tracker:
             self._merge(self._map, frame)
             self._first = None if frame.back is None else frame
             return first_frame(self._T_last, raw.notes, self._words(frame))
-        if self._first is not None:
+        if self._first is not None and frame.back is not None:
             self._undo_first_sweep(self._first, lengths, frame, ratio)
         frame = frame.without(self._motion)
         return self._register(kiss, self._map, lengths, frame, raw, ratio, expected, insert=insert)
@@ -95,7 +101,7 @@ class Tracker:
         """
         assert self._map is not None
         search = FrameSearch(self._map.surface, lengths, self.settings, np.nan, [(self._T_last, self._T_last)])
-        aligned = search.find(frame.scan, trust_motion=False)
+        aligned = search.find(frame, trust_motion=False)
         skewed = Deskewed(frame, aligned).repeated(search, WORTHWHILE * lengths.voxel_size)
         if not skewed.aligned.inlier_fraction >= LOST:
             return
@@ -109,9 +115,9 @@ class Tracker:
         made = VoxelMap(lengths)
         made.insert(first.without(twist.exp(mean - half)).dense, self._T_last)
         there = dataclasses.replace(search, surface=made.surface)
-        straight = there.refine(frame.without(self._motion).scan, predict(self._T_last, self._motion, ratio))
+        straight = there.refine(search.asked(frame.without(self._motion)), predict(self._T_last, self._motion, ratio))
         # Times may be no times.
-        if straight.inlier_fraction >= aligned.inlier_fraction - WORSE:
+        if fits_no_worse(straight, aligned):
             self._map = made
 
     def _ahead(self, raw: RawFrame) -> RawFrame:
@@ -141,10 +147,13 @@ class Tracker:
         # Points farther off than its own can reach cannot be met.
         surface.about(self._T_last[:3, 3], frame.reach + lengths.reach)
         search = FrameSearch(surface, lengths, self.settings, self._usual_fraction, self._anchors(T_predicted))
-        trusted = expected is not None or kiss.deviation <= lengths.voxel_size
+        off = max(self._off) if len(self._off) >= FEWEST_STEPS and not self._timeline.missed else np.inf
+        near = off <= NEAR * lengths.voxel_size
+        trusted = off <= TRUSTED * lengths.reach or expected is not None or kiss.deviation <= lengths.voxel_size
         # With times it is deskewed once more, and seen then.
         seen = Later(lambda: View.of(frame.dense, lengths.near), beside=frame.back is None)
-        aligned, notes = search.find(frame.scan, trust_motion=trusted), raw.notes
+        own = None if self._timeline.is_timed else Later(lambda: frame.own.fits)
+        aligned, notes = search.find(frame, trust_motion=trusted, near=near), raw.notes
         if frame.back is not None:
             deskewed = Deskewed(frame, aligned).repeated(search, WORTHWHILE * lengths.voxel_size)
             frame, aligned, notes = deskewed.frame, deskewed.aligned, notes + deskewed.notes
@@ -154,8 +163,10 @@ class Tracker:
         measured = expected is not None and expected.information is not None
         spread = expected.spread if expected is not None and measured else deviation
         timed = self._timeline.is_timed
-        place = placed(search, frame.scan, seen, aligned, T_predicted, spread, measured=measured, timed=timed)
-        found = frame_result(place, surface, frame, self._usual_fraction, notes, self._words(frame), expected)
+        if own is not None:
+            own.result()
+        place = placed(search, frame, seen, aligned, T_predicted, spread, measured=measured, timed=timed)
+        found = frame_result(place, frame, self._usual_fraction, notes, self._words(frame), expected)
         fits = self._kept_out >= self.settings.patience or (found.verdict.level != "failed" and self._fits(found))
         result = self._link.linked(found, place, self._timeline.count, fits=fits)
         self._learn(kiss, world, frame, result, T_predicted, trusted=place.is_escaped, insert=insert)
@@ -190,7 +201,9 @@ class Tracker:
             self._timeline.missed += 1
             self._T_doubtful = T
             return
-        kiss.learn(pose.inverse(T_predicted) @ T)
+        deviation = pose.inverse(T_predicted) @ T
+        kiss.learn(deviation)
+        self._off.append(float(frame.scan._spread.motion(T_predicted, T)))
         # Of a gap only the mean motion is known.
         step = pose.inverse(self._T_last) @ T
         self._motion = rigid(predict(np.eye(4), step, 1.0 / self._timeline.steps))

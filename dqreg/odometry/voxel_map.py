@@ -13,9 +13,7 @@ from dqreg.odometry.map_surface import MapSurface
 from dqreg.odometry.settings import Resolved
 from dqreg.rigid import pose
 
-# Places of the table of voxels for each that there is room for.
-SPARSE = 2
-# Share of the voxels that are out of range from which on they are forgotten, since the map is made anew then; and how
+# Share of the points that are out of range from which on they are forgotten, since the map is made anew then; and how
 # far the sensor has to move, over the range, until they are counted again.
 FAR, STEP = 1.0 / 8.0, 1.0 / 32.0
 
@@ -33,18 +31,8 @@ class VoxelMap:
 
     def _make(self, points: FloatArray) -> None:
         """A map of points alone."""
-        self._surface = MapSurface(np.zeros((0, 3)))
-        self._open(len(points))
-        self._admit(points)
-
-    def _open(self, voxels: int) -> None:
-        """Room for so many voxels, none of which holds a point."""
-        size = 1
-        while size < SPARSE * voxels:
-            size *= 2
-        # Points and voxels so far.
-        self._counts, self._table = np.zeros(2, dtype=np.int64), np.full(size, -1)
-        self._voxels, self._links = np.zeros((voxels, 5), dtype=np.int64), np.zeros((0, 2), dtype=np.int64)
+        given = self._lengths
+        self._surface = MapSurface(given.voxel_size, given.max_points_per_voxel, given.reach, points)
 
     @property
     def surface(self) -> MapSurface:
@@ -75,37 +63,16 @@ class VoxelMap:
         if self._waiting is None:
             return
         (points, T_map_frame), self._waiting = self._waiting, None
-        self._add(pose.apply(T_map_frame, points))
+        self._surface.add(pose.apply(T_map_frame, points))
         place, reach = T_map_frame[:3, 3], self._lengths.max_range
         if np.linalg.norm(place - self._counted_at) > STEP * reach:
             self._counted_at = place.copy()
             self._forget(place, reach)
 
     def _forget(self, place: FloatArray, reach: float) -> None:
-        voxels, points = int(self._counts[1]), self._surface.points
+        points = self._surface.points
+        away = points - place
         # The first point stands for its voxel.
-        away = points[self._voxels[:voxels, 3]] - place
-        far = np.einsum("ij,ij->i", away, away) > reach**2
-        if np.count_nonzero(far) > FAR * voxels:
-            self._make(points[~far[self._links[: len(points), 1]]])
-
-    def _add(self, points: FloatArray) -> None:
-        voxels = int(self._counts[1]) + len(points)
-        if voxels > len(self._voxels):
-            known = self._surface.points.copy()
-            self._open(2 * voxels)
-            # As they came they are all taken again, to the same rows.
-            self._admit(known)
-        self._admit(points)
-
-    def _admit(self, points: FloatArray) -> None:
-        from dqreg.kernels.threads import as_plain
-        from dqreg.kernels.voxel_points import admit_points
-
-        size, most = self._lengths.voxel_size, self._lengths.max_points_per_voxel
-        room, links = self._surface.room(len(points)), self._links
-        if len(links) < len(room):
-            self._links = np.concatenate([links, np.zeros((len(room) - len(links), 2), dtype=np.int64)])
-        voxels = self._links, self._table, self._voxels, self._counts
-        admit_points(as_plain(points), size, size / float(np.sqrt(most)), most, room, *voxels)
-        self._surface.grow(int(self._counts[0]))
+        far = self._surface.voxels_of(np.einsum("ij,ij->i", away, away)) > reach**2
+        if np.count_nonzero(far) > FAR * len(points):
+            self._make(points[~far])

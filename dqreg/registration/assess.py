@@ -16,7 +16,7 @@ from dqreg.registration.between_clouds import between_clouds, have_planes_alone,
 from dqreg.registration.common_faces import begin_sampling, overlap_at
 from dqreg.registration.exposures import second_pose
 from dqreg.registration.fit import Fit, own_normals
-from dqreg.registration.free_space import begin_free_space, looked_through_at
+from dqreg.registration.free_space import begin_free_space, looked_through_at, viewpoint_behind
 from dqreg.registration.loop_status import status_of
 from dqreg.registration.prepared import Prepared
 from dqreg.registration.problem import Problem
@@ -123,6 +123,7 @@ def _measured(fit: Fit, covariance: FloatArray) -> Evidence:
         is_scene=fit.has_border or is_scene(fit),
         looked_through=looked_through,
         seen_alike=seen_alike,
+        viewpoint_behind=viewpoint_behind(fit.problem),
         drift=drift,
         drift_rad=drift_rad,
         drift_along=drift_along,

@@ -18,7 +18,7 @@ from dqreg.icp import Alignment, Correspondences, smallest_kernel_scale
 from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.icp.rejectors import at_boundary
 from dqreg.registration.evenly_asked import LOOKED_AT_LATE, evenly_asked, fitted_pairs
-from dqreg.registration.surroundings import Surroundings, surroundings_of
+from dqreg.registration.surroundings import TOGETHER, Surroundings, displaced_of, surroundings_of
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 from dqreg.trust.chance import COUNTED, places_of, random_ratio
 from dqreg.trust.deformation import ON_A_PART, deformation_of, may_be_deformed
@@ -47,8 +47,6 @@ USUAL, LEAST = 3.0, 3e-4
 # Points from which the strain is fitted; share of strays from which on they may draw the fit: scans with 10 % of them
 # come to 0.09 and more, scans without, of other parts too, to 0.011.
 STRAINED, SOME_STRAYS = 3_000, 0.05
-# Points are off the target together beyond so many standard deviations of the noise.
-TOGETHER = 5.0
 # Normals farther apart than this are of different faces.
 APART_RAD = np.deg2rad(35.0)
 
@@ -93,6 +91,8 @@ def agreement_of(
         clutter, strays = has_border or bool(around.elsewhere.any()), float(np.mean(alone))
         fit = functools.partial(strain_of, clutter=clutter, strays=strays > SOME_STRAYS, faults=not axis)
         shape = _shape_of(pairs, asked_of, noise, size, fit, clutter=clutter, sparse=sparse)
+        # Neighbours of a sparse scan tell faces from outliers no better than chance; their heights do.
+        off = off if has_border else max(off, displaced_of(pairs, close, width, noise, surface))
     counted = _counted(run, surface, pairs, close, max_distance, has_border=has_border)
     return dataclasses.replace(
         counted,
@@ -156,6 +156,7 @@ def _counted(
         places=places_of(np.take(pairs.moved, here[sample_rows(len(here), COUNTED)], axis=0)),
         share_on=float(np.mean(on)),
         share_other=float(np.mean(~on)),
+        looking_away=pairs.looking_away(max_distance),
     )
 
 

@@ -9,8 +9,10 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
 from dqreg.registration.assess import evidence_of, is_partial, uncertainty_of, verdict_on
+from dqreg.registration.displacement import FEW, displacement_between
 from dqreg.registration.evidence import MISFIT
 from dqreg.registration.fit import Fit
+from dqreg.registration.free_space import looked_through_at
 from dqreg.registration.initial_pose import FOUND, GlobalSearch, InitialPose
 from dqreg.registration.rivals import BETTER, NO_POSES, SIGNIFICANT, down_to_noise, is_scene, mirror_gain, scores_of
 from dqreg.registration.slides import without_slide
@@ -40,8 +42,12 @@ AS_WELL, ERRORS, ROUNDING = 0.02, 3.0, 5e-4
 COPY = 2e-3
 # Poses of a search that are refined.
 TRIED = 8
-# Points that tell whether an initial pose is near.
-FEW = 500
+# Displacement of a point from the initial pose, in sizes, beyond which the loop between two clouds is in no basin that
+# was meant; a rotation by 23 degrees, or less with a shift.
+FAR = 0.2
+# Points of two clouds near each other, and within their borders, of which so large a share lies apart: right poses of
+# one body leave 0.002.
+BETWEEN = 0.02
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,7 +67,7 @@ def best_known(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
         return known
     if is_given and not may_search(fit):
         return known
-    is_asked = is_given and (problem.options.search == "always" or is_partial(fit))
+    is_asked = is_given and (problem.options.search == "always" or is_partial(fit) or _is_astray(fit, start))
     beside = np.concatenate([start.others, start.unlikely])
     kernel_scale = search.kernel_scale if problem.options.method == "auto" else None
     if not is_asked and ((not is_given and not len(beside)) or not is_doubtful(fit)):
@@ -82,6 +88,20 @@ def best_known(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
     if is_partial(fit):
         copies = np.concatenate([copies, _copies(known.fit)])
     return dataclasses.replace(known, others=np.concatenate([known.others, copies]))
+
+
+def _is_astray(fit: Fit, start: InitialPose) -> bool:
+    """Whether a pose between two clouds is one that the initial pose did not mean, or leaves some of both apart.
+
+    Two clouds fit at many poses, with less in common: what lies off the target may be what it does not show. Where the
+    place of a scanner is known, its free space tells.
+    """
+    if fit.target.kind != "cloud" or not fit.found or np.isfinite(looked_through_at(fit)[0]):
+        return False
+    return (
+        fit.agreement.share_near < 1.0 - BETWEEN
+        or displacement_between(fit, start.T_target_source, fit.T_target_source) > FAR
+    )
 
 
 def may_search(fit: Fit) -> bool:
@@ -170,15 +190,8 @@ def but_on_the_way(fit: Fit, others: FloatArray, kernel_scale: float | None) -> 
         last = last.resumed(T, kernel_scale)
         if last.problem.watch.is_over:
             return others
-        kept.append(not last.found or _away(fit, last.T_target_source, fit.T_target_source) > FOUND)
+        kept.append(not last.found or displacement_between(fit, last.T_target_source, fit.T_target_source) > FOUND)
     return np.asarray(others[np.flatnonzero(kept)])
-
-
-def _away(fit: Fit, T: FloatArray, other: FloatArray) -> float:
-    """How far two poses place a point of the scan apart at most, in sizes of the target."""
-    points = fit.prepared.scan.thinned(FEW).points
-    away = np.linalg.norm(pose.apply(other, points) - pose.apply(T, points), axis=1).max(initial=0.0)
-    return float(away / fit.prepared.surface.diagonal)
 
 
 def _is_slid(fit: Fit, T: FloatArray, other: FloatArray) -> bool:
@@ -189,7 +202,7 @@ def _is_slid(fit: Fit, T: FloatArray, other: FloatArray) -> bool:
     information, scale = fit.information, np.r_[[fit.information.lever] * 3, [1.0] * 3]
     free, motion = information.vectors[:, information.free], twist.log(other @ pose.inverse(T))
     along = twist.exp(free @ (free.T @ (scale * motion)) / scale) @ T
-    return _away(fit, along, other) <= FOUND
+    return displacement_between(fit, along, other) <= FOUND
 
 
 def _copies(fit: Fit) -> FloatArray:

@@ -14,7 +14,7 @@ from dqreg.registration.fit import Fit
 from dqreg.registration.problem import Problem
 from dqreg.registration.target_index import TargetIndex
 from dqreg.rigid import pose
-from dqreg.trust.free_space import Seen, can_look_through, looked_through
+from dqreg.trust.free_space import Seen, can_look_through, hidden_share, looked_through
 from dqreg.trust.rays import BothRays, Met, Rays
 
 # Points of each side that are compared, and rays that are cast at a part.
@@ -123,6 +123,15 @@ def take_as_merged(index: TargetIndex) -> None:
     if isinstance(geometry, PointCloud):
         seen = _seen(geometry.points, None, -index.origin)
         index.derived["seen"] = dataclasses.replace(seen, one_place=False)
+
+
+def viewpoint_behind(problem: Problem) -> float:
+    """Share of the scan's own points that stand behind others, seen from the one viewpoint that was given; else NaN."""
+    places = problem.viewpoints
+    if places is None or len(places) != 1:
+        return np.nan
+    source = problem.source
+    return problem.once("viewpoint behind", lambda: hidden_share(source.cloud.points, source.centred(places)[0]))
 
 
 def _through_mesh(fit: Fit, part: Mesh) -> float:

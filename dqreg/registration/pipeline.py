@@ -12,6 +12,7 @@ from dqreg._arrays import FloatArray
 from dqreg.geometry import MeshSurface, Scan
 from dqreg.icp.rejectors import beyond_boundary
 from dqreg.kernels.threads import TimeUpError, until
+from dqreg.registration.alternatives import alternatives_of
 from dqreg.registration.assess import (
     Uncertainty,
     begin_comparing,
@@ -25,6 +26,7 @@ from dqreg.registration.assess import (
 from dqreg.registration.common_faces import on_common_faces
 from dqreg.registration.fallback import Known, best_known, but_on_the_way, is_doubtful, may_search
 from dqreg.registration.fit import Fit, coarse_to_fine
+from dqreg.registration.free_space import viewpoint_behind
 from dqreg.registration.initial_pose import GlobalSearch, InitialPose, initial_pose
 from dqreg.registration.loop_status import status_of
 from dqreg.registration.prepared import Prepared
@@ -32,7 +34,6 @@ from dqreg.registration.problem import Problem, SourceAndTarget
 from dqreg.registration.result import Registration
 from dqreg.registration.rivals import (
     NO_POSES,
-    alternatives_of,
     best_near_symmetric,
     best_seen,
     down_to_noise,
@@ -40,7 +41,7 @@ from dqreg.registration.rivals import (
     mirror_gain,
 )
 from dqreg.registration.slides import without_slide
-from dqreg.registration.visibility import on_visible_faces, viewpoint_seen
+from dqreg.registration.visibility import on_visible_faces
 from dqreg.registration.wall_sides import equal_sides, on_best_sides
 from dqreg.solvers.status import INTERRUPTED
 from dqreg.trust import judge
@@ -272,6 +273,7 @@ def resolved(fit: Fit) -> dict[str, Any]:
     """Lengths, counts and kinds that followed from the data."""
     source, target, scan, pairs = fit.problem.source, fit.target, fit.prepared.scan, fit.run.pairs
     max_distance, width = fit.settings.max_distance, fit.run.mixture.scale
+    behind = viewpoint_behind(fit.problem)
     beyond = beyond_boundary(pairs, fit.prepared.surface, width, max_distance) if fit.found else np.zeros(0)
     return {
         "max_distance": max_distance,
@@ -285,7 +287,7 @@ def resolved(fit: Fit) -> dict[str, Any]:
         "used_points": round(pairs.scan.represented),
         "beyond_border": int(np.count_nonzero(beyond)),
         "normals_oriented": pairs.same_sign,
-        **viewpoint_seen(fit),
+        **({} if np.isnan(behind) else {"viewpoint_behind": behind}),
         "target_kind": target.kind,
         "target_dropped": target.geometry.dropped,
         "diagonal": fit.prepared.surface.diagonal,

@@ -7,14 +7,20 @@ import math
 
 import numpy as np
 
-from dqreg._arrays import BoolArray
+from dqreg._arrays import BoolArray, bounds
+from dqreg.geometry import Surface
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp import Correspondences
+from dqreg.search.problem import SCENE
+from dqreg.trust.limits import LEAST_NOISE
+from dqreg.trust.patch_tests import share_displaced
 from dqreg.trust.segments import Segments, segments_of
 
 # Points of which segments are made, and the share of points off the target from which it is asked what they are.
 SEGMENTED, SOME_OFF = 5_000, 0.02
+# Points are off the target together beyond so many standard deviations of the noise.
+TOGETHER = 5.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,6 +55,20 @@ def surroundings_of(pairs: Correspondences, width: float, near: float, size: flo
     faces = segments.on & (segments.labels >= 0)
     shares = (float(np.mean(side)) for side in (segments.on, segments.other, segments.contradicting, faces))
     return Surroundings(elsewhere, *shares)
+
+
+def displaced_of(pairs: Correspondences, close: BoolArray, width: float, noise: float, surface: Surface) -> float:
+    """Share of the points near a part, (n,), on faces that lie beside their places, beyond a width of those on it.
+
+    0 for a scan larger than the part, of which other objects may be as even.
+    """
+    if float(np.linalg.norm(np.subtract(*bounds(pairs.scan.points)))) > SCENE * surface.diagonal:
+        return 0.0
+    noise = max(noise, LEAST_NOISE * surface.diagonal)
+    off = pairs.distances[close] > max(TOGETHER * noise, width)
+    if not off.any():
+        return 0.0
+    return share_displaced(pairs.moved[close], pairs.closest.normals[close], off, noise)
 
 
 def _far_objects(segments: Segments, far: BoolArray) -> BoolArray:

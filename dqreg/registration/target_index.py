@@ -29,6 +29,7 @@ from dqreg.registration.source import require_spread
 from dqreg.search import PairTable
 from dqreg.search.near_symmetry import near_flips, near_mirrors
 from dqreg.search.periods import near_periods
+from dqreg.search.thin_walls import ThinWalls
 
 # Chord of a STEP part, in the noise and in the spacing of its scan: neither shows it.
 OF_NOISE, OF_SPACING = 0.1, 0.05
@@ -184,6 +185,11 @@ class TargetIndex:
     def near_reflections(self) -> FloatArray:
         """Reflections that leave most of a part in place, (k, 4, 4); none for a cloud."""
         return near_mirrors(self.geometry, self.surface) if isinstance(self.geometry, Mesh) else np.zeros((0, 4, 4))
+
+    @cached_property
+    def thin_walls(self) -> ThinWalls:
+        """Thin walls of a closed part, whose sides a scan may confuse."""
+        return ThinWalls.of(self.geometry, self.surface) if isinstance(self.geometry, Mesh) else ThinWalls.none()
 
     @cached_property
     def diagonal(self) -> float:

@@ -9,7 +9,6 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.registration.fit import Fit
 from dqreg.registration.target_index import TargetIndex
-from dqreg.trust.free_space import hidden_share
 
 # Runs at most: each starts with what can be seen at the pose of the last one.
 RUNS = 3
@@ -37,15 +36,6 @@ def on_visible_faces(fit: Fit, viewpoints: FloatArray) -> Fit:
             target=target,
         )
     return fit
-
-
-def viewpoint_seen(fit: Fit) -> dict[str, float]:
-    """Share of the scan's own points that stand behind others, seen from the one viewpoint that was given."""
-    places = fit.problem.viewpoints
-    if places is None or len(places) != 1:
-        return {}
-    source = fit.problem.source
-    return {"viewpoint_behind": hidden_share(source.cloud.points, source.centred(places)[0])}
 
 
 def _same_faces(one: TargetIndex, other: TargetIndex) -> bool:

@@ -14,10 +14,10 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh, MeshSurface
 from dqreg.geometry.normals import sample_rows
+from dqreg.registration.displacement import displacement_between
 from dqreg.registration.fit import Fit
 from dqreg.registration.rivals import JUDGES, NO_POSES
 from dqreg.registration.slides import losses_at
-from dqreg.rigid import pose
 from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
 from dqreg.search.refine import refine
@@ -76,11 +76,11 @@ def _compared(fit: Fit) -> tuple[list[Fit], FloatArray]:
         poses = _refined(fit, poses, least, points, steps)
         losses = losses_at(fit, np.concatenate([fit.T_target_source[None], poses]), asked)
         poses = poses[losses < HOLDS + roughly]
-    rivals = []
+    rivals, near = [], 0.5 * least / fit.prepared.surface.diagonal
     for T in poses:
         there, other = fit.at(T), fit.resumed(T, fit.run.mixture.scale)
         # The loop may lead back to where it was: then the pose of the refinement stays.
-        stays = other.found and _apart(fit, T, other.T_target_source) < 0.5 * least
+        stays = other.found and displacement_between(fit, T, other.T_target_source) < near
         rivals.append(other if stays else there)
     if not rivals:
         return [], np.zeros(0)
@@ -114,15 +114,13 @@ def _moved(fit: Fit) -> tuple[FloatArray, float]:
 
 def _walls(fit: Fit) -> ThinWalls:
     """Thin walls whose sides the scan may confuse: with normals of its own, or seen from known places, it does not."""
-    target, surface, none = fit.problem.target, fit.prepared.surface, ThinWalls(np.zeros((0, 3)), np.zeros(0))
+    target, surface, none = fit.problem.target, fit.prepared.surface, ThinWalls.none()
     is_known = fit.run.pairs.same_sign or fit.problem.viewpoints is not None
     if not fit.found or is_known or fit.constraints.any or fit.problem.watch.is_over or fit.is_late:
         return none
     if not isinstance(target.geometry, Mesh) or not isinstance(surface, MeshSurface):
         return none
-    if "thin walls" not in target.derived:
-        target.derived["thin walls"] = ThinWalls.of(target.geometry, target.surface)
-    walls: ThinWalls = target.derived["thin walls"]
+    walls = target.thin_walls
     # Thinner ones are within the noise.
     clear = walls.thickness > ON * fit.run.mixture.scale
     return ThinWalls(walls.normals[clear], walls.thickness[clear])
@@ -144,8 +142,3 @@ def _refined(fit: Fit, poses: FloatArray, least: float, points: int, steps: int)
     sample = OrientedPoints.on_faces(scan.points[sample_rows(len(scan), points)])
     widths = np.geomspace(0.5 * least, fit.run.mixture.scale, steps)
     return refine(Poses.of(poses), sample, fit.prepared.surface, widths).matrices
-
-
-def _apart(fit: Fit, T: FloatArray, other: FloatArray) -> float:
-    points = fit.prepared.scan.points[sample_rows(len(fit.prepared.scan), SCREENING)]
-    return float(np.linalg.norm(pose.apply(T, points) - pose.apply(other, points), axis=1).max())

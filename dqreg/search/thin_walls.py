@@ -29,10 +29,15 @@ class ThinWalls:
     thickness: FloatArray  # (k,)
 
     @staticmethod
+    def none() -> ThinWalls:
+        """No walls."""
+        return ThinWalls(np.zeros((0, 3)), np.zeros(0))
+
+    @staticmethod
     def of(mesh: Mesh, surface: Surface) -> ThinWalls:
         """Those of a closed mesh that are an appreciable share of it, largest first; none of an open one."""
         if not mesh.is_closed:
-            return ThinWalls(np.zeros((0, 3)), np.zeros(0))
+            return ThinWalls.none()
         points, faces = places_on(mesh, PLACES, np.random.default_rng(0))
         normals = mesh.face_normals[faces]
         thickness = thickness_at(points, normals, surface, THICKEST * surface.diagonal)

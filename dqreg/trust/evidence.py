@@ -111,6 +111,11 @@ class Evidence:
         Distinct places at which inliers lie, of some hundreds of them; infinite where that was not counted.
     clutter : str
         "allowed", or "none" where the scan is of the part alone.
+    looking_away : float
+        Share of the points near the target whose normals, of known sides, look the other way than its faces; NaN where
+        the sides are not known.
+    viewpoint_behind : float
+        Share of the scan's own points that stand behind others, seen from the viewpoint that was given; NaN without.
     is_scene : bool
         Whether the scan is so large that it shows more than a closed target; True where that is not known.
     """
@@ -166,6 +171,8 @@ class Evidence:
     opposed_edges: float = math.nan
     closed_hole: float = math.nan
     seen_alike: float = math.nan
+    looking_away: float = math.nan
+    viewpoint_behind: float = math.nan
 
     @property
     def contradiction(self) -> float:

@@ -58,6 +58,8 @@ WAVY = 1.5e-3
 # The same between two clouds, where it is 1.8 times the noise from point to point: ripples of 0.3 to 0.6 % came to 1.9
 # times and more, right poses of measured pairs to 1.65, and a LiDAR on a street to 5 at 0.00022.
 WAVY_BETWEEN = 5e-4
+# Normals that look the other way than the target beside them: more than half of them are no matter of the pose.
+LOOKING_AWAY = 0.5
 # Points where a scanner looked through: right poses of depth cameras and LiDARs came to 0.004, wrong ones to 0.05.
 LOOKED_THROUGH = 0.05
 # The same by rays, of two scans from places amid what they show.

@@ -176,6 +176,58 @@ def share_together(points: FloatArray, off: BoolArray, counted: BoolArray) -> fl
     return count / len(near) if count >= FEWEST_TOGETHER else 0.0
 
 
+# Directions of faces that are told apart, and as many of them at most: those with most of the points.
+ALIKE_COS, DIRECTIONS = float(np.cos(np.deg2rad(8.0))), 12
+# Heights within so many standard deviations of the noise either way are of one plane; so many points are in it at
+# least, and so many times as many as in as wide a layer of those beside it, so many of them on each side.
+SIGMAS, FEWEST_DISPLACED, CLEARLY, BESIDE = 3.0, 12, 4.0, 2
+
+
+def share_displaced(points: FloatArray, normals: FloatArray, off: BoolArray, noise: float) -> float:
+    """Share of some points of a scan that lie off the target in planes parallel to its faces.
+
+    Where points stand farther apart than a face is displaced, none of it looks like a surface by its neighbours:
+    outliers are not told from it but by their heights, which scatter.
+
+    Shapes: points (n, 3), normals of the target at them (n, 3), which are off it (n,).
+    """
+    if np.count_nonzero(off) < FEWEST_DISPLACED:
+        return 0.0
+    left, found = points[off], 0
+    for direction in _directions(normals[~off]):
+        while (held := _fullest_layer(left @ direction, 2.0 * SIGMAS * noise)) is not None:
+            found, left = found + int(np.count_nonzero(held)), left[~held]
+    return found / len(points)
+
+
+def _fullest_layer(heights: FloatArray, width: float) -> BoolArray | None:
+    """Which heights, (n,), are in the layer of a width that holds most; None where those beside it hold as many."""
+    order = np.sort(heights)
+    counts = np.searchsorted(order, order + width, side="right") - np.arange(len(order))
+    if counts.max(initial=0) < FEWEST_DISPLACED:
+        return None
+    low = order[counts.argmax()]
+    high, margin = low + width, BESIDE * width
+    beside = np.count_nonzero((heights >= low - margin) & (heights <= high + margin)) - counts.max()
+    if counts.max() < CLEARLY * beside / (2.0 * BESIDE):
+        return None
+    return np.asarray((heights >= low) & (heights <= high))
+
+
+def _directions(normals: FloatArray) -> list[FloatArray]:
+    """Directions of the faces that points lie on, the fullest first; opposite ones are one."""
+    left = normals[np.linalg.norm(normals, axis=1) > 0.5]
+    found: list[FloatArray] = []
+    while len(left) >= FEWEST_DISPLACED and len(found) < DIRECTIONS:
+        alike = np.abs(product(left[:: max(1, len(left) // 50)], left.T)) > ALIKE_COS
+        held = alike[np.count_nonzero(alike, axis=1).argmax()]
+        some = left[held]
+        direction = some.T @ np.sign(some @ some[0])
+        found.append(direction / np.linalg.norm(direction))
+        left = left[~held]
+    return found
+
+
 # Chance that six strains explain as much of independent noise; F of good scans reaches 2.
 CHANCE = 1e-6
 # A smaller strain is no fault: parts shrink, and sensors are calibrated to one percent at worst.

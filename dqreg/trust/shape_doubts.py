@@ -136,8 +136,10 @@ def drift(evidence: Evidence) -> Iterator[str]:
     """The pose drifts along the scan."""
     if evidence.drift:
         along = f" along {direction_words(evidence.drift_along)}" if any(evidence.drift_along) else ""
+        # Of two exposures no direction is known.
+        lacks = "it shows a face that the open target lacks, or " if evidence.has_border and not along else ""
         yield (
             f"the pose drifts by {evidence.length(evidence.drift)}{along} and "
-            f"{math.degrees(evidence.drift_rad):.2g} degrees within the scan: part or scanner moved during it or "
-            "between two exposures, or its views do not fit"
+            f"{math.degrees(evidence.drift_rad):.2g} degrees within the scan: {lacks}part or scanner moved "
+            "during it or between two exposures, or its views do not fit"
         )

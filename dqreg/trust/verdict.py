@@ -9,7 +9,8 @@ from dqreg.trust.checks import checks_of
 from dqreg.trust.confidence import confidence_of
 from dqreg.trust.doubts import DOUBTS, counted
 from dqreg.trust.evidence import Evidence
-from dqreg.trust.limits import FEWEST_OF_ALL
+from dqreg.trust.free_space import HIDDEN
+from dqreg.trust.limits import FEWEST_OF_ALL, LOOKING_AWAY
 from dqreg.trust.records import Check, Level, Reason, Verdict
 
 # Confidence below which a pose is not accepted though no figure alone speaks against it: of 186 such poses of the
@@ -40,8 +41,28 @@ def judge(evidence: Evidence) -> Verdict:
     if together < UNLIKELY:
         doubts, level = (Reason(_unlikely(together), "low_confidence"),), "suspect"
     checks = (*checks_of(evidence, {doubt.code for doubt in doubts}), _together(together))
+    doubts = (*_causes(evidence), *doubts) if doubts else doubts
     reasons = doubts or (Reason(_summary(evidence), "accepted"), *_remarks(evidence))
     return Verdict(level, reasons, checks, confidence)
+
+
+def _causes(evidence: Evidence) -> Iterator[Reason]:
+    """What may explain all doubts of a pose, and is none of it alone."""
+    if evidence.looking_away > LOOKING_AWAY:
+        yield Reason(_looking_away(evidence), "wrong_viewpoint")
+    elif evidence.viewpoint_behind > HIDDEN:
+        yield Reason(
+            f"from the viewpoint given {100 * evidence.viewpoint_behind:.0f} % of the scan's own points stand behind "
+            "others: it is not where the scanner stood, in the coordinates and units of the scan",
+            "wrong_viewpoint",
+        )
+
+
+def _looking_away(evidence: Evidence) -> str:
+    return (
+        f"the normals of {100 * evidence.looking_away:.0f} % of the scan's points near the target look the other way "
+        "than its faces: the viewpoint given is on the other side of the scan, or normals were given inside out"
+    )
 
 
 def _remarks(evidence: Evidence) -> Iterator[Reason]:
@@ -72,13 +93,20 @@ def _together(confidence: float) -> Check:
     return Check("low_confidence", question, confidence, "at least", UNLIKELY, "%", not confidence < UNLIKELY)
 
 
+def _why_no_correspondences(evidence: Evidence) -> Reason:
+    if evidence.looking_away > LOOKING_AWAY:
+        return Reason(f"no pose: {_looking_away(evidence)}", "wrong_viewpoint")
+    sides = ", which way the normals look, given or by the viewpoint" if math.isfinite(evidence.looking_away) else ""
+    return Reason(
+        f"no pose: hardly any scan point comes within {evidence.length(evidence.max_distance)} of the target with a "
+        f"matching normal; check the initial pose and the units{sides}, or raise max_distance",
+        "no_correspondences",
+    )
+
+
 def _why_nothing(evidence: Evidence) -> Reason:
     if evidence.status == "no correspondences":
-        return Reason(
-            f"no pose: hardly any scan point comes within {evidence.length(evidence.max_distance)} of the target with "
-            "a matching normal; check the initial pose and the units, or raise max_distance",
-            "no_correspondences",
-        )
+        return _why_no_correspondences(evidence)
     if evidence.status == "degenerate correspondences":
         return Reason(
             "no pose: the correspondences lie on a line or at one point; scan more of the part, or check the initial "

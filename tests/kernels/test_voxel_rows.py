@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dqreg.kernels.voxel_rows import first_of_voxels
+from dqreg.kernels.voxel_rows import first_of_voxels, means_of_voxels
 
 
 @pytest.mark.parametrize("count", [0, 1, 500, 20_000])
@@ -21,3 +21,24 @@ def test_it_leaves_what_kiss_icp_leaves() -> None:
     found, known = points[first_of_voxels(points, 0.5)], np.array(voxels.voxel_down_sample(points, 0.5))
     assert len(found) == len(known)
     np.testing.assert_array_equal(found[np.lexsort(found.T)], known[np.lexsort(known.T)])
+
+
+@pytest.mark.parametrize("count", [1, 500, 20_000])
+def test_the_means_of_each_voxel_are_found(count: int) -> None:
+    # Oracle: distinct cells, by sorting; in the order of their first points.
+    rng = np.random.default_rng(count)
+    points, times = rng.normal(size=(count, 3)) * [8.0, 5.0, 0.4], rng.uniform(-1, 0, count)
+    _, rows, which = np.unique(np.floor(points / 0.3), axis=0, return_index=True, return_inverse=True)
+    counts, which = np.bincount(which.ravel()), which.ravel()
+    for given in (None, times):
+        means, when = means_of_voxels(points, given, 0.3, 2.0)
+        for k, column in enumerate((*points.T, np.zeros(count) if given is None else given)):
+            expected = (np.bincount(which, column) / counts)[np.argsort(rows)]
+            np.testing.assert_allclose(means[:, k] if k < 3 else when, expected, atol=1e-12)
+
+
+def test_what_is_seen_at_both_ends_of_a_sweep_is_not_mixed() -> None:
+    points = np.array([[0.1, 0.1, 0.1], [0.2, 0.2, 0.2], [0.3, 0.3, 0.3]])
+    means, when = means_of_voxels(points, np.array([-1.0, -0.96, 0.0]), 1.0, 0.1)
+    np.testing.assert_allclose(means, [[0.15, 0.15, 0.15]])
+    np.testing.assert_allclose(when, [-0.98])

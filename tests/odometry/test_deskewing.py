@@ -10,9 +10,10 @@ from dqreg.geometry import Scan
 from dqreg.geometry.surface import Closest
 from dqreg.icp import Alignment, InlierMixture
 from dqreg.icp.correspondences import Correspondences
-from dqreg.odometry import deskew
-from dqreg.odometry.deskewing import sweep_steps
-from dqreg.odometry.frame import DownsampledFrame
+from dqreg.icp.history import Iteration
+from dqreg.odometry import Odometry, deskew
+from dqreg.odometry.deskewing import fits_no_worse, sweep_steps
+from dqreg.odometry.frame import DownsampledFrame, OwnPlanes
 from dqreg.odometry.sweep import swept
 from dqreg.rigid import Trajectory, pose, twist
 
@@ -82,12 +83,30 @@ def test_what_was_seen_early_and_late_tells_the_motion():
     one = np.ones(4000)
     scan = Scan(points, normals @ T[:3, :3], one, 0.01 * one, False, 0.1, 0.01, 4000)
     pairs = Correspondences(scan, T, Closest(places, normals, one, np.arange(4000)), same_sign=False)
-    frame = DownsampledFrame(points, back, scan, np.arange(4000), 14.0, np.eye(4), scan.normals)
+    frame = DownsampledFrame(points, back, np.arange(4000), 14.0, 0.1, OwnPlanes(points, np.arange(4000)))
     aligned = Alignment(T, "converged", (), pairs, one, mixture=InlierMixture(0.1, 0.9, 1.0))
     found = sweep_steps(frame, aligned)
     # What a third of the points tells is believed to three quarters: the rest is left to the next round.
     np.testing.assert_allclose(found[1], change, atol=0.3 * np.abs(change).max())
     np.testing.assert_allclose(found[0], step, atol=0.3 * np.abs(step).max())
+
+
+@pytest.mark.parametrize(
+    ("share", "scale", "is_kept"), [(0.77, 0.187, True), (0.75, 0.169, True), (0.75, 0.187, False), (0.5, 0.169, False)]
+)
+def test_a_narrower_kernel_may_hold_fewer_points(share: float, scale: float, is_kept: bool) -> None:
+    # A bend of 9 mrad undone: the share fell from 0.78 to 0.75, with the kernel's width from 0.187 to 0.169.
+    def run(share: float, scale: float) -> Alignment:
+        points = np.zeros((100, 3))
+        scan = Scan(points, points, np.ones(100), np.ones(100), False, 0.1, 0.01, 100)
+        pairs = Correspondences(
+            scan, np.eye(4), Closest(points, points, np.zeros(100), np.arange(100)), same_sign=False
+        )
+        mixture, weights = InlierMixture(scale, share, 1.0), np.full(100, share)
+        seen = Iteration(1, "fine", 100, 100, share, 0.1, scale, 0.0, 0.0, 0.0, 0.0, np.eye(4))
+        return Alignment(np.eye(4), "converged", (seen,), pairs, weights, mixture=mixture)
+
+    assert fits_no_worse(run(share, scale), run(0.78, 0.187)) == is_kept
 
 
 def test_rows_keep_their_places():
@@ -109,3 +128,12 @@ def test_rows_keep_their_places():
 def test_what_is_no_sweep_is_refused(points, times, motion, said):
     with pytest.raises(InputError, match=said):
         deskew(points, times, motion)
+
+
+def test_a_first_frame_with_times_may_be_followed_by_one_without() -> None:
+    rng = np.random.default_rng(0)
+    walls = rng.uniform(-4, 4, (6000, 3))
+    walls[np.arange(6000), np.arange(6000) % 3] = np.sign(walls[np.arange(6000), np.arange(6000) % 3]) * 4
+    odometry = Odometry()
+    odometry.register_frame(walls, np.linspace(0.0, 0.1, 6000))
+    assert odometry.register_frame(walls - [0.05, 0.0, 0.0]).inlier_fraction > 0.8

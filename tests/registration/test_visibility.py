@@ -123,6 +123,19 @@ def test_a_viewpoint_from_which_the_scan_hides_itself_is_told() -> None:
         assert (words == "") == is_right, words
 
 
+@pytest.mark.parametrize("start", ["identity", None])
+def test_a_viewpoint_on_the_other_side_is_named(start: str | None) -> None:
+    part = bracket_mesh()
+    scan = scan_mesh(part.vertices, part.faces, Scanner([VIEWS[0]], pixels=60), rng=np.random.default_rng(0)).points
+    result = register(scan, part, start, effort="fast", viewpoint=-5.0 * part.diagonal * np.array(VIEWS[0]))
+    assert result.verdict.codes[0] == "wrong_viewpoint"
+    assert "look the other way" in result.verdict.reasons[0]
+    aside = 5.0 * part.diagonal * np.array(VIEWS[0]) * [-1.0, 1.0, 1.0]
+    result = register(scan, part, start, effort="fast", viewpoint=aside)
+    assert result.verdict.level != "accepted"
+    assert result.verdict.codes[0] == "wrong_viewpoint"
+
+
 def test_a_viewpoint_that_is_not_finite_is_refused() -> None:
     with pytest.raises(InputError, match="finite"):
         register(np.eye(3), bracket_mesh(), "identity", viewpoint=[0.0, np.nan, 1.0])

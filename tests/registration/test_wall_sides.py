@@ -8,6 +8,7 @@ import pytest
 import dqreg
 from dqreg.geometry import PointCloud, sample_mesh
 from dqreg.registration.wall_sides import _shifts
+from dqreg.synth.parts import box
 from dqreg.synth.parts.blocks import cells
 from dqreg.synth.parts.patches import weld
 
@@ -62,6 +63,21 @@ def test_the_inner_side_alone_may_lie_on_the_outer_one_and_is_not_accepted(shift
     poses = [found.T_target_source, *(other.T_target_source for other in found.alternatives)]
     for right in (np.zeros(3), BOTH_OFF):
         assert min(across(T @ shifted(-right)) for T in poses) < 0.25 * THICKNESS
+
+
+@pytest.mark.parametrize("start", ["identity", None])
+def test_a_flat_plate_from_one_side_may_lie_on_the_other_and_is_not_accepted(start):
+    # Its half-turns are symmetries, which its other side is not, however thin.
+    thickness = 0.6
+    plate = dqreg.Mesh(*box((100.0, 70.0, thickness)))
+    found = sample_mesh(plate, 12_000, np.random.default_rng(0))
+    scan = found.points[found.normals[:, 2] > 0.5]
+    scan = scan + 0.05 * thickness * np.random.default_rng(1).normal(size=scan.shape)
+    result = dqreg.register(scan, plate, start, search="always")
+    assert "alternative_poses" in result.verdict.codes
+    others = [other for other in result.alternatives if not other.symmetry]
+    moved = [T @ np.linalg.inv(result.T_target_source) for T in (other.T_target_source for other in others)]
+    assert min(abs(abs(T[2, 3]) - thickness) for T in moved) < 0.25 * thickness
 
 
 @pytest.mark.parametrize("known", [{"normals": True}, {"outer": True}])

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from dqreg._arrays import FloatArray
 from dqreg.geometry import PointCloud, prepare_scan
 from dqreg.geometry.normals import sample_rows
-from dqreg.trust.patch_tests import PATCH, isolated, patches_off, share_together, waviness_of
+from dqreg.trust.patch_tests import PATCH, isolated, patches_off, share_displaced, share_together, waviness_of
 
-WIDTH = 0.01
+WIDTH, NOISE = 0.01, 1e-3
 
 
 def strips(*heights: float, length: float = 1.0) -> np.ndarray:
@@ -98,3 +99,37 @@ def test_isolated_points_are_those_with_neighbours_far_beyond_the_usual(strays: 
     alone = isolated(scan, on)
     np.testing.assert_array_equal(alone, ~on & (gaps > 2.5 * usual))
     assert alone.any() == (strays > 0)
+
+
+def sides_of_a_cube(rng: np.random.Generator, count: int) -> tuple[FloatArray, FloatArray]:
+    """Points on three sides of a unit cube, and their normals."""
+    points, sides = rng.uniform(size=(count, 3)), rng.integers(3, size=count)
+    points[np.arange(count), sides] = 0.0
+    return points + NOISE * rng.normal(size=points.shape), -np.eye(3)[sides]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_face_beside_its_place_is_told_from_outliers_by_its_heights(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    points, normals = sides_of_a_cube(rng, 900)
+    off = np.zeros(900, dtype=bool)
+    off[:60] = True
+    # Any height within the same reach is an outlier; one height is a face.
+    scattered = points - np.where(off, rng.uniform(0.01, 0.05, 900), 0.0)[:, None] * normals
+    displaced = points - np.where(off & (normals[:, 0] != 0.0), 0.04, 0.0)[:, None] * normals
+    assert share_displaced(scattered, normals, off, NOISE) == 0.0
+    expected = np.count_nonzero(off & (normals[:, 0] != 0.0)) / 900
+    assert share_displaced(displaced, normals, off & (normals[:, 0] != 0.0), NOISE) == pytest.approx(expected, rel=0.1)
+
+
+def test_a_turn_of_all_changes_nothing_and_few_points_tell_nothing() -> None:
+    rng = np.random.default_rng(7)
+    points, normals = sides_of_a_cube(rng, 600)
+    off = np.arange(600) < 90
+    points = np.where((off & (normals[:, 2] != 0.0))[:, None], points + np.array([0.0, 0.0, 0.03]), points)
+    off &= normals[:, 2] != 0.0
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    found = share_displaced(points, normals, off, NOISE)
+    assert found > 0.03
+    assert share_displaced(points @ turn.T, normals @ turn.T, off, NOISE) == pytest.approx(found, abs=0.005)
+    assert share_displaced(points, normals, off & (np.cumsum(off) <= 11), NOISE) == 0.0

@@ -380,6 +380,28 @@ def test_nothing_found_is_failed_whatever_else_is_known(status: str, sentence: s
         assert sentence in verdict.reasons[0]
 
 
+@pytest.mark.parametrize(("changes", "words"), [
+    ({"looking_away": 0.8}, "80 % of the scan's points near the target look the other way"),
+    ({"viewpoint_behind": 0.3}, "30 % of the scan's own points stand behind others"),
+])  # fmt: skip
+def test_a_wrong_viewpoint_is_a_cause_of_doubts_and_none_itself(changes: dict[str, float], words: str) -> None:
+    assert judge(dataclasses.replace(GOOD, **changes)).codes == ("accepted",)  # type: ignore[arg-type]
+    found = judge(dataclasses.replace(GOOD, share_near=0.1, **changes))  # type: ignore[arg-type]
+    assert found.codes == ("wrong_viewpoint", "low_inlier_fraction")
+    assert words in found.reasons[0]
+
+
+@pytest.mark.parametrize(("changes", "is_named"), [
+    ({"has_border": True}, True),
+    ({"has_border": False}, False),
+    ({"has_border": True, "drift_along": (1.0, 0.0, 0.0)}, False),
+])  # fmt: skip
+def test_points_beside_an_open_target_may_be_of_a_face_that_it_lacks(changes: dict[str, Any], is_named: bool) -> None:
+    found = judge(dataclasses.replace(GOOD, drift=1.0, **changes))
+    assert found.codes == ("drift",)
+    assert ("a face that the open target lacks" in found.reasons[0]) == is_named
+
+
 @pytest.mark.parametrize(("inliers", "code"), [(2.0, "too_few_points"), (100.0, "no_pose")])
 def test_a_loop_that_ended_with_nothing_is_failed(inliers: float, code: str) -> None:
     verdict = judge(dataclasses.replace(GOOD, found=False, inliers=inliers, status="stopped by observer"))

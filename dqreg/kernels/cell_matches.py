@@ -1,0 +1,105 @@
+"""Planes of a map where a frame meets it: by the cell that a point lies in, without a search for neighbours."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dqreg._arrays import FloatArray, IntArray
+from dqreg.kernels.compiled import compiled, inside_kernels
+from dqreg.kernels.voxel_blocks import Voxels, block_at, place_in_block
+from dqreg.kernels.voxel_nearest import NONE
+from dqreg.kernels.voxel_planes import fit_cell
+from dqreg.kernels.voxel_points import CELLS, Slots
+
+
+@compiled
+def planes_in_cells(
+    first: int,
+    last: int,
+    queries: FloatArray,
+    size: float,
+    table: Voxels,
+    keys: IntArray,
+    cells: Voxels,
+    sums: Slots,
+    planes: FloatArray,
+    state: int,
+    far: float,
+    asked: IntArray,
+    rows: IntArray,
+    distances: FloatArray,
+    feet: FloatArray,
+    normals: FloatArray,
+    variances: FloatArray,
+) -> None:
+    """Write the planes of the cells in which queries first to last lie, (m, 3), or of the nearest beside. O(1) each.
+
+    ``asked``, (m, 3), are the cells of the queries before: where one lies in the same, its plane is the same as well.
+    Where nothing stands, the row is -1 and the distance ``far``; where what stands there fixes no plane, the normal is
+    zero and the distance 0.
+    """
+    plane, at, half = np.zeros(6), np.zeros(3), 0.5 * size
+    for i in range(first, last):
+        x, y, z = queries[i, 0], queries[i, 1], queries[i, 2]
+        a, b, c = int(np.floor(x / half)), int(np.floor(y / half)), int(np.floor(z / half))
+        if a != asked[i, 0] or b != asked[i, 1] or c != asked[i, 2]:
+            asked[i, 0], asked[i, 1], asked[i, 2] = a, b, c
+            cell = _held_cell(a, b, c, table, keys, cells)
+            at[0], at[1], at[2] = x, y, z
+            if cell < 0:
+                cell = _nearest_beside(a, b, c, half, table, keys, cells, sums, at)
+            rows[i], variances[i] = cell, np.inf
+            if cell >= 0:
+                if planes[cell, 4] <= state:
+                    fit_cell(cell, at, size, table, keys, cells, sums, planes, state, plane)
+                variances[i] = planes[cell, 3]
+            if variances[i] < np.inf:
+                for k in range(3):
+                    feet[i, k], normals[i, k] = planes[cell, 5 + k], planes[cell, k]
+            else:
+                normals[i, 0] = normals[i, 1] = normals[i, 2] = 0.0
+        if variances[i] < np.inf:
+            u, v, w = x - feet[i, 0], y - feet[i, 1], z - feet[i, 2]
+            distances[i] = abs(u * normals[i, 0] + v * normals[i, 1] + w * normals[i, 2])
+        else:
+            feet[i, 0], feet[i, 1], feet[i, 2] = x, y, z
+            distances[i] = far if rows[i] < 0 else 0.0
+
+
+@inside_kernels
+def _held_cell(a: int, b: int, c: int, table: Voxels, keys: IntArray, cells: Voxels) -> int:
+    """Number of a cell that holds points, by where it is; -1 where there is none."""
+    block = block_at(a >> 3, b >> 3, c >> 3, table, keys)
+    if block < 0:
+        return int(np.int64(NONE))
+    held = int(cells[block, place_in_block(a >> 1, b >> 1, c >> 1)])
+    s = 4 * (a & 1) + 2 * (b & 1) + (c & 1)
+    return ((held >> CELLS) - 1) * CELLS + s if (held >> s) & 1 else int(np.int64(NONE))
+
+
+@inside_kernels
+def _nearest_beside(
+    a: int,
+    b: int,
+    c: int,
+    half: float,
+    table: Voxels,
+    keys: IntArray,
+    cells: Voxels,
+    sums: Slots,
+    at: FloatArray,
+) -> int:
+    """Number of the cell beside one, 26 of them, whose points have the nearest middle to a place; and a place in it."""
+    x, y, z, least, found = at[0], at[1], at[2], np.inf, int(np.int64(NONE))
+    for u in range(a - 1, a + 2):
+        for v in range(b - 1, b + 2):
+            for w in range(c - 1, c + 2):
+                cell = _held_cell(u, v, w, table, keys, cells)
+                if cell < 0:
+                    continue
+                n, p, q, r = sums[cell, 0], (u + 0.5) * half, (v + 0.5) * half, (w + 0.5) * half
+                dx, dy, dz = p + sums[cell, 1] / n - x, q + sums[cell, 2] / n - y, r + sums[cell, 3] / n - z
+                if dx * dx + dy * dy + dz * dz < least:
+                    least, found = dx * dx + dy * dy + dz * dz, cell
+                    at[0], at[1], at[2] = p, q, r
+    return found

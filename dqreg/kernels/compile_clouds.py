@@ -1,0 +1,81 @@
+"""Kernels of points, their cells and neighbourhoods, and of the odometry: what `compile_all` compiles of them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dqreg.kernels.cell_matches import planes_in_cells
+from dqreg.kernels.cell_moments import cell_moments, table_of
+from dqreg.kernels.cell_planes import cell_planes
+from dqreg.kernels.close_points import close_points, facing_matches
+from dqreg.kernels.edge_planes import edge_plane_rows, with_others_rows
+from dqreg.kernels.majority_planes import majority_plane_rows
+from dqreg.kernels.morton import count_cells, morton_cells, new_places, sorted_rows, take_points
+from dqreg.kernels.plane_steps import FIGURES, step_on_planes
+from dqreg.kernels.point_tree import LEAF
+from dqreg.kernels.quadric_fits import quadric_residual_rows
+from dqreg.kernels.split_sort import split_sorted_rows
+from dqreg.kernels.sweep_steps import step_on_planes_of_sweep
+from dqreg.kernels.swept_rows import swept_rows
+from dqreg.kernels.voxel_blocks import put_blocks
+from dqreg.kernels.voxel_nearest import distances_in_voxels
+from dqreg.kernels.voxel_planes import closest_in_voxels
+from dqreg.kernels.voxel_points import CELLS, SUMS, admit_points
+from dqreg.kernels.voxel_rows import first_of_voxels, means_of_voxels
+
+CORNERS, FLAT, ONE = np.eye(3), np.eye(3), np.zeros(3)
+FIRST = np.zeros(1, dtype=np.int64)
+
+
+def order_points() -> None:
+    """Morton order and cells."""
+    codes = np.zeros(2, dtype=np.uint64)
+    morton_cells(0, 2, CORNERS, np.zeros(3), 1.0, codes)
+    new_places(CORNERS, codes, sorted_rows(codes)[0])
+    take_points(0, 2, CORNERS, sorted_rows(codes)[0], np.zeros((2, 3)))
+    split_sorted_rows(codes)
+    count_cells(codes)
+    cell_moments(CORNERS, codes, FIRST)
+    table, edges = table_of(codes[:1]), (1.0,) * 5
+    cell_planes(0, 0, FIRST, codes, table, FLAT, ONE, np.zeros((0, 6)), *edges, np.zeros((0, 6)), np.zeros(0, np.bool_))
+
+
+def fit_neighbourhoods() -> None:
+    """Planes and shapes of neighbourhoods, and which of them match."""
+    corners, rows, none = CORNERS, np.zeros((0, 3), dtype=np.int64), np.zeros(1, dtype=np.bool_)
+    quadric_residual_rows(0, 0, corners, rows, np.zeros((1, 3)), 0.5, np.zeros(1))
+    majority_plane_rows(0, 0, corners, rows, corners, np.zeros((1, 3), dtype=np.int64), 1, 0.5, 0.5, np.zeros(1))
+    edge_plane_rows(0, 0, corners, rows, 1, 0.5, 1.0, 1, 1, np.zeros((1, 3)), np.zeros(1), none)
+    with_others_rows(0, 0, FIRST, corners, corners, 1.0, 0.5, 0.5, 1, none)
+    near, far, motion = np.full(3, -1), np.zeros(3), np.eye(4)[:3].copy()
+    close_points(0, 0, np.zeros((1, 6)), corners, LEAF, FIRST, corners, corners, motion, 1.0, 1.0, near, far)
+    plain, open_all = (corners, corners), np.zeros(3, dtype=np.bool_)
+    facing_matches(*plain, motion, near, *plain, open_all, 1.0, 0.0, True, near.copy(), far, far.copy())
+
+
+def keep_maps() -> None:
+    """The map of the odometry."""
+    flat, one, first = np.eye(3), np.zeros(3), np.zeros(1, dtype=np.int64)
+    first_of_voxels(flat, 1.0)
+    means_of_voxels(flat, None, 1.0, 1.0)
+    swept_rows(0, 0, flat, one, np.zeros(6), flat)
+    many, table, cells = (
+        np.zeros((3, 2), dtype=np.int64),
+        np.zeros(8, dtype=np.int32),
+        np.zeros((3, 64), dtype=np.int32),
+    )
+    keys, members = np.zeros((3, 3), dtype=np.int64), np.zeros((3, 1), dtype=np.int32)
+    slots, sums = np.zeros((3, 1, 3), dtype=np.float32), np.zeros((3 * CELLS, SUMS), dtype=np.float32)
+    put_blocks(keys, 0, table)
+    held = flat.copy(), many, table, keys, cells, many.copy(), slots, members
+    admit_points(flat, 1.0, 1.0, 1, *held, sums, first.repeat(3))
+    distances_in_voxels(0, 0, flat, 1.0, 1.0, *held, one)
+    kept, before = np.zeros((3 * CELLS, 8)), np.zeros((0, 3))
+    found = first.repeat(3), one, one, flat, flat, one
+    closest_in_voxels(0, 0, flat, 1.0, 1.0, *held, sums, kept, 1, before, before[:, 0], 1.0, 1.0, *found)
+    planes_in_cells(
+        0, 0, flat, 1.0, table, keys, cells, sums, kept, 1, 1.0, keys, first.repeat(3), one, flat, flat, one
+    )
+    figures = np.zeros(FIGURES)
+    step_on_planes(flat, flat, flat, flat, one, np.ones(9), 0, np.eye(4), np.zeros(3), figures)
+    step_on_planes_of_sweep(flat, one, flat, flat, one, np.ones(8), 0, np.eye(4), np.zeros(6), np.zeros(3), figures)

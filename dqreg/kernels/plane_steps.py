@@ -1,0 +1,226 @@
+"""Steps of a pose onto planes held fixed, each with the kernel that its distances ask for: EM and Gauss-Newton."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.kernels.compiled import compiled, inside_kernels
+
+# Unknowns of a step, and the damping of those that nothing holds, over the mean of their kind.
+SIX, DAMPING = 6, 1e-3
+# What is written of the last step: scale, fraction, energy, weights, squares, rows with a weight, motion.
+FIGURES = 7
+# Products of densities are added up once they are below this.
+TINY = 1e-200
+
+
+@compiled
+def step_on_planes(
+    points: FloatArray,
+    own: FloatArray,
+    feet: FloatArray,
+    normals: FloatArray,
+    distances: FloatArray,
+    limits: FloatArray,
+    steps: int,
+    T: FloatArray,
+    weights: FloatArray,
+    figures: FloatArray,
+) -> None:
+    """Move a pose, (4, 4), onto planes, step by step, and learn the mixture of the distances in each. O(steps n).
+
+    Points slide along the planes through their feet, as far aside of these as they were found; without a plane a point
+    says how well it fits, and moves nothing. Weights and figures are those before the last step.
+
+    Limits: largest distance, least cosine of the normals, scale, fraction of inliers, the least scale, the largest fall
+    of the scale in a step, root mean square range of the points, motion below which the step is the last, and whether a
+    point without a plane says nothing: it counts as the others do on average.
+    """
+    count = len(points)
+    farthest, cosine, scale, fraction = limits[0], limits[1], limits[2], limits[3]
+    floor, steepest, lever, enough = limits[4], limits[5], limits[6], limits[7]
+    silent = limits[8] > 0.0
+    aside, A, g = np.zeros(count), np.zeros((SIX, SIX)), np.zeros(SIX)
+    for i in range(count):
+        aside[i] = _aside(i, points, own, feet, normals, distances[i], farthest, cosine, T)
+    for _ in range(steps):
+        odds = (1.0 - fraction) / farthest * scale * math.sqrt(0.5 * math.pi) / fraction
+        beyond = math.log(math.exp(-0.5 * (farthest / scale) ** 2) + odds)
+        A[:], g[:] = 0.0, 0.0
+        total, squares, used, energy, near, many = 0.0, 0.0, 0.0, 0.0, 0.0, 1.0
+        for i in range(count):
+            weights[i] = 0.0
+            if aside[i] < 0.0:
+                energy += beyond
+                continue
+            x, y, z = _turned(T, points, i)
+            rx, ry, rz = x + T[0, 3] - feet[i, 0], y + T[1, 3] - feet[i, 1], z + T[2, 3] - feet[i, 2]
+            nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
+            known = nx != 0.0 or ny != 0.0 or nz != 0.0
+            if silent and not known:
+                weights[i] = fraction
+                continue
+            h = rx * nx + ry * ny + rz * nz
+            square = h * h + aside[i] if known else rx * rx + ry * ry + rz * rz
+            if square > farthest * farthest:
+                energy += beyond
+                continue
+            near += 1.0
+            density = math.exp(-0.5 * square / (scale * scale))
+            w = density / (density + odds)
+            # One logarithm for many.
+            many *= density + odds
+            if many < TINY:
+                energy, many = energy + math.log(many), 1.0
+            weights[i] = w
+            total, squares, used = total + w, squares + w * square, used + (1.0 if w > 0.0 else 0.0)
+            if not known:
+                continue
+            p, q, r = y * nz - z * ny, z * nx - x * nz, x * ny - y * nx
+            _add_row(w, p, q, r, nx, ny, nz, h, A, g)
+        energy += math.log(many)
+        figures[0], figures[1], figures[3], figures[4], figures[5] = scale, fraction, total, squares, used
+        figures[2] = -2.0 * scale * scale * (energy / count - math.log1p(odds))
+        figures[6] = 0.0
+        if used < SIX or not total > 0.0:
+            return
+        figures[6] = _move(A, g, lever, T)
+        learned = max(math.sqrt(squares / total), floor)
+        figures[0] = max(learned, steepest * scale)
+        figures[1] = min(max(total / near, 1e-3), 1.0 - 1e-3)
+        if figures[6] <= enough:
+            return
+        scale, fraction = figures[0], figures[1]
+
+
+@inside_kernels
+def _turned(T: FloatArray, points: FloatArray, i: int) -> tuple[float, float, float]:
+    """A point turned by a pose, about the sensor."""
+    x, y, z = points[i, 0], points[i, 1], points[i, 2]
+    return (
+        T[0, 0] * x + T[0, 1] * y + T[0, 2] * z,
+        T[1, 0] * x + T[1, 1] * y + T[1, 2] * z,
+        T[2, 0] * x + T[2, 1] * y + T[2, 2] * z,
+    )
+
+
+@inside_kernels
+def _aside(
+    i: int,
+    points: FloatArray,
+    own: FloatArray,
+    feet: FloatArray,
+    normals: FloatArray,
+    distance: float,
+    farthest: float,
+    cosine: float,
+    T: FloatArray,
+) -> float:
+    """Squared distance of a point from its foot within the plane; -1 where it is too far or its normal another one."""
+    if not distance <= farthest:
+        return -1.0
+    nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
+    if nx == 0.0 and ny == 0.0 and nz == 0.0:
+        return 0.0
+    if own[i, 0] != 0.0 or own[i, 1] != 0.0 or own[i, 2] != 0.0:
+        u, v, t = _turned(T, own, i)
+        if abs(u * nx + v * ny + t * nz) < cosine:
+            return -1.0
+    x, y, z = _turned(T, points, i)
+    h = (x + T[0, 3] - feet[i, 0]) * nx + (y + T[1, 3] - feet[i, 1]) * ny + (z + T[2, 3] - feet[i, 2]) * nz
+    square: float = distance * distance - h * h
+    return max(square, 0.0)
+
+
+@inside_kernels
+def _add_row(
+    w: float, p: float, q: float, r: float, nx: float, ny: float, nz: float, h: float, A: FloatArray, g: FloatArray
+) -> None:
+    """Add a row ``J = [x x n, n]`` with its weight and height to the lower half of the normal equations."""
+    a, b, c, d, e, f = w * p, w * q, w * r, w * nx, w * ny, w * nz
+    A[0, 0] += a * p
+    A[1, 0] += b * p
+    A[1, 1] += b * q
+    A[2, 0] += c * p
+    A[2, 1] += c * q
+    A[2, 2] += c * r
+    A[3, 0] += d * p
+    A[3, 1] += d * q
+    A[3, 2] += d * r
+    A[3, 3] += d * nx
+    A[4, 0] += e * p
+    A[4, 1] += e * q
+    A[4, 2] += e * r
+    A[4, 3] += e * nx
+    A[4, 4] += e * ny
+    A[5, 0] += f * p
+    A[5, 1] += f * q
+    A[5, 2] += f * r
+    A[5, 3] += f * nx
+    A[5, 4] += f * ny
+    A[5, 5] += f * nz
+    g[0] += a * h
+    g[1] += b * h
+    g[2] += c * h
+    g[3] += d * h
+    g[4] += e * h
+    g[5] += f * h
+
+
+@inside_kernels
+def _move(A: FloatArray, g: FloatArray, lever: float, T: FloatArray) -> float:
+    """Solve the normal equations by Cholesky, in place, and move the pose; how far that moves the points."""
+    turns, shifts = A[0, 0] + A[1, 1] + A[2, 2], A[3, 3] + A[4, 4] + A[5, 5]
+    for k in range(SIX):
+        A[k, k] += DAMPING * (turns if k < 3 else shifts) + 1e-300
+    solve_in_place(A, g)
+    x, y, z = -g[0], -g[1], -g[2]
+    square = x * x + y * y + z * z
+    turn_and_shift(T, x, y, z, -g[3], -g[4], -g[5])
+    moved: float = math.sqrt(square * lever * lever + g[3] * g[3] + g[4] * g[4] + g[5] * g[5])
+    return moved
+
+
+@inside_kernels
+def solve_in_place(A: FloatArray, g: FloatArray) -> None:
+    """Solve normal equations, of which the lower half is given, by Cholesky; into the right-hand side."""
+    count = len(g)
+    for j in range(count):
+        for k in range(j):
+            A[j, j] -= A[j, k] * A[j, k]
+        A[j, j] = math.sqrt(max(A[j, j], 1e-300))
+        for i in range(j + 1, count):
+            for k in range(j):
+                A[i, j] -= A[i, k] * A[j, k]
+            A[i, j] /= A[j, j]
+    for j in range(count):
+        for k in range(j):
+            g[j] -= A[j, k] * g[k]
+        g[j] /= A[j, j]
+    for j in range(count - 1, -1, -1):
+        for k in range(j + 1, count):
+            g[j] -= A[k, j] * g[k]
+        g[j] /= A[j, j]
+
+
+@inside_kernels
+def turn_and_shift(T: FloatArray, x: float, y: float, z: float, u: float, v: float, w: float) -> None:
+    """Turn a pose by a rotation vector about its own place, and move it: Rodrigues' formula."""
+    square = x * x + y * y + z * z
+    angle = math.sqrt(square)
+    s, c = 1.0, 0.5
+    if angle > 1e-8:
+        s, c = math.sin(angle) / angle, (1.0 - math.cos(angle)) / square
+    for k in range(3):
+        a, b, d = T[0, k], T[1, k], T[2, k]
+        # w x R and w x (w x R).
+        p, q, r = y * d - z * b, z * a - x * d, x * b - y * a
+        T[0, k] += s * p + c * (y * r - z * q)
+        T[1, k] += s * q + c * (z * p - x * r)
+        T[2, k] += s * r + c * (x * q - y * p)
+    T[0, 3] += u
+    T[1, 3] += v
+    T[2, 3] += w

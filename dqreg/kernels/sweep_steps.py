@@ -1,0 +1,112 @@
+"""Steps of a pose and of the motion during its sweep onto planes held fixed, both at once: EM and Gauss-Newton."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.kernels.compiled import compiled, inside_kernels
+from dqreg.kernels.plane_steps import SIX, solve_in_place, turn_and_shift
+
+
+@compiled
+def step_on_planes_of_sweep(
+    points: FloatArray,
+    back: FloatArray,
+    feet: FloatArray,
+    normals: FloatArray,
+    distances: FloatArray,
+    limits: FloatArray,
+    steps: int,
+    T: FloatArray,
+    change: FloatArray,
+    weights: FloatArray,
+    figures: FloatArray,
+) -> None:
+    """Move a pose, (4, 4), and a twist of the sensor during the sweep, (6,), as `step_on_planes` moves a pose.
+
+    A point of time s, -1 to 0, lies at ``T (x + s (w x x + v))``, with the twist (w, v) in the axes of the sensor.
+    Points without a plane count as the others do on average. O(steps n).
+
+    Limits: largest distance, scale, fraction of inliers, the least scale, the largest fall of the scale in a step, root
+    mean square range of the points, motion below which the step is the last, and share of the weights that has to face
+    a motion for it to count: at this share, half of it is believed in a step.
+    """
+    count, unknowns = len(points), 2 * SIX
+    farthest, scale, fraction, floor, steepest, lever = limits[0], limits[1], limits[2], limits[3], limits[4], limits[5]
+    A, g, a = np.zeros((unknowns, unknowns)), np.zeros(unknowns), np.zeros(unknowns)
+    for _ in range(steps):
+        odds = (1.0 - fraction) / farthest * scale * math.sqrt(0.5 * math.pi) / fraction
+        A[:], g[:] = 0.0, 0.0
+        total, squares, used, near, first, second = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for i in range(count):
+            weights[i] = 0.0
+            if not distances[i] <= farthest:
+                continue
+            nx, ny, nz, s = normals[i, 0], normals[i, 1], normals[i, 2], back[i]
+            if nx == 0.0 and ny == 0.0 and nz == 0.0:
+                weights[i] = fraction
+                continue
+            x, y, z = _seen(points, i, s, change, T)
+            h = (x + T[0, 3] - feet[i, 0]) * nx + (y + T[1, 3] - feet[i, 1]) * ny + (z + T[2, 3] - feet[i, 2]) * nz
+            if h * h > farthest * farthest:
+                continue
+            near += 1.0
+            density = math.exp(-0.5 * h * h / (scale * scale))
+            w = density / (density + odds)
+            weights[i] = w
+            total, squares, used = total + w, squares + w * h * h, used + (1.0 if w > 0.0 else 0.0)
+            first, second = first + w * s, second + w * s * s
+            a[0], a[1], a[2] = (y * nz - z * ny) / lever, (z * nx - x * nz) / lever, (x * ny - y * nx) / lever
+            a[3], a[4], a[5] = nx, ny, nz
+            for k in range(SIX):
+                a[SIX + k] = s * a[k]
+            for k in range(unknowns):
+                v = w * a[k]
+                g[k] += v * h
+                for j in range(k + 1):
+                    A[k, j] += v * a[j]
+        figures[0], figures[1], figures[3], figures[4], figures[5] = scale, fraction, total, squares, used
+        figures[2] = figures[6] = 0.0
+        if used < unknowns or not total > 0.0:
+            return
+        damping = limits[7] * max(second - first * first / total, 0.0) + 1e-9 * total
+        for k in range(unknowns):
+            A[k, k] += damping
+        solve_in_place(A, g)
+        figures[6] = _move(g, lever, T, change)
+        learned = max(math.sqrt(squares / total), floor)
+        figures[0], figures[1] = max(learned, steepest * scale), min(max(total / near, 1e-3), 1.0 - 1e-3)
+        if figures[6] <= limits[6]:
+            return
+        scale, fraction = figures[0], figures[1]
+
+
+@inside_kernels
+def _seen(points: FloatArray, i: int, s: float, change: FloatArray, T: FloatArray) -> tuple[float, float, float]:
+    """A point at the end of the sweep, about the sensor in the axes of the map."""
+    x, y, z = points[i, 0], points[i, 1], points[i, 2]
+    u = x + s * (change[1] * z - change[2] * y + change[3])
+    v = y + s * (change[2] * x - change[0] * z + change[4])
+    w = z + s * (change[0] * y - change[1] * x + change[5])
+    return (
+        T[0, 0] * u + T[0, 1] * v + T[0, 2] * w,
+        T[1, 0] * u + T[1, 1] * v + T[1, 2] * w,
+        T[2, 0] * u + T[2, 1] * v + T[2, 2] * w,
+    )
+
+
+@inside_kernels
+def _move(g: FloatArray, lever: float, T: FloatArray, change: FloatArray) -> float:
+    """Take back a step, turns times a lever, of pose and twist; how far that moves the points, about."""
+    square = 0.0
+    for k in range(2 * SIX):
+        square += g[k] * g[k]
+    for k in range(3):
+        change[k] -= (T[0, k] * g[6] + T[1, k] * g[7] + T[2, k] * g[8]) / lever
+        change[3 + k] -= T[0, k] * g[9] + T[1, k] * g[10] + T[2, k] * g[11]
+    turn_and_shift(T, -g[0] / lever, -g[1] / lever, -g[2] / lever, -g[3], -g[4], -g[5])
+    moved: float = math.sqrt(square)
+    return moved

@@ -1,0 +1,228 @@
+"""Planes of a map in voxels, of the sums of the cells around a place: no neighbour is searched for."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dqreg._arrays import FloatArray, IntArray
+from dqreg.kernels.compiled import compiled, inside_kernels
+from dqreg.kernels.voxel_blocks import Voxels, block_at, place_in_block
+from dqreg.kernels.voxel_nearest import NONE, nearest_in_voxels
+from dqreg.kernels.voxel_points import CELLS, Slots
+
+# Points of a plane at least, and the share of the largest variance that the second one has at least: less is a line.
+FEWEST, LINE = 5.0, 0.02
+# Points from which on no more are looked for, and cells around one at most.
+ENOUGH, WIDEST = 12.0, 4
+# Steps of Newton's method at most, and the step over the trace that is the last.
+ROUNDS, STILL = 20, 1e-14
+# A plane stands one state more for each so many points: meanwhile their number grows by a quarter or so.
+KEPT = 16.0
+# What no other is nearer than, less what slots are rounded by.
+ROUNDED = 1.0 - 1e-6
+
+
+@inside_kernels
+def _cell_of(row: int, points: FloatArray, links: IntArray, size: float) -> int:
+    """Number of the cell of a point."""
+    half = 0.5 * size
+    a, b, c = np.floor(points[row, 0] / half), np.floor(points[row, 1] / half), np.floor(points[row, 2] / half)
+    return int(links[row, 1]) * CELLS + 4 * (int(a) & 1) + 2 * (int(b) & 1) + (int(c) & 1)
+
+
+@inside_kernels
+def fit_cell(
+    cell: int,
+    place: FloatArray,
+    size: float,
+    table: Voxels,
+    keys: IntArray,
+    cells: Voxels,
+    sums: Slots,
+    planes: FloatArray,
+    state: int,
+    normal: FloatArray,
+) -> None:
+    """Write the plane of the points in the cells around that of a place: normal, zero where they fix none, variance.
+
+    Then their middle, through which it goes.
+
+    As far around as it takes for enough of them that are no line: one cell where frames came before, more where there
+    is one sweep. And the state of the map until which it stands: the more points, the less the next frames change it.
+    """
+    variance, count = np.inf, 0.0
+    for reach in range(1, WIDEST + 1):
+        variance, count = _plane_around(place, reach, size, table, keys, cells, sums, normal)
+        if variance < np.inf and count >= ENOUGH:
+            break
+    # No other than what threads that meet here write, and the state last.
+    planes[cell, 0], planes[cell, 1], planes[cell, 2], planes[cell, 3] = normal[0], normal[1], normal[2], variance
+    planes[cell, 5], planes[cell, 6], planes[cell, 7] = normal[3], normal[4], normal[5]
+    planes[cell, 4] = state + 1.0 + np.floor(count / KEPT)
+
+
+@inside_kernels
+def _plane_around(
+    place: FloatArray,
+    reach: int,
+    size: float,
+    table: Voxels,
+    keys: IntArray,
+    cells: Voxels,
+    sums: Slots,
+    normal: FloatArray,
+) -> tuple[float, float]:
+    """Write normal and middle of the points in the cells so many around that of a place; variance, and how many.
+
+    What is there is seen best by its own cell: those of others count half as much for as many steps from it as
+    there are to the farthest cell along an axis.
+    """
+    half = 0.5 * size
+    a, b, c = int(np.floor(place[0] / half)), int(np.floor(place[1] / half)), int(np.floor(place[2] / half))
+    full = n = square = sx = sy = sz = xx = yy = zz = xy = xz = yz = 0.0
+    block, ba, bb, bc, known = int(np.int64(NONE)), a, b, c, False
+    for i in range(a - reach, a + reach + 1):
+        for j in range(b - reach, b + reach + 1):
+            for m in range(c - reach, c + reach + 1):
+                if not known or i >> 3 != ba or j >> 3 != bb or m >> 3 != bc:
+                    ba, bb, bc, known = i >> 3, j >> 3, m >> 3, True
+                    block = block_at(ba, bb, bc, table, keys)
+                if block < 0:
+                    continue
+                held = int(cells[block, place_in_block(i >> 1, j >> 1, m >> 1)])
+                s = 4 * (i & 1) + 2 * (j & 1) + (m & 1)
+                if (held >> s) & 1 == 0:
+                    continue
+                s += ((held >> CELLS) - 1) * CELLS
+                g = 0.5 ** ((abs(i - a) + abs(j - b) + abs(m - c)) / reach)
+                w = float(sums[s, 0])
+                u, v, t = (i - a) * half, (j - b) * half, (m - c) * half
+                full, n, square = full + w, n + g * w, square + g * g * w
+                sx, sy, sz = sx + g * (sums[s, 1] + w * u), sy + g * (sums[s, 2] + w * v), sz + g * (sums[s, 3] + w * t)
+                xx += g * (sums[s, 4] + u * (2.0 * sums[s, 1] + w * u))
+                yy += g * (sums[s, 5] + v * (2.0 * sums[s, 2] + w * v))
+                zz += g * (sums[s, 6] + t * (2.0 * sums[s, 3] + w * t))
+                xy += g * (sums[s, 7] + u * sums[s, 2] + v * sums[s, 1] + w * u * v)
+                xz += g * (sums[s, 8] + u * sums[s, 3] + t * sums[s, 1] + w * u * t)
+                yz += g * (sums[s, 9] + v * sums[s, 3] + t * sums[s, 2] + w * v * t)
+    normal[0] = normal[1] = normal[2] = 0.0
+    if full < FEWEST:
+        return np.inf, full
+    sx, sy, sz = sx / n, sy / n, sz / n
+    normal[3], normal[4], normal[5] = (a + 0.5) * half + sx, (b + 0.5) * half + sy, (c + 0.5) * half + sz
+    xx, yy, zz = xx / n - sx * sx, yy / n - sy * sy, zz / n - sz * sz
+    xy, xz, yz = xy / n - sx * sy, xz / n - sx * sz, yz / n - sy * sz
+    # As many points of equal weight would tell as much.
+    return _thinnest(xx, yy, zz, xy, xz, yz, n * n / square, normal), full
+
+
+@inside_kernels
+def _thinnest(
+    xx: float, yy: float, zz: float, xy: float, xz: float, yz: float, count: float, normal: FloatArray
+) -> float:
+    """Write the axis of the least eigenvalue of a covariance, zero where it is a line's; variance of the normal.
+
+    The eigenvalue by Newton's method on the characteristic polynomial from below, where it is convex and falls: each
+    step stays below the root. The axis is a row of the adjugate of what is left.
+    """
+    trace = xx + yy + zz
+    minors = xx * yy + xx * zz + yy * zz - xy * xy - xz * xz - yz * yz
+    whole = xx * (yy * zz - yz * yz) - xy * (xy * zz - xz * yz) + xz * (xy * yz - xz * yy)
+    root = 0.0
+    for _ in range(ROUNDS):
+        value = ((root - trace) * root + minors) * root - whole
+        slope = (3.0 * root - 2.0 * trace) * root + minors
+        if not slope > 0.0:
+            break
+        step = -value / slope
+        root += step
+        if not step > STILL * trace:
+            break
+    root = max(root, 0.0)
+    a, b, c = xx - root, yy - root, zz - root
+    # Rows of the adjugate: all along the axis, the one with the largest diagonal element is the longest.
+    p, q, r = b * c - yz * yz, a * c - xz * xz, a * b - xy * xy
+    if p >= q and p >= r:
+        x, y, z = p, xz * yz - xy * c, xy * yz - xz * b
+    elif q >= r:
+        x, y, z = xz * yz - xy * c, q, xy * xz - yz * a
+    else:
+        x, y, z = xy * yz - xz * b, xy * xz - yz * a, r
+    # The two others: their sum and their product.
+    total, product = trace - root, minors - root * (trace - root)
+    large = 0.5 * (total + np.sqrt(max(total * total - 4.0 * product, 0.0)))
+    small = total - large
+    length = np.sqrt(x * x + y * y + z * z)
+    if not small > LINE * large or not length > 0.0:
+        return np.inf
+    normal[0], normal[1], normal[2] = x / length, y / length, z / length
+    variance: float = root / count * (1.0 / small + 1.0 / large)
+    return variance
+
+
+@compiled
+def closest_in_voxels(
+    first: int,
+    last: int,
+    queries: FloatArray,
+    within: float,
+    size: float,
+    points: FloatArray,
+    links: IntArray,
+    table: Voxels,
+    keys: IntArray,
+    cells: Voxels,
+    voxels: IntArray,
+    slots: Slots,
+    members: Voxels,
+    sums: Slots,
+    planes: FloatArray,
+    state: int,
+    before: FloatArray,
+    others_before: FloatArray,
+    shrink: float,
+    tolerance: float,
+    rows: IntArray,
+    distances: FloatArray,
+    others: FloatArray,
+    feet: FloatArray,
+    normals: FloatArray,
+    variances: FloatArray,
+) -> None:
+    """Write nearest points of queries first to last, (m, 3), and normals there with their variances. O(1) each.
+
+    Where none is nearer than ``within``, the row is -1, the distance that, the point the query and the normal zero.
+    Planes are kept by cells, (8 v, 5): normal, variance, and the state of the map from which on it is fitted anew. Rows
+    that were the nearest at other places, (m, 3) or (0, 3), are kept where no other can be nearer by more than a
+    tolerance.
+    """
+    best, normal = np.zeros(2), np.zeros(6)
+    for i in range(first, last):
+        x, y, z = queries[i, 0], queries[i, 1], queries[i, 2]
+        row, again = rows[i], True
+        if len(before) > 0 and row >= 0:
+            dx, dy, dz = x - points[row, 0], y - points[row, 1], z - points[row, 2]
+            distances[i] = np.sqrt(dx * dx + dy * dy + dz * dz)
+            dx, dy, dz = x - before[i, 0], y - before[i, 1], z - before[i, 2]
+            others[i] = (others_before[i] - np.sqrt(dx * dx + dy * dy + dz * dz)) * shrink
+            again = distances[i] >= others[i] + tolerance
+            if not again:
+                continue
+        if again:
+            row = nearest_in_voxels(
+                x, y, z, within, size, points, links, table, keys, cells, voxels, slots, members, best
+            )
+            rows[i], distances[i], others[i] = row, np.sqrt(best[0]), np.sqrt(best[1]) * ROUNDED
+            if row >= 0:
+                dx, dy, dz = x - points[row, 0], y - points[row, 1], z - points[row, 2]
+                distances[i] = np.sqrt(dx * dx + dy * dy + dz * dz)
+        if row < 0:
+            feet[i, 0], feet[i, 1], feet[i, 2], variances[i] = x, y, z, np.inf
+            normals[i, 0] = normals[i, 1] = normals[i, 2] = 0.0
+            continue
+        cell = _cell_of(row, points, links, size)
+        if planes[cell, 4] <= state:
+            fit_cell(cell, points[row], size, table, keys, cells, sums, planes, state, normal)
+        for k in range(3):
+            feet[i, k], normals[i, k] = points[row, k], planes[cell, k]
+        variances[i] = planes[cell, 3]

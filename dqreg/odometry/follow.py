@@ -1,0 +1,171 @@
+"""A frame followed onto the planes of the map: matches are searched rarely, and between two searches all is solved.
+
+The next pose, and the kernel that its distances ask for, cost less than the search for the matches. So each search is
+followed by as many steps as its planes are good for. Near the pose a match is the plane of the cell of a point.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.geometry import Scan
+from dqreg.icp import Alignment, InlierMixture
+from dqreg.icp.correspondences import Correspondences, find_correspondences, moved_points
+from dqreg.icp.history import Iteration
+from dqreg.icp.level import NEAR_ANGLE_RAD, PLACED, STEEPEST
+from dqreg.icp.loop import FEWEST_PAIRS, Run
+from dqreg.odometry.frame import DownsampledFrame
+from dqreg.odometry.kiss import rigid
+from dqreg.odometry.map_surface import CellPlanes, MapSurface
+from dqreg.rigid import single_pose, twist
+from dqreg.solvers.status import Status
+
+# A step that is so much shorter than the way since the search waits for the next search.
+SHORT = 0.05
+# Share of the correspondences that has to face a motion during the sweep for it to count: at this share, half of it is
+# believed in a step.
+HELD = 0.1
+# Share of the points that has to meet planes in their cells: 0.13 where 6 rings met one sweep, 0.5 where 16 did.
+FEWEST_IN_CELLS = 1.0 / 3.0
+# A scale that falls by less in all steps of a search is settled.
+SETTLED = 0.8
+
+
+@dataclasses.dataclass(frozen=True)
+class Following:
+    """How far a frame is followed."""
+
+    stage: str  # Shown with each search
+    steps: int  # Steps on the planes of one search at most
+    searches: int  # At most
+    enough: float  # Root mean square motion of the points since the search that ends it, a length; 0: their noise does
+    cells: bool  # Whether matches are the planes of cells, in place of nearest points: for a pose that is near
+
+
+def follow(
+    scan: Scan,
+    surface: MapSurface,
+    T: FloatArray,
+    mixture: InlierMixture,
+    how: Following,
+    *,
+    floor: float,
+    first: int = 1,
+    before: Correspondences | None = None,
+    sweep: Sweep | None = None,
+) -> Alignment:
+    """The pose of a frame near a known one, (4, 4), with matches no farther off than the limit of the mixture.
+
+    With a sweep, whose frame's scan it is, the motion that is undone in it is found as well.
+    """
+    lever = math.sqrt(float(np.einsum("ij,ij->", scan.points, scan.points)) / max(len(scan), 1))
+    history: list[Iteration] = []
+    mixture = dataclasses.replace(mixture, scale=max(mixture.scale, floor))
+    last = 0.0
+    while True:
+        began = time.perf_counter()
+        pairs = before = (_in_cells if how.cells else find_correspondences)(scan, surface, T, before)
+        enough = max(how.enough, PLACED * mixture.scale / math.sqrt(max(len(scan), 1)))
+        ends = floor, lever, SHORT * enough
+        moved, weights, figures = (
+            _steps(pairs, mixture, how, ends) if sweep is None else sweep.steps(pairs, mixture, how, ends)
+        )
+        scale, fraction, energy, total, squares, used, _ = figures.tolist()
+        if used < FEWEST_PAIRS:
+            return Alignment(T, "no correspondences", tuple(history), pairs, weights, mixture=mixture)
+        after = rigid(moved)
+        motion = float(scan._spread.motion(T, after))
+        record = Iteration(
+            number=first + len(history),
+            stage=how.stage,
+            points=len(scan),
+            pairs=int(used),
+            inlier_fraction=float(weights.sum()) / len(scan),
+            rms=math.sqrt(squares / total),
+            kernel_scale=mixture.scale,
+            energy=energy,
+            turn_rad=single_pose.angle_between(T, after),
+            motion=motion / surface.diagonal,
+            seconds=time.perf_counter() - began,
+            T_target_source=after,
+        )
+        history.append(record)
+        settled = scale >= SETTLED * mixture.scale and (sweep is None or sweep.is_still)
+        mixture, T = InlierMixture(scale, fraction, mixture.limit), after
+        # Of two motions the next one can be told.
+        to_come = motion * min(motion / last, 1.0) if last > 0.0 else motion
+        status: Status | None = "converged" if to_come <= enough and settled else None
+        last, scan = motion, scan if sweep is None else sweep.frame.scan
+        if status is None and len(history) >= how.searches:
+            status = "iteration limit"
+        if status is not None:
+            return Alignment(T, status, tuple(history), pairs, weights, mixture=mixture)
+
+
+def _steps(
+    pairs: Correspondences, mixture: InlierMixture, how: Following, ends: tuple[float, float, float]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Pose after steps on the planes of correspondences, their weights, and figures of the last step."""
+    from dqreg.kernels.plane_steps import FIGURES, step_on_planes
+    from dqreg.kernels.threads import as_plain
+
+    found, scan, T = pairs.closest, pairs.scan, pairs.T_target_source.copy()
+    weights, figures = np.zeros(len(scan)), np.zeros(FIGURES)
+    angle = min(max(math.pi * mixture.scale / mixture.limit, NEAR_ANGLE_RAD), 0.5 * math.pi)
+    scales = mixture.scale, mixture.inlier_fraction, ends[0], STEEPEST
+    limits = np.array([mixture.limit, math.cos(angle), *scales, *ends[1:], float(how.cells)])
+    points, own = as_plain(scan.points), as_plain(scan._gating)
+    planes = as_plain(found.points), as_plain(found.normals), as_plain(found.distances)
+    step_on_planes(points, own, *planes, limits, how.steps, T, weights, figures)
+    return T, weights, figures
+
+
+def is_in_cells(run: Run) -> bool:
+    """Whether a frame was followed on the planes of cells, and met enough of them."""
+    found = run.pairs.closest
+    return isinstance(found, CellPlanes) and bool(np.mean(found.variances < np.inf) >= FEWEST_IN_CELLS)
+
+
+class Sweep:
+    """A frame with times, whose motion is found with its pose."""
+
+    def __init__(self, frame: DownsampledFrame, worthwhile: float) -> None:
+        self.frame, self.is_still, self._worthwhile = frame, False, worthwhile
+
+    def steps(
+        self, pairs: Correspondences, mixture: InlierMixture, how: Following, ends: tuple[float, float, float]
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """As without a sweep; the frame is one with the motion undone that was found."""
+        from dqreg.kernels.plane_steps import FIGURES
+        from dqreg.kernels.sweep_steps import step_on_planes_of_sweep
+        from dqreg.kernels.threads import as_plain
+
+        found, scan, back, T = pairs.closest, pairs.scan, self.frame.scan_back, pairs.T_target_source.copy()
+        assert back is not None
+        weights, figures, change = np.zeros(len(scan)), np.zeros(FIGURES), np.zeros(6)
+        limits = np.array([mixture.limit, mixture.scale, mixture.inlier_fraction, ends[0], STEEPEST, *ends[1:], HELD])
+        points, back, feet = as_plain(scan.points), as_plain(back), as_plain(found.points)
+        planes = feet, as_plain(found.normals), as_plain(found.distances)
+        step_on_planes_of_sweep(points, back, *planes, limits, how.steps, T, change, weights, figures)
+        self.is_still = off_at(self.frame.reach, change) <= self._worthwhile
+        self.frame = self.frame.without(rigid(twist.exp(twist.log(self.frame.motion) + change)))
+        return T, weights, figures
+
+
+def off_at(reach: float, change: FloatArray) -> float:
+    """How far a twist, (6,), moves points at a distance from the sensor, at most."""
+    return reach * float(np.linalg.norm(change[:3])) + float(np.linalg.norm(change[3:]))
+
+
+def _in_cells(scan: Scan, surface: MapSurface, T: FloatArray, before: Correspondences | None) -> Correspondences:
+    """The planes of the cells that the points lie in."""
+    moved, known = moved_points(T, scan.points), None if before is None else before.closest
+    hint = known if isinstance(known, CellPlanes) and len(known.points) == len(moved) else None
+    pairs = Correspondences(scan, T, surface.planes_at(moved, hint), same_sign=False, surface=surface)
+    vars(pairs)["moved"] = moved
+    return pairs

@@ -1,0 +1,88 @@
+"""Other poses that explain the scan as well, as the result names them: symmetries of the part, periods, rotations."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.registration.fit import Fit
+from dqreg.registration.rivals import FEW_JUDGES, JUDGES, NO_POSES, scores_of
+from dqreg.rigid import pose
+from dqreg.rigid.rotations import angle_of, axis_of
+from dqreg.rigid.symmetry import SAME_AXIS_RAD, Axis
+from dqreg.search import symmetry_words
+from dqreg.search.poses import Poses
+from dqreg.search.scoring import WORSE
+from dqreg.search.stages import FINE_APART
+from dqreg.solvers.motion_words import axis_words, direction_words
+from dqreg.trust.records import Alternative
+
+# A shift is a period within this share of it.
+PERIOD = 0.05
+
+
+def alternatives_of(fit: Fit, others: FloatArray, near: FloatArray = NO_POSES) -> tuple[Alternative, ...]:
+    """Other poses, (k, 4, 4), as the result names them: each once; and poses that are others however near they are."""
+    if not len(others) + len(near) or not fit.found:
+        return ()
+    poses = np.concatenate([fit.T_target_source[None], others])
+    middle, (angle_rad, offset) = fit.prepared.scan.points.mean(axis=0), FINE_APART
+    diagonal = min(fit.prepared.surface.diagonal, fit.prepared.scan.diagonal)
+    poses = poses[Poses.of(poses).distinct(middle, angle_rad, offset * diagonal, len(poses))]
+    poses = np.concatenate([poses, near])
+    scores = scores_of(fit, poses, FEW_JUDGES if fit.is_late else JUDGES)
+    target = fit.problem.target
+    deficit, error = scores.deficit(0)
+    rms = np.sqrt((scores.distances**2).mean(axis=1))
+    found = []
+    for k in np.flatnonzero(deficit[1:] <= WORSE) + 1:
+        axis = _symmetry_between(fit, poses[0], poses[k], offset * diagonal)
+        words = symmetry_words(axis.moved(target.origin), fit.problem.units[1], diagonal) if axis else ""
+        motion = _motion_words(fit, poses[k] @ pose.inverse(poses[0]))
+        pose_k = fit.problem.to_caller(poses[k])
+        found.append(Alternative(pose_k, float(rms[k]), words, float(-deficit[k]), float(error[k]), motion))
+    return tuple(found)
+
+
+def _symmetry_between(fit: Fit, T: FloatArray, other: FloatArray, within: float) -> Axis | None:
+    """The axis of a symmetry that leads from one pose of a part to another within a length; None if none does.
+
+    Across a wall half of its thickness is the limit: one side of it laid on the other is no symmetry.
+    """
+    target = fit.problem.target
+    # Known where a global search has run.
+    symmetry = target.pairs.symmetry if "pairs" in vars(target) else None
+    axis = symmetry.between(T, other, within) if symmetry else None
+    if axis is None or symmetry is None:
+        return None
+    walls = target.thin_walls
+    shift = pose.apply(other @ pose.inverse(T), symmetry.centre[None])[0] - symmetry.centre
+    return None if (np.abs(walls.normals @ shift) > 0.5 * walls.thickness).any() else axis
+
+
+def _motion_words(fit: Fit, T: FloatArray) -> str:
+    """A motion of the target's centred frame in words of the caller's."""
+    target, units = fit.problem.target, fit.problem.units[1]
+    size = target.surface.diagonal
+    angle = angle_of(T[:3, :3])
+    if angle > SAME_AXIS_RAD:
+        axis = axis_of(T[:3, :3])
+        # The point of the axis nearest to the middle; what is left is along the axis.
+        along = float(axis @ T[:3, 3])
+        point = np.linalg.lstsq(np.eye(3) - T[:3, :3], T[:3, 3] - axis * along, rcond=1e-6)[0]
+        words = (
+            f"rotated by {np.rad2deg(angle):.4g} degrees about {axis_words(point + target.origin, axis, units, size)}"
+        )
+        is_screw = abs(along) > FINE_APART[1] * size
+        return words + (f" and shifted by {_in_units(along, units)} along it" if is_screw else "")
+    length = float(np.linalg.norm(T[:3, 3]))
+    words = _in_units(length, units)
+    where = direction_words(T[:3, 3] / length)
+    periods = target.near_periods[:, :3, 3] if "near_periods" in vars(target) else np.zeros((0, 3))
+    if len(periods) and np.linalg.norm(periods - T[:3, 3], axis=1).min() < PERIOD * length:
+        return f"one period ({words}) along {where}"
+    return f"shifted by {words} along {where}"
+
+
+def _in_units(length: float, units: str | None) -> str:
+    return f"{length:.4g}" + (f" {units}" if units else "")

@@ -1,0 +1,56 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dqreg.kernels.plane_steps import FIGURES, step_on_planes
+from dqreg.rigid import pose, twist
+
+
+@pytest.mark.parametrize("outliers", [0, 200])
+def test_steps_on_planes_find_the_pose_among_outliers(outliers: int) -> None:
+    rng = np.random.default_rng(outliers)
+    feet, normals = rng.uniform(-5, 5, (900, 3)), np.repeat(np.eye(3), 300, axis=0)
+    true = twist.exp(np.array([0.02, -0.01, 0.03, 0.05, 0.04, -0.06]))
+    points = pose.apply(pose.inverse(true), feet)
+    points[:outliers] += rng.uniform(-1, 1, (outliers, 3))
+    T, weights, figures = np.eye(4), np.zeros(900), np.zeros(FIGURES)
+    own = normals @ true[:3, :3]
+    # Normals of another face count for nothing.
+    own[-50:], points[-50:] = own[:50], points[-50:] + 0.3
+    distances = np.linalg.norm(points - feet, axis=1)
+    limits = np.array([2.0, 0.5, 0.5, 0.5, 1e-3, 0.5, 8.0, 0.0, 0.0])
+    step_on_planes(points, own, feet, normals, distances, limits, 60, T, weights, figures)
+    assert not weights[-50:].any()
+    # Points that slide on their planes stay as far aside as they were: the kernel's width is of that size.
+    assert np.linalg.norm(twist.log(T @ pose.inverse(true))) < (0.03 if outliers else 1e-6)
+    np.testing.assert_allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-12)
+
+
+def test_what_nothing_holds_stays() -> None:
+    rng = np.random.default_rng(0)
+    feet, normals = rng.uniform(-5, 5, (400, 3)) * [1.0, 1.0, 0.0], np.tile([0.0, 0.0, 1.0], (400, 1))
+    points, T = feet + np.array([0.0, 0.0, 0.1]), np.eye(4)
+    distances, weights, figures = np.full(400, 0.1), np.zeros(400), np.zeros(FIGURES)
+    limits = np.array([2.0, 0.5, 0.5, 0.5, 1e-3, 0.5, 5.0, 0.0, 0.0])
+    step_on_planes(points, normals, feet, normals, distances, limits, 10, T, weights, figures)
+    np.testing.assert_allclose(T[:3, 3], [0.0, 0.0, -0.1], atol=1e-6)
+
+
+@pytest.mark.parametrize("silent", [0.0, 1.0])
+def test_points_without_a_plane_may_say_nothing(silent: float) -> None:
+    # Law: then they count as the others do on average, and the scale is that of the others.
+    rng = np.random.default_rng(0)
+    feet, normals = rng.uniform(-5, 5, (400, 3)) * [1.0, 1.0, 0.0], np.tile([0.0, 0.0, 1.0], (400, 1))
+    normals[::2] = 0.0
+    points = feet + np.column_stack(
+        [np.zeros((400, 2)), np.where(np.arange(400) % 2, 0.01, 0.2) * rng.normal(size=400)]
+    )
+    T, weights, figures = np.eye(4), np.zeros(400), np.zeros(FIGURES)
+    limits = np.array([1.0, 0.5, 0.1, 0.9, 1e-3, 0.5, 5.0, 0.0, silent])
+    step_on_planes(points, np.zeros((400, 3)), feet, normals, np.zeros(400), limits, 20, T, weights, figures)
+    if silent:
+        assert 0.005 < figures[0] < 0.015
+        np.testing.assert_allclose(weights[::2], weights[1::2].mean(), rtol=0.02)
+    else:
+        assert figures[0] > 0.05

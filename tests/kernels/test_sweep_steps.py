@@ -1,0 +1,45 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dqreg.kernels.plane_steps import FIGURES
+from dqreg.kernels.sweep_steps import step_on_planes_of_sweep
+from dqreg.odometry.sweep import swept
+from dqreg.rigid import pose, twist
+
+
+@pytest.mark.parametrize("outliers", [0, 300])
+def test_pose_and_motion_of_a_sweep_are_found_at_once(outliers: int) -> None:
+    # Law: points on three planes, seen while the sensor moved, lie on them again.
+    rng = np.random.default_rng(outliers)
+    feet, normals = rng.uniform(-8, 8, (1200, 3)), np.eye(3)[np.arange(1200) % 3]
+    back, true = rng.uniform(-1, 0, 1200), twist.exp(np.array([0.2, -0.1, 0.7, 3.0, -2.0, 1.0]))
+    change = np.array([-2e-4, 1e-4, 4e-4, 3e-2, 2e-2, -2e-2])
+    points = swept(pose.apply(pose.inverse(true), feet), -back, twist.exp(change))
+    points[:outliers] += rng.uniform(-1, 1, (outliers, 3))
+    T, found = true @ twist.exp(np.array([1e-3, -2e-3, 1e-3, 0.02, -0.03, 0.02])), np.zeros(6)
+    weights, figures, distances = np.zeros(1200), np.zeros(FIGURES), np.zeros(1200)
+    # One that met nothing, and one that met no plane.
+    distances[-1], normals[-2] = 5.0, 0.0
+    limits = np.array([2.0, 0.5, 0.5, 1e-3, 0.5, 8.0, 0.0, 0.1])
+    step_on_planes_of_sweep(points, back, feet, normals, distances, limits, 80, T, found, weights, figures)
+    assert weights[-1] == 0.0
+    np.testing.assert_allclose(weights[-2], figures[1], rtol=1e-6)
+    np.testing.assert_allclose(found, change, atol=3e-3 if outliers else 1e-5)
+    assert np.linalg.norm(twist.log(T @ pose.inverse(true))) < (2e-2 if outliers else 1e-4)
+    np.testing.assert_allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-12)
+
+
+def test_what_no_point_faces_is_left_as_it_was() -> None:
+    # Law: along a corridor neither pose nor motion change.
+    rng = np.random.default_rng(1)
+    feet, normals = rng.uniform(-8, 8, (900, 3)), np.eye(3)[1 + np.arange(900) % 2]
+    back, T, found = rng.uniform(-1, 0, 900), np.eye(4), np.zeros(6)
+    points = feet + 0.01 * rng.normal(size=(900, 1)) * normals
+    limits = np.array([2.0, 0.5, 0.5, 1e-3, 0.5, 8.0, 0.0, 0.1])
+    step_on_planes_of_sweep(
+        points, back, feet, normals, np.zeros(900), limits, 30, T, found, np.zeros(900), np.zeros(FIGURES)
+    )
+    assert abs(T[0, 3]) < 1e-3
+    assert abs(found[3]) < 1e-3
