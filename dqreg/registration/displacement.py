@@ -1,4 +1,4 @@
-"""How far two poses place a scan apart."""
+"""How far two poses place a scan apart, and a pose is from the initial one."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from dqreg.rigid import pose
 
 # Points of the scan that tell.
 FEW = 500
+# A pose within this rotation and this fraction of the target's size of the initial pose is meant: that one is rough.
+MEANT_RAD, MEANT = np.deg2rad(40.0), 0.25
 
 
 def displacement_between(fit: Fit, T: FloatArray, other: FloatArray) -> float:
@@ -17,3 +19,11 @@ def displacement_between(fit: Fit, T: FloatArray, other: FloatArray) -> float:
     points = fit.prepared.scan.thinned(FEW).points
     away = np.linalg.norm(pose.apply(other, points) - pose.apply(T, points), axis=1).max(initial=0.0)
     return float(away / fit.prepared.surface.diagonal)
+
+
+def offset_from_start(fit: Fit, T: FloatArray, start: FloatArray | None) -> float:
+    """How far a pose is from the initial one, 1 where that is not meant any more; 0 where none was given."""
+    if start is None:
+        return 0.0
+    shift = pose.offset_between(T, start, at=np.zeros(3)) / (MEANT * fit.prepared.surface.diagonal)
+    return float(max(pose.angle_between(T, start) / MEANT_RAD, shift))

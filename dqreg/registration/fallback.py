@@ -7,18 +7,27 @@ import functools
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray
+from dqreg._arrays import FloatArray
 from dqreg.registration.assess import evidence_of, is_partial, uncertainty_of, verdict_on
-from dqreg.registration.displacement import FEW, displacement_between
+from dqreg.registration.copies import copies_of, is_copy_of, without_equal_copies
+from dqreg.registration.displacement import FEW, displacement_between, offset_from_start
 from dqreg.registration.evidence import MISFIT
 from dqreg.registration.fit import Fit
 from dqreg.registration.free_space import looked_through_at
 from dqreg.registration.initial_pose import FOUND, GlobalSearch, InitialPose
-from dqreg.registration.rivals import BETTER, NO_POSES, SIGNIFICANT, down_to_noise, is_scene, mirror_gain, scores_of
+from dqreg.registration.near_places import near_maps
+from dqreg.registration.rivals import (
+    BETTER,
+    NO_POSES,
+    SIGNIFICANT,
+    but_symmetric,
+    down_to_noise,
+    is_scene,
+    mirror_gain,
+    scores_of,
+)
 from dqreg.registration.slides import without_slide
 from dqreg.rigid import pose, twist
-from dqreg.rigid.rotations import angle_of
-from dqreg.rigid.symmetry import SAME_AXIS_RAD
 from dqreg.solvers.status import INTERRUPTED
 from dqreg.trust.evidence import Evidence
 from dqreg.trust.limits import own_noise
@@ -32,14 +41,9 @@ TOGETHER = 5e-3
 BESIDE = 0.15
 # Reasons of a verdict that another pose cannot mend.
 OF_THE_SCAN: frozenset[str] = frozenset({"unconstrained", "alternative_poses", "outliers", "not_converged"})
-# A better pose is taken if it is within this rotation and this fraction of the target's size of the initial pose that
-# was given: that one is rough, but it is meant. Farther off it has to be significantly better.
-MEANT_RAD, MEANT = np.deg2rad(40.0), 0.25
 # Poses within so much of the best mean log-likelihood explain the scan about as well; within so many standard errors,
 # and what is left of refinements that have not quite ended, they are as likely as the best.
 AS_WELL, ERRORS, ROUNDING = 0.02, 3.0, 5e-4
-# A pose this near to a symmetric copy of another one, in radians and sizes, is that copy.
-COPY = 2e-3
 # Poses of a search that are refined.
 TRIED = 8
 # Displacement of a point from the initial pose, in sizes, beyond which the loop between two clouds is in no basin that
@@ -74,7 +78,7 @@ def best_known(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
         return Known(fit, but_on_the_way(fit, start.others, kernel_scale))
     others = np.array([c.T_target_source for c in search.candidates()]).reshape(-1, 4, 4) if is_given else beside
     others = but_slid(fit, others)
-    is_copy = _is_copy(fit, others)
+    is_copy = is_copy_of(fit, others)
     fits, last = [fit], fit
     # A part that is nearly symmetric has copies that are wrong: the points decide, after the other poses.
     for T in others[np.argsort(is_copy, kind="stable")][:TRIED]:
@@ -83,10 +87,10 @@ def best_known(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
             break
         # What stands beside the part may hold the kernel wide here too.
         fits.append(without_slide(down_to_noise(last))[0])
-    fits, copies = _without_equal_copies(fits)
+    fits, copies = without_equal_copies(fits)
     known = _best(fits, start.T_target_source if is_given else None)
     if is_partial(fit):
-        copies = np.concatenate([copies, _copies(known.fit)])
+        copies = np.concatenate([copies, copies_of(known.fit)])
     return dataclasses.replace(known, others=np.concatenate([known.others, copies]))
 
 
@@ -147,24 +151,6 @@ def is_sound(fit: Fit, *, ask_mirror: bool = False) -> bool:
     return verdict.level == "accepted" or (OF_THE_SCAN - between).issuperset(verdict.codes)
 
 
-def _is_copy(fit: Fit, others: FloatArray) -> BoolArray:
-    """Which poses, (k, 4, 4), are the fit's after a symmetry of the part: no scan is explained better there."""
-    target = fit.problem.target
-    found = np.zeros(len(others), dtype=bool)
-    if not len(others) or not fit.found or target.pairs.symmetry is None:
-        return found
-    for k, T in enumerate(others):
-        motion = T @ pose.inverse(fit.T_target_source)
-        within = 2.0 * COPY * target.surface.diagonal
-        axis, angle = target.pairs.symmetry.between(fit.T_target_source, T, within), angle_of(motion[:3, :3])
-        if axis is None or angle < SAME_AXIS_RAD:
-            continue
-        step = 2.0 * np.pi / axis.order if axis.order else angle
-        shift = float(np.linalg.norm(pose.apply(motion, axis.point[None])[0] - axis.point))
-        found[k] = max(abs(angle - step * round(angle / step)), shift / target.surface.diagonal) <= COPY
-    return found
-
-
 def but_slid(fit: Fit, others: FloatArray) -> FloatArray:
     """Poses, (k, 4, 4), without those that are the fit's or one another's after a motion that nothing constrains."""
     free = fit.information.free if fit.found else np.zeros(0, dtype=bool)
@@ -205,29 +191,6 @@ def _is_slid(fit: Fit, T: FloatArray, other: FloatArray) -> bool:
     return displacement_between(fit, along, other) <= FOUND
 
 
-def _copies(fit: Fit) -> FloatArray:
-    """The fit's pose after each symmetry of the part, (k, 4, 4): as right as it is."""
-    symmetry = fit.problem.target.pairs.symmetry
-    if symmetry is None or not fit.found:
-        return NO_POSES
-    return np.asarray(symmetry.poses[1:] @ fit.T_target_source)
-
-
-def _without_equal_copies(fits: list[Fit]) -> tuple[list[Fit], FloatArray]:
-    """Fits without the symmetric copies of the first that explain the scan no better, and those copies, (k, 4, 4)."""
-    found = [fit for fit in fits if fit.found]
-    if len(found) < 2 or not fits[0].found:
-        return fits, NO_POSES
-    poses = np.stack([fit.T_target_source for fit in found])
-    is_copy = _is_copy(fits[0], poses)
-    is_copy[0] = False
-    if not is_copy.any():
-        return fits, NO_POSES
-    deficit, error = scores_of(found[0], poses).deficit(0)
-    is_copy &= -deficit <= np.maximum(BETTER, SIGNIFICANT * error)
-    return [fit for fit, drop in zip(found, is_copy, strict=True) if not drop], poses[is_copy]
-
-
 def _was_near(fit: Fit) -> bool:
     """Whether the initial pose put most of the scan near the target: one somewhere else is a mistake to be told."""
     given = fit.problem.start
@@ -249,7 +212,8 @@ def _best(fits: list[Fit], start: FloatArray | None) -> Known:
     worse = scores.distinguishable(int(order[0])) | (deficit > np.minimum(AS_WELL, ERRORS * error + ROUNDING))
     # Among equals the pose that the start leads to goes first, then the one nearest to the start.
     likely = [int(k) for k in order if not worse[k]]
-    likely.sort(key=lambda k: (found[k] is not fits[0], _offset(found[k], start)))
+    offsets = [offset_from_start(one, one.T_target_source, start) for one in found]
+    likely.sort(key=lambda k: (found[k] is not fits[0], offsets[k]))
 
     @functools.cache
     def sound(k: int) -> bool:
@@ -272,17 +236,30 @@ def _best(fits: list[Fit], start: FloatArray | None) -> Known:
     if best is None:
         best = likely[0]
         gain, sigma = float(means[best] - means[0]), float(scores.deficit(best)[1][0])
-        is_better = gain > BETTER and (_offset(found[best], start) <= 1.0 or gain > SIGNIFICANT * sigma)
+        # A rough initial pose is meant all the same: a pose far from it has to be significantly better.
+        is_better = gain > BETTER and (offsets[best] <= 1.0 or gain > SIGNIFICANT * sigma)
         best = best if is_better or found[0] is not fits[0] else 0
     apart = scores.distinguishable(best) | (scores.deficit(best)[0] > AS_WELL)
     others = [k for k in range(len(found)) if k != best and not apart[k] and (sound(k) or not sound(best))]
     return Known(found[best], np.array([found[k].T_target_source for k in others]).reshape(-1, 4, 4), searched=True)
 
 
-def _offset(fit: Fit, start: FloatArray | None) -> float:
-    """How far a pose is from the initial one, 1 where that is not meant any more; 0 where none was given."""
-    if start is None:
-        return 0.0
-    T, diagonal = fit.T_target_source, fit.prepared.surface.diagonal
-    shift = pose.offset_between(T, start, at=np.zeros(3)) / (MEANT * diagonal)
-    return float(max(pose.angle_between(T, start) / MEANT_RAD, shift))
+def meant_copy(fit: Fit, start: FloatArray, kernel_scale: float) -> tuple[Fit, FloatArray]:
+    """The fit, or, where that is far from the initial pose, one beside it after a near symmetry, if as likely or sound.
+
+    And, if so, the pose that was left, (k, 4, 4), unless it is the same place.
+    """
+    asked = fit.problem.options.method == "auto" and not fit.constraints.any
+    if not asked or not fit.found or offset_from_start(fit, fit.T_target_source, start) <= 1.0:
+        return fit, NO_POSES
+    copies = near_maps(fit) @ fit.T_target_source
+    offsets = [offset_from_start(fit, T, start) for T in copies]
+    if min(offsets, default=np.inf) > 1.0:
+        return fit, NO_POSES
+    # A map that was read off a cloud is rough, and few points of a refinement are not led far enough by it.
+    other = fit.resumed(copies[int(np.argmin(offsets))], kernel_scale)
+    poses = np.stack([fit.T_target_source, other.T_target_source])
+    # What two clouds have in common differs from place to place: of what nothing speaks against the start decides.
+    if other.found and (scores_of(fit, poses).as_likely(0, BETTER)[1] or not is_doubtful(other)):
+        return other, but_symmetric(other, poses[:1])
+    return fit, NO_POSES

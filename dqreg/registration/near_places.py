@@ -14,14 +14,19 @@ from dqreg.kernels.threads import unlocked_property
 from dqreg.registration.fit import Fit
 from dqreg.rigid import twist
 from dqreg.search.near_symmetry import is_symmetry, near_flips
+from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.periods import SHORTEST, near_periods
 from dqreg.search.plane_maps import FLAT, LOOKED_AT, LOST, Planes, plane_maps
+from dqreg.search.poses import Poses
+from dqreg.search.refine import refine
 from dqreg.search.tangent_planes import TangentPlanes
 from dqreg.trust.information import scaling_by
 from dqreg.trust.patch_tests import ON
 
 # Points of a scan that are asked how far it reaches.
 REACHING = 5_000
+# Points of a cloud that refine its flips, first and last kernel scale, in sizes, and steps.
+REFINED, WIDE, NARROW, STEPS = 1_000, 0.02, 1e-3, 10
 # Points of a cloud whose differences tell its periods: it is asked for one scan.
 OF_CLOUD = 600
 # A free motion is a screw where its rotation moves the part by more than this share of the whole, and its shift by more
@@ -169,7 +174,12 @@ def _of_cloud(fit: Fit, surface: CloudSurface) -> _Places:
     rows = sample_rows(len(surface._points), LOOKED_AT)
     tangent = _tangent(fit, surface)
     facets = tangent.facets()
-    maps = np.concatenate([near_flips(facets, tangent), near_periods(facets, tangent, OF_CLOUD)])
+    flips = near_flips(facets, tangent)
+    if len(flips):
+        # Moments of what was seen of a part are not the part's: its axes are off by a degree.
+        sample = OrientedPoints.on_faces(surface._points[sample_rows(len(surface._points), REFINED)])
+        flips = refine(Poses.of(flips), sample, surface, np.geomspace(WIDE, NARROW, STEPS) * surface.diagonal).matrices
+    maps = np.concatenate([flips, near_periods(facets, tangent, OF_CLOUD)])
     return _Places(maps, surface._points[rows], surface._planes_at(rows)[0], surface.diagonal)
 
 

@@ -24,7 +24,7 @@ from dqreg.registration.assess import (
     without_drift,
 )
 from dqreg.registration.common_faces import on_common_faces
-from dqreg.registration.fallback import Known, best_known, but_on_the_way, is_doubtful, may_search
+from dqreg.registration.fallback import Known, best_known, but_on_the_way, is_doubtful, may_search, meant_copy
 from dqreg.registration.fit import Fit, coarse_to_fine
 from dqreg.registration.free_space import viewpoint_behind
 from dqreg.registration.initial_pose import GlobalSearch, InitialPose, initial_pose
@@ -183,6 +183,9 @@ def second_try(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
             best, near = best_near_symmetric(known.fit, search.kernel_scale)
             known = dataclasses.replace(known, fit=best)
         known = dataclasses.replace(known, fit=on_best_sides(known.fit))
+        if is_given:
+            meant, copies = meant_copy(known.fit, start.T_target_source, search.kernel_scale)
+            known, near = dataclasses.replace(known, fit=meant), np.concatenate([near, copies])
         near = but_on_the_way(known.fit, near, search.kernel_scale if fit.problem.options.method == "auto" else None)
     if is_given:
         known = dataclasses.replace(known, fit=without_drift(known.fit, start.T_target_source))

@@ -109,7 +109,8 @@ def down_to_noise(fit: Fit) -> Fit:
     return fit.at(refined[0]) if gain > max(BETTER, SIGNIFICANT * error) else fit
 
 
-def _but_symmetric(fit: Fit, others: FloatArray) -> FloatArray:
+def but_symmetric(fit: Fit, others: FloatArray) -> FloatArray:
+    """Poses, (k, 4, 4), without those that leave all of the target about where the fit's does."""
     if not len(others):
         return others
     back = pose.inverse(fit.T_target_source)
@@ -153,7 +154,7 @@ def best_near_symmetric(fit: Fit, kernel_scale: float) -> tuple[Fit, FloatArray]
     is_mesh = fit.problem.target.kind == "mesh"
     narrowest = NARROWEST * fit.prepared.surface.diagonal if is_mesh else np.inf
     if fit.problem.options.method != "auto" or fit.constraints.any:
-        return fit, _but_symmetric(fit, others)
+        return fit, but_symmetric(fit, others)
     # Several periods away the next one is better each time.
     for _ in range(STEPS):
         if not len(others):
@@ -168,7 +169,7 @@ def best_near_symmetric(fit: Fit, kernel_scale: float) -> tuple[Fit, FloatArray]
         if not other.found:
             break
         fit, others = other, _as_likely(other)
-    return fit, _but_symmetric(fit, others)
+    return fit, but_symmetric(fit, others)
 
 
 def mirror_gain(fit: Fit, *, always: bool = False) -> float:
