@@ -9,12 +9,11 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.registration.assess import evidence_of, is_partial, uncertainty_of, verdict_on
-from dqreg.registration.copies import copies_of, is_copy_of, without_equal_copies
 from dqreg.registration.displacement import FEW, displacement_between, offset_from_start
 from dqreg.registration.evidence import MISFIT
 from dqreg.registration.fit import Fit
 from dqreg.registration.free_space import looked_through_at
-from dqreg.registration.initial_pose import FOUND, GlobalSearch, InitialPose
+from dqreg.registration.initial_pose import GlobalSearch, InitialPose
 from dqreg.registration.near_places import near_maps
 from dqreg.registration.rivals import (
     BETTER,
@@ -26,8 +25,9 @@ from dqreg.registration.rivals import (
     mirror_gain,
     scores_of,
 )
+from dqreg.registration.same_poses import TRIED, but_on_the_way, but_slid, copies_of, is_copy_of, without_equal_copies
 from dqreg.registration.slides import without_slide
-from dqreg.rigid import pose, twist
+from dqreg.rigid import pose
 from dqreg.solvers.status import INTERRUPTED
 from dqreg.trust.evidence import Evidence
 from dqreg.trust.limits import own_noise
@@ -44,8 +44,6 @@ OF_THE_SCAN: frozenset[str] = frozenset({"unconstrained", "alternative_poses", "
 # Poses within so much of the best mean log-likelihood explain the scan about as well; within so many standard errors,
 # and what is left of refinements that have not quite ended, they are as likely as the best.
 AS_WELL, ERRORS, ROUNDING = 0.02, 3.0, 5e-4
-# Poses of a search that are refined.
-TRIED = 8
 # Displacement of a point from the initial pose, in sizes, beyond which the loop between two clouds is in no basin that
 # was meant; a rotation by 23 degrees, or less with a shift.
 FAR = 0.2
@@ -149,46 +147,6 @@ def is_sound(fit: Fit, *, ask_mirror: bool = False) -> bool:
     # A wrong pose of two clouds often lies on one face, where the right one would have more.
     between = {"unconstrained"} if fit.target.kind == "cloud" else set()
     return verdict.level == "accepted" or (OF_THE_SCAN - between).issuperset(verdict.codes)
-
-
-def but_slid(fit: Fit, others: FloatArray) -> FloatArray:
-    """Poses, (k, 4, 4), without those that are the fit's or one another's after a motion that nothing constrains."""
-    free = fit.information.free if fit.found else np.zeros(0, dtype=bool)
-    if not len(others) or not free.any():
-        return others
-    scores = scores_of(fit, np.concatenate([fit.T_target_source[None], others]))
-    kept: list[int] = []
-    for k, T in enumerate(others, start=1):
-        if not any(_is_slid(fit, others[j - 1] if j else fit.T_target_source, T) for j in (0, *kept)):
-            kept.append(k)
-            continue
-        # Farther along something may hold the motion: a key in its way.
-        deficit, error = scores.deficit(0)
-        if -deficit[k] > max(BETTER, SIGNIFICANT * error[k]):
-            kept.append(k)
-    return np.asarray(others[np.array(kept, dtype=int) - 1])
-
-
-def but_on_the_way(fit: Fit, others: FloatArray, kernel_scale: float | None) -> FloatArray:
-    """Poses, (k, 4, 4), without those from which the loop arrives at the fit: a search refines on a sample alone."""
-    kept, last = [], fit
-    for T in others[:TRIED]:
-        last = last.resumed(T, kernel_scale)
-        if last.problem.watch.is_over:
-            return others
-        kept.append(not last.found or displacement_between(fit, last.T_target_source, fit.T_target_source) > FOUND)
-    return np.asarray(others[np.flatnonzero(kept)])
-
-
-def _is_slid(fit: Fit, T: FloatArray, other: FloatArray) -> bool:
-    """Whether a motion that nothing constrains leads from one pose to another.
-
-    Such motions are a group: the logarithm of any of them is a mixture of the free ones, however far it goes.
-    """
-    information, scale = fit.information, np.r_[[fit.information.lever] * 3, [1.0] * 3]
-    free, motion = information.vectors[:, information.free], twist.log(other @ pose.inverse(T))
-    along = twist.exp(free @ (free.T @ (scale * motion)) / scale) @ T
-    return displacement_between(fit, along, other) <= FOUND
 
 
 def _was_near(fit: Fit) -> bool:

@@ -24,7 +24,7 @@ from dqreg.registration.assess import (
     without_drift,
 )
 from dqreg.registration.common_faces import on_common_faces
-from dqreg.registration.fallback import Known, best_known, but_on_the_way, is_doubtful, may_search, meant_copy
+from dqreg.registration.fallback import Known, best_known, is_doubtful, may_search, meant_copy
 from dqreg.registration.fit import Fit, coarse_to_fine
 from dqreg.registration.free_space import viewpoint_behind
 from dqreg.registration.initial_pose import GlobalSearch, InitialPose, initial_pose
@@ -40,6 +40,7 @@ from dqreg.registration.rivals import (
     limit_of,
     mirror_gain,
 )
+from dqreg.registration.same_poses import but_on_the_way
 from dqreg.registration.slides import without_slide
 from dqreg.registration.visibility import on_visible_faces
 from dqreg.registration.wall_sides import equal_sides, on_best_sides

@@ -8,9 +8,10 @@ import pytest
 
 import dqreg
 from dqreg.geometry import sample_mesh
-from dqreg.registration.fallback import but_slid, is_doubtful
+from dqreg.registration.fallback import is_doubtful, meant_copy
 from dqreg.registration.fit import coarse_to_fine
 from dqreg.registration.rivals import best_seen
+from dqreg.registration.same_poses import but_slid
 from dqreg.rigid import pose, twist
 from dqreg.synth import Noise, Scanner, disturbance, load_case, random_pose, scan_mesh, worst_vertex_displacement
 from dqreg.synth.parts import box, bracket, flange
@@ -230,3 +231,22 @@ def test_poses_that_an_unconstrained_motion_leads_to_are_one() -> None:
     over, above = twist.exp([np.pi, 0, 0, 0, 0, 0]), twist.exp([0, 0, 0, 0, 0, 0.2])
     others = np.stack([free[0], over, free[1], free[0] @ over, above]) @ fit.T_target_source
     np.testing.assert_array_equal(but_slid(fit, others), others[[1, 4]])
+
+
+@pytest.mark.parametrize(("degrees", "is_moved"), [(180.0, True), (0.0, False)])
+def test_of_poses_that_a_near_symmetry_exchanges_the_one_by_the_start_is_kept(degrees: float, is_moved: bool) -> None:
+    # Two clouds of all of a block, in its frame: the start is the truth, the fit half a turn away, or there.
+    block, rng = dqreg.Mesh(*box((90.0, 60.0, 40.0))), np.random.default_rng(0)
+    scan, stands = (sample_mesh(block, 4_000, rng).points for _ in range(2))
+    half_turn = pose.about(pose.exp(np.array([0.0, 0.0, np.deg2rad(degrees), 0.0, 0.0, 0.0])), block.centre)
+    problem = problem_of(scan, stands, np.eye(4))
+    prepared, constraints = problem.prepare(), problem.constraints(np.eye(4))
+    settings = problem.options.icp_settings(problem.reach(prepared), constraints, even=prepared.even)
+    start, width = problem.to_centred(np.eye(4)), 1e-3 * block.diagonal
+    fit = coarse_to_fine(problem, prepared, problem.to_centred(half_turn), settings, constraints)
+    found, others = meant_copy(fit, start, width)
+    assert (found is not fit) is is_moved
+    # Sampling leaves a hundredth of the way between neighbours.
+    assert worst_vertex_displacement(problem.to_caller(found.T_target_source), np.eye(4), block.vertices) <= 0.2
+    # The block looks the same from both.
+    assert not len(others)

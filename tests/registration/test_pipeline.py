@@ -12,6 +12,7 @@ from dqreg.geometry import sample_mesh
 from dqreg.icp import stopwatch
 from dqreg.icp.history import Iteration
 from dqreg.kernels import threads
+from dqreg.registration import pipeline
 from dqreg.registration.fit import coarse_to_fine
 from dqreg.registration.pipeline import all_points_say_more, settled
 from dqreg.registration.prepared import Prepared
@@ -56,6 +57,18 @@ def test_noise_beyond_the_spacing_leaves_it_at_the_cells() -> None:
     # Measured: 4e-4 over all points; a waved sheet hardly holds what slides along it.
     off = pose.apply(result.T_target_source, scan) - pose.apply(T, scan)
     assert np.sqrt((off**2).sum(axis=1).mean()) <= 1e-3
+
+
+@pytest.mark.parametrize(("doubted", "whole"), [("cells", True), ("nothing", False), ("both", False)])
+def test_cells_in_doubt_give_way_to_all_points_that_are_not(
+    doubted: str, whole: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = np.random.default_rng(1)
+    scan, stands = (DENSE + rng.normal(scale=0.003, size=DENSE.shape) for _ in range(2))
+    doubts = {"cells": lambda fit: fit.prepared.cell_size > 0.0, "nothing": lambda _: False, "both": lambda _: True}
+    monkeypatch.setattr(pipeline, "is_doubtful", doubts[doubted])
+    result = dqreg.register(moved_back(scan), stands, T, keep_inputs=False)
+    assert (result.settings["cell_size"] == 0.0) is whole
 
 
 def test_best_takes_all_points_at_once() -> None:

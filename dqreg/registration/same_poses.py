@@ -1,18 +1,22 @@
-"""Symmetric copies of a fit: poses after a symmetry of the part, which no scan tells apart."""
+"""Poses that are a fit's own again: after a symmetry, after a motion that nothing holds, or on the way of its loop."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
+from dqreg.registration.displacement import displacement_between
 from dqreg.registration.fit import Fit
+from dqreg.registration.initial_pose import FOUND
 from dqreg.registration.rivals import BETTER, NO_POSES, SIGNIFICANT, scores_of
-from dqreg.rigid import pose
+from dqreg.rigid import pose, twist
 from dqreg.rigid.rotations import angle_of
 from dqreg.rigid.symmetry import SAME_AXIS_RAD
 
 # A pose this near to a symmetric copy of another one, in radians and sizes, is that copy.
 COPY = 2e-3
+# Poses of a search that are refined.
+TRIED = 8
 
 
 def is_copy_of(fit: Fit, others: FloatArray) -> BoolArray:
@@ -54,3 +58,43 @@ def without_equal_copies(fits: list[Fit]) -> tuple[list[Fit], FloatArray]:
     deficit, error = scores_of(found[0], poses).deficit(0)
     is_copy &= -deficit <= np.maximum(BETTER, SIGNIFICANT * error)
     return [fit for fit, drop in zip(found, is_copy, strict=True) if not drop], poses[is_copy]
+
+
+def but_slid(fit: Fit, others: FloatArray) -> FloatArray:
+    """Poses, (k, 4, 4), without those that are the fit's or one another's after a motion that nothing constrains."""
+    free = fit.information.free if fit.found else np.zeros(0, dtype=bool)
+    if not len(others) or not free.any():
+        return others
+    scores = scores_of(fit, np.concatenate([fit.T_target_source[None], others]))
+    kept: list[int] = []
+    for k, T in enumerate(others, start=1):
+        if not any(_is_slid(fit, others[j - 1] if j else fit.T_target_source, T) for j in (0, *kept)):
+            kept.append(k)
+            continue
+        # Farther along something may hold the motion: a key in its way.
+        deficit, error = scores.deficit(0)
+        if -deficit[k] > max(BETTER, SIGNIFICANT * error[k]):
+            kept.append(k)
+    return np.asarray(others[np.array(kept, dtype=int) - 1])
+
+
+def but_on_the_way(fit: Fit, others: FloatArray, kernel_scale: float | None) -> FloatArray:
+    """Poses, (k, 4, 4), without those from which the loop arrives at the fit: a search refines on a sample alone."""
+    kept, last = [], fit
+    for T in others[:TRIED]:
+        last = last.resumed(T, kernel_scale)
+        if last.problem.watch.is_over:
+            return others
+        kept.append(not last.found or displacement_between(fit, last.T_target_source, fit.T_target_source) > FOUND)
+    return np.asarray(others[np.flatnonzero(kept)])
+
+
+def _is_slid(fit: Fit, T: FloatArray, other: FloatArray) -> bool:
+    """Whether a motion that nothing constrains leads from one pose to another.
+
+    Such motions are a group: the logarithm of any of them is a mixture of the free ones, however far it goes.
+    """
+    information, scale = fit.information, np.r_[[fit.information.lever] * 3, [1.0] * 3]
+    free, motion = information.vectors[:, information.free], twist.log(other @ pose.inverse(T))
+    along = twist.exp(free @ (free.T @ (scale * motion)) / scale) @ T
+    return displacement_between(fit, along, other) <= FOUND
