@@ -179,6 +179,11 @@ def _best(fits: list[Fit], start: FloatArray | None) -> Known:
         return is_sound(found[k], ask_mirror=True)
 
     best = next((k for k in likely if sound(k) and not is_doubtful(found[k], ask_mirror=True)), None)
+    if best and found[0] is fits[0] and fits[0].target.kind == "cloud" and not is_doubtful(found[0], ask_mirror=True):
+        # How much two clouds have in common differs from place to place: where nothing speaks against either pose, the
+        # one that the start leads to is meant.
+        gain, sigma = float(means[best] - means[0]), float(scores.deficit(best)[1][0])
+        best = best if gain > max(BETTER, SIGNIFICANT * sigma) else 0
     if best is None and found[0] is fits[0] and sound(0) and not _is_beside(found[0]):
         # In doubt, but no other pose is free of it: what the verdict refuses displaces nothing.
         best = 0
@@ -210,7 +215,7 @@ def meant_copy(fit: Fit, start: FloatArray, kernel_scale: float) -> tuple[Fit, F
     asked = fit.problem.options.method == "auto" and not fit.constraints.any
     if not asked or not fit.found or offset_from_start(fit, fit.T_target_source, start) <= 1.0:
         return fit, NO_POSES
-    copies = near_maps(fit) @ fit.T_target_source
+    copies = near_maps(fit, of_any=True) @ fit.T_target_source
     offsets = [offset_from_start(fit, T, start) for T in copies]
     if min(offsets, default=np.inf) > 1.0:
         return fit, NO_POSES

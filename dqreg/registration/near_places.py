@@ -59,15 +59,15 @@ class _Places:
         return _extent(self.points)
 
 
-def near_maps(fit: Fit) -> FloatArray:
+def near_maps(fit: Fit, *, of_any: bool = False) -> FloatArray:
     """Those that leave most of the target in place, and that put the scan's planes into others of its, (k, 4, 4).
 
-    A cloud is asked where the scan shows hardly more than planes: only these are found again so easily elsewhere that
-    it is worth a tenth of a registration.
+    A cloud is asked where the scan shows hardly more than planes, or in any case: only planes are found again so easily
+    elsewhere that it is worth a tenth of a registration.
     """
     surface = fit.prepared.surface
     scan = _planes_of_scan(fit) if isinstance(surface, CloudSurface) else None
-    if scan is not None and scan.flat < FLAT:
+    if scan is not None and scan.flat < FLAT and not of_any:
         return _half_screws(fit)
     found = _places(fit)
     # All of a part fits in its own place, or after what leaves the part in place.
