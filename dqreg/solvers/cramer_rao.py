@@ -74,6 +74,8 @@ def cramer_rao(
     [0.000625, 0.000625, 0.000625, 0.00125, 0.00125, 0.00125]
     """
     p = _triples(points, "points")
+    if not p.shape[-2]:
+        raise InputError(f"points must have shape (..., n, 3) with n > 0; got shape {p.shape}")
     n = np.zeros((*p.shape[:-2], 0, 3)) if directions is None else _triples(directions, "directions")
     if n.ndim > p.ndim or np.broadcast_shapes(n.shape[:-2], p.shape[:-2]) != p.shape[:-2]:
         raise InputError(f"directions must have the leading axes of points or fewer; got {n.shape} and {p.shape}")
@@ -92,8 +94,8 @@ def cramer_rao(
 
 def _triples(value: ArrayLike, name: str) -> FloatArray:
     array = as_float(value, name)
-    if array.ndim < 2 or array.shape[-1] != 3 or not array.shape[-2]:
-        raise InputError(f"{name} must have shape (..., n, 3) with n > 0; got shape {array.shape}")
+    if array.ndim < 2 or array.shape[-1] != 3:
+        raise InputError(f"{name} must have shape (..., n, 3); got shape {array.shape}")
     require_finite(array, name)
     return array
 
