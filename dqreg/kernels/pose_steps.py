@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dqreg._arrays import FloatArray, IntArray
-from dqreg.kernels.compiled import compiled
+from dqreg.kernels.compiled import compiled, inside_kernels
+from dqreg.kernels.plane_steps import solve_in_place
 from dqreg.kernels.pose_forms import TINY
 
 
@@ -135,7 +136,7 @@ def take_damped_steps(
     Each equation is damped by a share of its mean diagonal, and by so much at least. Shapes: rotations (n, 3, 3),
     shifts and centres (n, 3), squares (n, 6, 6), slopes (n, 6).
     """
-    L, step, turn = np.zeros((6, 6)), np.zeros(6), np.zeros((3, 3))
+    A, step, turn = np.zeros((6, 6)), np.zeros(6), np.zeros((3, 3))
     for k in range(first, last):
         scale = 0.0
         for a in range(6):
@@ -144,42 +145,9 @@ def take_damped_steps(
         for a in range(6):
             step[a] = -slopes[k, a]
             for b in range(a + 1):
-                rest = squares[k, a, b] + (damped if a == b else 0.0)
-                for c in range(b):
-                    rest -= L[a, c] * L[b, c]
-                L[a, b] = np.sqrt(rest) if a == b else rest / L[b, b]
-        for a in range(6):
-            for b in range(a):
-                step[a] -= L[a, b] * step[b]
-            step[a] /= L[a, a]
-        for a in range(5, -1, -1):
-            for b in range(a + 1, 6):
-                step[a] -= L[b, a] * step[b]
-            step[a] /= L[a, a]
-        angle = np.sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2])
-        inverse = 1.0 / max(angle, TINY)
-        x, y, z, sine, versine = (
-            step[0] * inverse,
-            step[1] * inverse,
-            step[2] * inverse,
-            np.sin(angle),
-            1.0 - np.cos(angle),
-        )
-        turn[0, 0], turn[0, 1], turn[0, 2] = (
-            1.0 - versine * (y * y + z * z),
-            versine * x * y - sine * z,
-            versine * x * z + sine * y,
-        )
-        turn[1, 0], turn[1, 1], turn[1, 2] = (
-            versine * x * y + sine * z,
-            1.0 - versine * (x * x + z * z),
-            versine * y * z - sine * x,
-        )
-        turn[2, 0], turn[2, 1], turn[2, 2] = (
-            versine * x * z - sine * y,
-            versine * y * z + sine * x,
-            1.0 - versine * (x * x + y * y),
-        )
+                A[a, b] = squares[k, a, b] + (damped if a == b else 0.0)
+        solve_in_place(A, step)
+        _write_rotation(step, turn)
         for a in range(3):
             shifted[k, a] = centres[k, a] + lever * step[3 + a]
             for b in range(3):
@@ -187,3 +155,15 @@ def take_damped_steps(
                 turned[k, a, b] = (
                     turn[a, 0] * rotations[k, 0, b] + turn[a, 1] * rotations[k, 1, b] + turn[a, 2] * rotations[k, 2, b]
                 )
+
+
+@inside_kernels
+def _write_rotation(vector: FloatArray, turn: FloatArray) -> None:
+    """Write the matrix of a rotation vector: Rodrigues' formula."""
+    angle = np.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2])
+    inverse = 1.0 / max(angle, TINY)
+    x, y, z = vector[0] * inverse, vector[1] * inverse, vector[2] * inverse
+    s, c = np.sin(angle), 1.0 - np.cos(angle)
+    turn[0, 0], turn[0, 1], turn[0, 2] = 1.0 - c * (y * y + z * z), c * x * y - s * z, c * x * z + s * y
+    turn[1, 0], turn[1, 1], turn[1, 2] = c * x * y + s * z, 1.0 - c * (x * x + z * z), c * y * z - s * x
+    turn[2, 0], turn[2, 1], turn[2, 2] = c * x * z - s * y, c * y * z + s * x, 1.0 - c * (x * x + y * y)
