@@ -208,11 +208,13 @@ def _best(fits: list[Fit], start: FloatArray | None) -> Known:
 
 
 def meant_copy(fit: Fit, start: FloatArray, kernel_scale: float) -> tuple[Fit, FloatArray]:
-    """The fit, or, where that is far from the initial pose, one beside it after a near symmetry, if as likely or sound.
+    """The fit between clouds; far from the initial pose, one by that after a near symmetry, if as likely or sound.
 
     And, if so, the pose that was left, (k, 4, 4), unless it is the same place.
     """
-    asked = fit.problem.options.method == "auto" and not fit.constraints.any
+    options = fit.problem.options
+    # On a part the points decide: what a notch speaks against is not meant.
+    asked = fit.target.kind == "cloud" and options.method == "auto" and not fit.constraints.any
     if not asked or not fit.found or offset_from_start(fit, fit.T_target_source, start) <= 1.0:
         return fit, NO_POSES
     copies = near_maps(fit, of_any=True) @ fit.T_target_source
