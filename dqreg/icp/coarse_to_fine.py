@@ -40,6 +40,11 @@ NOISE_FLOOR = 0.3
 EXACT_FLOOR = 1e-7
 # The basin is found where the scan is explained at a kernel scale below that fraction of the target's size.
 NEAR_WIDTH = 0.01
+# Distance, in diagonals of the target, beyond which a point is an outlier to a wide and to a narrow kernel alike; at
+# least so many scales of the kernel.
+BESIDE, BESIDE_SCALES = 0.05, 3.0
+# Share of the points that two views have in common at least, where an initial pose is near.
+IN_COMMON = 0.25
 # Points on which it is checked whether the initial pose is near already, and of the coarse level where it is.
 NEAR = 1_000
 
@@ -87,6 +92,53 @@ def _placed(level: Level, start: FloatArray, observe: Observer | None, first: in
     if level.plan.fine is None:
         run = _Basin.find(level, start, observe, first).run
         return run, _near(level, run)
+    run, near = _in_basin(level, start, observe, first)
+    if run.ended_early or not isinstance(level.surface, CloudSurface):
+        return run, near
+    return _or_narrow(level, start, run, near, observe)
+
+
+def _or_narrow(
+    level: Level, start: FloatArray, run: Alignment, near: Level, observe: Observer | None
+) -> tuple[Alignment, Level]:
+    """The end of a coarse level between two clouds, or where planes alone lead from the start at a narrow kernel.
+
+    What one cloud shows and the other lacks draws a wide kernel away: it takes the thickness of a plate for noise, and
+    moves two views that have little in common on top of each other. A narrow one falls at once, and finds one side of
+    the plate, or is held until the pose rests, which walls that few points show may need.
+    """
+    plan, planes = level.plan, _near(level, None)
+    before = find_correspondences(planes.scan, planes.surface, start)
+    widest = NEAR_WIDTH * level.surface.diagonal
+    narrow, narrower = (
+        InlierMixture.starting(max(scale, level.floor), plan.max_distance)
+        for scale in (widest, min(widest, float(np.quantile(before.distances, IN_COMMON))))
+    )
+    history, best = run.history, run
+    for is_held in (False, True):
+        first, mixture, pairs = history[-1].number + 1, narrower, before
+        if is_held:
+            held = planes.once(narrow, FINE, observe, first, before)
+            history, pairs = history + held.history, held.pairs
+            within = pairs.distances[pairs.distances <= plan.max_distance]
+            first, mixture = held.next_number, narrow.fit(within, floor=planes.floor, rounds=PATIENT.rounds)
+        other = planes.descend(mixture, pairs.T_target_source, TRACKING, observe, first, before=pairs)
+        history += other.history
+        other_near = _near(level, other)
+        if not other.ended_early and _is_likelier((other_near, other), (near, best)):
+            best, near = other, other_near
+    return dataclasses.replace(best, history=history), near
+
+
+def _is_likelier(one: tuple[Level, Alignment], other: tuple[Level, Alignment]) -> bool:
+    """Whether one end of the coarse level explains the scan better than another."""
+    scale = max(run.mixture.scale for _, run in (one, other))
+    limit = max(BESIDE_SCALES * scale, BESIDE * one[0].surface.diagonal)
+    costs = [level.mean_nll(run, limit) for level, run in (one, other)]
+    return costs[0] < costs[1]
+
+
+def _in_basin(level: Level, start: FloatArray, observe: Observer | None, first: int) -> tuple[Alignment, Level]:
     basin = _Basin.find(level, start, observe, first, hasty=True)
     run, near = _refined(level, basin.run, observe)
     if run.ended_early or basin.is_whole or near.explains(run, run.mixture):

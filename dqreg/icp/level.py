@@ -141,10 +141,14 @@ class Level:
         """Whether nearly all points of a run belong to the inliers of a mixture."""
         return bool(mixture.inlier_fraction * np.count_nonzero(run.weights) >= EXPLAINED * len(run.weights))
 
-    def mean_nll(self, run: Alignment) -> float:
-        """Mean negative log-likelihood of the distances at the end of a run: the lower, the better it explains them."""
-        near = run.weights > 0.0
-        learned = run.mixture.fit(run.pairs.distances[near], floor=self.floor, rounds=100)
+    def mean_nll(self, run: Alignment, limit: float = np.inf) -> float:
+        """Mean negative log-likelihood of the distances at the end of a run: the lower, the better it explains them.
+
+        Where a limit is given, distances beyond it are those of outliers.
+        """
+        near, mixture = (run.weights > 0.0) & (run.pairs.distances <= limit), run.mixture
+        mixture = dataclasses.replace(mixture, limit=min(mixture.limit, limit))
+        learned = mixture.fit(run.pairs.distances[near], floor=self.floor, rounds=100)
         return learned.mean_nll(run.pairs.distances[near], rejected=int(np.count_nonzero(~near)))
 
     def _run(

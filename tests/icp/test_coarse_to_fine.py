@@ -270,3 +270,29 @@ def test_a_last_step_within_the_noise_searches_no_face_anew_and_moves_the_pose_b
     apart = worst_vertex_displacement(run.T_target_source, other.T_target_source, PART.vertices)
     # What the noise leaves open: three numbers of the pose move a vertex.
     assert apart <= 0.1 * np.sqrt(3.0 / len(scan)) * NOISE * SIZE
+
+
+def plate(rng: np.random.Generator, *, both_sides: bool) -> FloatArray:
+    """Points, (n, 3), on a plate of 200 x 300 x 12, noise 0.1; all of it, or its lower half alone."""
+    size = np.array([200.0, 300.0, 12.0])
+    areas = np.prod(size) / np.repeat(size, 2)
+    face = rng.choice(6, size=12_000, p=areas / areas.sum())
+    points = rng.uniform(size=(len(face), 3)) * size
+    for k in range(6):
+        points[face == k, k // 2] = k % 2 * size[k // 2]
+    kept = points if both_sides else points[points[:, 2] < 0.5 * size[2]]
+    return kept + 0.1 * rng.normal(size=kept.shape)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_side_that_the_target_lacks_is_not_averaged_with_the_other(seed: int) -> None:
+    # Both clouds are made in one frame: the truth is the identity. A wide kernel ends at half the thickness, 6; across
+    # the plate thousands of points leave 0.003, and 0.1 is the noise of one.
+    rng = np.random.default_rng(seed)
+    scan, target = (PointCloud(plate(rng, both_sides=both)) for both in (True, False))
+    start = disturbance(rng, np.deg2rad(0.5), 2.0, np.array([100.0, 150.0, 6.0]))
+    plan = dataclasses.replace(PLAN, max_distance=72.0, fine=ESTIMATORS["generalised"])
+    surface = CloudSurface(target)
+    run = align_coarse_to_fine(prepare_scan(scan), surface, start, plan)
+    corners = np.array([[x, y, 0.0, 1.0] for x in (0.0, 200.0) for y in (0.0, 300.0)])
+    assert np.abs((corners @ run.T_target_source.T)[:, 2]).max() < 0.1
