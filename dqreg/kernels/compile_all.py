@@ -84,7 +84,9 @@ def compile_for_all_users() -> None:
 
 def _faces() -> None:
     first_copies(CORNERS)
-    TriangleTree.of(CORNERS, np.ones((2, 3))).closest(np.zeros((1, 3)))
+    tree = TriangleTree.of(CORNERS, np.ones((2, 3)))
+    tree.closest(np.zeros((1, 3)))
+    tree.distances(FLAT[None], ONE[None], CORNERS[0], 1.0)
 
 
 def _points() -> None:
