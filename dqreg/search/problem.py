@@ -103,8 +103,8 @@ class SearchProblem:
         """Distance beyond which a point is an outlier."""
         return TRUNCATED * self.plan.max_distance
 
-    def order(self, poses: Poses, count: int, reach: float, least: float = 0.0) -> IntArray:
-        """Rows by falling gain on the grids, for so many scan points and this reach in sizes.
+    def order(self, poses: Poses, count: int, reach: float, least: float = 0.0, most: int | None = None) -> IntArray:
+        """Rows by falling gain on the grids, for so many scan points and this reach in sizes; so many at most.
 
         Of the scan of one part without those that gain less than a share of the best: elsewhere outliers decide.
         """
@@ -115,7 +115,7 @@ class SearchProblem:
         if self.occupancy is not None:
             there = table.points.sample(count, self.rng)
             gains = gains + self.occupancy.scores(poses, there.faces.points)
-        rows = np.argsort(-gains, kind="stable")
+        rows = _falling(gains, len(gains) if most is None else most)
         is_part = isinstance(self.target, Mesh) and self.other_way is None
         return rows[gains[rows] >= least * gains[rows[0]]] if is_part and len(rows) else rows
 
@@ -181,3 +181,12 @@ class SearchProblem:
         """The first ones that differ by more than an angle in radians or a distance in sizes."""
         middle = self.scan.points.mean(axis=0)
         return poses[poses.distinct(middle, apart[0], apart[1] * self.size, most)]
+
+
+def _falling(values: FloatArray, most: int) -> IntArray:
+    """Rows of the largest values, so many, the largest first; of equal ones the first first."""
+    rows = np.arange(len(values))
+    if len(values) > most > 0:
+        # Few of tens of thousands: to sort all of them takes as long as to score half of them.
+        rows = np.flatnonzero(values >= np.partition(values, -most)[-most])
+    return np.asarray(rows[np.argsort(-values[rows], kind="stable")[:most]])

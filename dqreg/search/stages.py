@@ -145,7 +145,7 @@ STAGES: tuple[tuple[str, Callable[[SearchProblem, Poses], Poses]], ...] = (
 
 def _screened(problem: SearchProblem, poses: Poses, most: int) -> Poses:
     for count, least in ((SCREEN_FEW, 0.0), (SCREEN_MORE, LEAST_GAIN)):
-        poses = poses[problem.order(poses, count, SCREEN_REACH, least)[:SHORTLIST]]
+        poses = poses[problem.order(poses, count, SCREEN_REACH, least, SHORTLIST)]
     return problem.distinct(poses, ROUGH_APART, most)
 
 
