@@ -53,6 +53,8 @@ class SearchProblem:
     make_table: Callable[[], PairTable]  # Makes the target's pairs; called once, when they are first needed
     rng: np.random.Generator  # Draws the samples
     through: Through | None = None  # What rays passed through at poses, of two scans from known places
+    # Poses that were compared before, the best first: others are looked for
+    known: Poses = dataclasses.field(default_factory=lambda: Poses(np.zeros((0, 3, 3)), np.zeros((0, 3))))
 
     @cached_property
     def table(self) -> PairTable:
@@ -92,6 +94,11 @@ class SearchProblem:
             return None
         scan = PointCloud(self.scan.points)
         return even_points(self.target, self.surface, TARGET_POINTS), CloudSurface(scan, derived=True)
+
+    @cached_property
+    def middle(self) -> FloatArray:
+        """Mean of the scan's points, (3,)."""
+        return np.asarray(self.scan.points.mean(axis=0))
 
     @property
     def last_width(self) -> float:
@@ -179,8 +186,18 @@ class SearchProblem:
 
     def distinct(self, poses: Poses, apart: tuple[float, float], most: int) -> Poses:
         """The first ones that differ by more than an angle in radians or a distance in sizes."""
-        middle = self.scan.points.mean(axis=0)
-        return poses[poses.distinct(middle, apart[0], apart[1] * self.size, most)]
+        return poses[poses.distinct(self.middle, apart[0], apart[1] * self.size, most)]
+
+    def unknown(self, poses: Poses, apart: tuple[float, float]) -> Poses:
+        """Those that differ so much from all known ones, by an angle in radians or a distance in sizes."""
+        if not len(self.known):
+            return poses
+        return poses[np.flatnonzero(~poses.beside(self.known, self.middle, apart[0], apart[1] * self.size))]
+
+    def elsewhere(self, poses: Poses, apart: tuple[float, float]) -> Poses:
+        """The same after the best known one, which they are compared with; none where there is no other."""
+        others = self.unknown(poses, apart)
+        return self.known.first(1) + others if len(others) else others
 
 
 def _falling(values: FloatArray, most: int) -> IntArray:
