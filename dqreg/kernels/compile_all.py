@@ -42,7 +42,7 @@ from dqreg.kernels.plane_rows import plane_row_columns, strain_row_columns
 from dqreg.kernels.point_tree import LEAF, PointTree
 from dqreg.kernels.points_on_faces import points_on_faces
 from dqreg.kernels.pose_forms import NUMBERS, SUMS, form_of_sums, least_cost_pose
-from dqreg.kernels.pose_steps import add_plane_steps, grid_planes, take_damped_steps
+from dqreg.kernels.pose_steps import add_plane_steps, grid_places, grid_planes, take_damped_steps
 from dqreg.kernels.pseudo_normals import add_scaled_rows, corner_angles, pseudo_normals_at, smooth_normals_at
 from dqreg.kernels.ray_pixels import COUNTS as OF_RAYS
 from dqreg.kernels.ray_pixels import fill_pixels, rays_met
@@ -84,7 +84,9 @@ def compile_for_all_users() -> None:
 
 def _faces() -> None:
     first_copies(CORNERS)
-    TriangleTree.of(CORNERS, np.ones((2, 3))).closest(np.zeros((1, 3)))
+    tree = TriangleTree.of(CORNERS, np.ones((2, 3)))
+    tree.closest(np.zeros((1, 3)))
+    tree.distances(FLAT[None], ONE[None], CORNERS[0], 1.0)
 
 
 def _points() -> None:
@@ -190,6 +192,7 @@ def _search() -> None:
     agree = np.zeros((2, 0), dtype=np.bool_)
     pair_poses(0, 0, *sides, 1.0, 1.0, np.zeros((2, 0, 3, 3)), np.zeros((2, 0, 3)), agree)
     mean_gains(0, 1, rotations, places, places, SHAPE, np.zeros(2, dtype=np.float32), np.zeros(1))
+    grid_places(0, 0, FLAT, ONE, 1.0, SHAPE, np.zeros(1, dtype=np.int32), FLAT, FLAT, np.zeros(0))
     grid_planes(0, 0, FLAT, ONE, 1.0, SHAPE, np.zeros((1, 6), dtype=np.float32), FLAT, FLAT, np.zeros(0), FIRST[:0])
     poses, sums = (rotations.copy(), places, places), (np.zeros((1, 6, 6)), np.zeros((1, 6)))
     add_plane_steps(0, 0, *poses, *(FLAT,) * 4, NOTHING, *(1.0,) * 4, *sums)

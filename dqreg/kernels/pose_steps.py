@@ -52,6 +52,38 @@ def grid_planes(
 
 
 @compiled
+def grid_places(
+    first: int,
+    last: int,
+    points: FloatArray,
+    low: FloatArray,
+    cell: float,
+    shape: IntArray,
+    held: NDArray[np.int32],
+    known: FloatArray,
+    places: FloatArray,
+    distances: FloatArray,
+) -> None:
+    """Write the known place, (m, 3), that the nearest node of each of points first to last holds, and its distance.
+
+    Less the cell, by which the place may be the node's; infinite outside of the grid. O(1) a point. Shapes: held
+    (nodes,), the others (n, 3) and (n,).
+    """
+    rows, columns = shape[1], shape[2]
+    for i in range(first, last):
+        a, b = (points[i, 0] - low[0]) / cell + 0.5, (points[i, 1] - low[1]) / cell + 0.5
+        c = (points[i, 2] - low[2]) / cell + 0.5
+        if not (a >= 0.0 and b >= 0.0 and c >= 0.0 and a < shape[0] and b < rows and c < columns):
+            distances[i] = np.inf
+            continue
+        row, square = held[(np.int64(a) * rows + np.int64(b)) * columns + np.int64(c)], 0.0
+        for k in range(3):
+            places[i, k] = known[row, k]
+            square += (points[i, k] - known[row, k]) ** 2
+        distances[i] = max(np.sqrt(square) - cell, 0.0)
+
+
+@compiled
 def add_plane_steps(
     first: int,
     last: int,

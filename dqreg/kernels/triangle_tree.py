@@ -12,6 +12,7 @@ from dqreg.kernels.closest_triangles import closest_places
 from dqreg.kernels.compiled import compiled
 from dqreg.kernels.copies import FIRST, first_copies
 from dqreg.kernels.morton import Codes, morton_cells, sorted_rows
+from dqreg.kernels.pose_distances import pose_distances
 from dqreg.kernels.split_sort import CHUNK as SORTED
 from dqreg.kernels.split_sort import split_sorted_rows
 from dqreg.kernels.threads import as_plain, aside, over_chunks
@@ -81,6 +82,14 @@ class TriangleTree:
         asked = as_plain(queries), none if guesses is None else guesses, float(bound), self.size
         over_chunks(closest_places, count, *tree, *asked, points, normals, distances, found, chunk=CHUNK)
         return points, normals, distances, found
+
+    def distances(self, rotations: FloatArray, shifts: FloatArray, points: FloatArray, bound: float) -> FloatArray:
+        """How far each of n poses puts m points from the triangles, (n, m), infinite from the bound on."""
+        found = np.zeros((len(rotations), len(points)))
+        tree = self.nodes, self.links, self.packed, self.faces, self.leaves, self.normals
+        asked = *map(as_plain, (rotations, shifts, points)), float(bound)
+        over_chunks(pose_distances, found.size, *tree, *asked, found.reshape(-1), chunk=CHUNK)
+        return found
 
 
 def _hang_all(

@@ -33,6 +33,7 @@ from dqreg.trust import (
     without_free_motion,
 )
 from dqreg.trust.covariance import partial_information_of
+from dqreg.trust.limits import HOLDS
 from dqreg.trust.neighbourhoods import is_flat
 from dqreg.trust.patch_tests import ON
 from dqreg.trust.records import Alternative, Direction, Verdict
@@ -230,7 +231,10 @@ def moments(times: FloatArray | None) -> FloatArray | None:
 
 def without_drift(fit: Fit, start: FloatArray) -> Fit:
     """The fit with unconstrained motions as the initial pose had them; as it is where that would lose inliers."""
-    if not fit.found or fit.constraints.any or not fit.information.free.any() or np.isfinite(slide_of(fit).by_rims):
+    if not fit.found or fit.constraints.any or not fit.information.free.any():
+        return fit
+    slide = slide_of(fit)
+    if np.isfinite(slide.by_rims):
         return fit
     run = fit.run
     T = without_free_motion(run.T_target_source, start, fit.information)
@@ -240,4 +244,8 @@ def without_drift(fit: Fit, start: FloatArray) -> Fit:
         weights *= pairs.scan.counts
     if weights.sum() < STAYS * run.weights.sum():
         return fit
-    return dataclasses.replace(fit, run=dataclasses.replace(run, T_target_source=T, pairs=pairs, weights=weights))
+    moved = dataclasses.replace(fit, run=dataclasses.replace(run, T_target_source=T, pairs=pairs, weights=weights))
+    if slide.loss < HOLDS:
+        # What held too little before holds as little now: the verdict refuses it, and it is not asked for again.
+        moved.once("slide", lambda: dataclasses.replace(slide, best=None))
+    return moved

@@ -8,6 +8,7 @@ import functools
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg.geometry import MeshSurface
 from dqreg.registration.assess import evidence_of, is_partial, uncertainty_of, verdict_on
 from dqreg.registration.displacement import FEW, displacement_between, offset_from_start
 from dqreg.registration.evidence import MISFIT
@@ -25,7 +26,15 @@ from dqreg.registration.rivals import (
     mirror_gain,
     scores_of,
 )
-from dqreg.registration.same_poses import TRIED, but_on_the_way, but_slid, copies_of, is_copy_of, without_equal_copies
+from dqreg.registration.same_poses import (
+    TRIED,
+    but_on_the_way,
+    but_slid,
+    copies_of,
+    exact_symmetries,
+    is_copy_of,
+    without_equal_copies,
+)
 from dqreg.registration.slides import without_slide
 from dqreg.rigid import pose
 from dqreg.solvers.status import INTERRUPTED
@@ -74,7 +83,11 @@ def best_known(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
     kernel_scale = search.kernel_scale if problem.options.method == "auto" else None
     if not is_asked and ((not is_given and not len(beside)) or not is_doubtful(fit)):
         return Known(fit, but_on_the_way(fit, start.others, kernel_scale))
-    others = np.array([c.T_target_source for c in search.candidates()]).reshape(-1, 4, 4) if is_given else beside
+    if is_given:
+        found = search.candidates(_compared(fit))
+        others = np.array([c.T_target_source for c in found]).reshape(-1, 4, 4)
+    else:
+        others = beside
     others = but_slid(fit, others)
     is_copy = is_copy_of(fit, others)
     fits, last = [fit], fit
@@ -90,6 +103,19 @@ def best_known(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
     if is_partial(fit):
         copies = np.concatenate([copies, copies_of(known.fit)])
     return dataclasses.replace(known, others=np.concatenate([known.others, copies]))
+
+
+def _compared(fit: Fit) -> FloatArray | None:
+    """The pose of a fit on a part that nothing speaks against, and those that its symmetries lead to, (k, 4, 4).
+
+    What few planes show may fit elsewhere; near symmetries of the pose were asked all that the search would ask.
+    """
+    if fit.problem.options.search == "always" or not isinstance(fit.prepared.surface, MeshSurface):
+        return None
+    if fit.problem.options.method != "auto" or is_scene(fit) or is_doubtful(fit, ask_mirror=True):
+        return None
+    maps = np.concatenate([np.eye(4)[None], near_maps(fit)])
+    return np.asarray((exact_symmetries(fit)[:, None] @ maps @ fit.T_target_source).reshape(-1, 4, 4))
 
 
 def _is_astray(fit: Fit, start: InitialPose) -> bool:

@@ -54,8 +54,8 @@ class GlobalSearch:
         # Not of the surface: where cells stand for a cloud, nobody else asks for one of all points.
         return FOUND * self.target.diagonal
 
-    def candidates(self) -> tuple[Candidate, ...]:
-        """Poses between the centred frames, the best first."""
+    def candidates(self, known: FloatArray | None = None) -> tuple[Candidate, ...]:
+        """Poses between the centred frames, the best first; beside known ones, (k, 4, 4)."""
         target, rays, noise = self.target, self.rays(), self.scan.noise
 
         def through(poses: FloatArray, slack: float) -> FloatArray:
@@ -72,6 +72,7 @@ class GlobalSearch:
             time_limit=self.time_limit,
             observe=self.options.observe_search,
             through=None if rays is None else through,
+            known=known,
         )
 
     @property

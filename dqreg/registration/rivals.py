@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, IntArray, median
+from dqreg._arrays import BoolArray, FloatArray, IntArray, median
 from dqreg.geometry import Mesh, MeshSurface
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp.coarse_to_fine import noise_on
@@ -19,7 +19,7 @@ from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
 from dqreg.search.problem import SCENE
 from dqreg.search.refine import refine
-from dqreg.search.scoring import PoseScores, score_poses
+from dqreg.search.scoring import PoseScores, distances_at, scored
 from dqreg.search.search import TOLD
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 from dqreg.trust.patch_tests import ON
@@ -63,13 +63,27 @@ def scores_and_rows(
     fit: Fit, poses: FloatArray, count: int = JUDGES, narrowest: float = np.inf
 ) -> tuple[PoseScores, IntArray]:
     """The same, and which points of the scan they are of."""
-    scan, surface = fit.prepared.scan, fit.prepared.surface
-    rows = sample_rows(len(scan), count)
-    scores = score_poses(Poses.of(poses), scan.points[rows], surface, limit_of(fit), min(fit.floor, narrowest))
+    rows = sample_rows(len(fit.prepared.scan), count)
+    scores, on = _of_those_on(fit, _distances(fit, poses, rows), narrowest)
+    return scores, rows[on]
+
+
+def _distances(fit: Fit, poses: FloatArray, rows: IntArray) -> FloatArray:
+    """How far each of some poses, (k, 4, 4), puts points of the scan from the target, (k, n)."""
+    points = np.take(fit.prepared.scan.points, rows, axis=0)
+    return distances_at(Poses.of(poses), points, fit.prepared.surface, limit_of(fit))
+
+
+def _of_those_on(fit: Fit, distances: FloatArray, narrowest: float = np.inf) -> tuple[PoseScores, BoolArray]:
+    """Scores of poses with such distances, (k, n), by the points that one of them puts on the target; and which, (n,).
+
+    By all where none does.
+    """
+    scores = scored(distances, limit_of(fit), min(fit.floor, narrowest))
     on = scores.distances.min(axis=0) <= ON * scores.width
     if not on.any():
-        return scores, rows
-    return PoseScores(scores.likelihoods[:, on], scores.distances[:, on], scores.width), rows[on]
+        return scores, np.ones(len(on), dtype=bool)
+    return PoseScores(scores.likelihoods[:, on], scores.distances[:, on], scores.width), on
 
 
 def best_seen(fit: Fit, start: FloatArray) -> Fit:
@@ -117,13 +131,15 @@ def but_symmetric(fit: Fit, others: FloatArray) -> FloatArray:
     return others[[not is_same_place(fit, T @ back) for T in others]]
 
 
-def _as_likely(fit: Fit) -> FloatArray:
+def _as_likely(fit: Fit) -> tuple[FloatArray, FloatArray]:
+    """Poses after near symmetries that are as likely as a fit's, (k, 4, 4); distances at it and at them, (k+1, n)."""
+    none = NO_POSES, np.zeros((1, 0))
     if not fit.found or fit.problem.watch.is_over:
-        return NO_POSES
+        return none
     scan, surface = fit.prepared.scan, fit.prepared.surface
     maps = near_maps(fit)
     if not len(maps):
-        return NO_POSES
+        return none
     asked = None
     if isinstance(surface, MeshSurface):
         pairs = fit.evenly_asked()
@@ -131,18 +147,21 @@ def _as_likely(fit: Fit) -> FloatArray:
     found = flipped_poses(fit.T_target_source, maps, scan, surface, limit_of(fit), fit.floor, asked)
     others = np.array([T for T, _ in found]).reshape(-1, 4, 4)
     if not len(others):
-        return others
+        return none
+    poses = np.concatenate([fit.T_target_source[None], others])
+    distances = _distances(fit, poses, sample_rows(len(scan), JUDGES))
     # Few points may tell them apart where their mean does not.
-    scores = scores_of(fit, np.concatenate([fit.T_target_source[None], others]))
-    likely = scores.as_likely(0, BETTER) & ~scores.distinguishable(0)
-    return but_passed(fit, others[likely[1:]])
+    scores, _ = _of_those_on(fit, distances)
+    likely = np.flatnonzero(scores.as_likely(0, BETTER) & ~scores.distinguishable(0))
+    likely = np.union1d(0, likely[_may_stay(fit, poses[likely])])
+    return poses[likely][1:], distances[likely]
 
 
-def but_passed(fit: Fit, others: FloatArray) -> FloatArray:
-    """Poses, (k, 4, 4), without those at which rays of one scan passed through more of the other than at the fit's."""
-    if not len(others) or (rays := both_rays(fit.problem)) is None or (here := met_at(fit)) is None:
-        return others
-    return np.asarray(others[met_by(fit, rays, others).through <= here.through[0] + TOLD])
+def _may_stay(fit: Fit, poses: FloatArray) -> BoolArray:
+    """Which poses, (k, 4, 4), are none at which rays passed through more of the other scan than at the fit's, (k,)."""
+    if len(poses) < 2 or (rays := both_rays(fit.problem)) is None or (here := met_at(fit)) is None:
+        return np.ones(len(poses), dtype=bool)
+    return np.asarray(met_by(fit, rays, poses).through <= here.through[0] + TOLD)
 
 
 def best_near_symmetric(fit: Fit, kernel_scale: float) -> tuple[Fit, FloatArray]:
@@ -150,7 +169,7 @@ def best_near_symmetric(fit: Fit, kernel_scale: float) -> tuple[Fit, FloatArray]
 
     Shapes: returns (k, 4, 4).
     """
-    others = _as_likely(fit)
+    others, distances = _as_likely(fit)
     is_mesh = fit.problem.target.kind == "mesh"
     narrowest = NARROWEST * fit.prepared.surface.diagonal if is_mesh else np.inf
     if fit.problem.options.method != "auto" or fit.constraints.any:
@@ -159,8 +178,7 @@ def best_near_symmetric(fit: Fit, kernel_scale: float) -> tuple[Fit, FloatArray]
     for _ in range(STEPS):
         if not len(others):
             break
-        poses = np.concatenate([fit.T_target_source[None], others])
-        scores = scores_of(fit, poses, narrowest=narrowest)
+        scores, _ = _of_those_on(fit, distances, narrowest)
         best = int(scores.means.argmax())
         gain, error = float(scores.means[best] - scores.means[0]), float(scores.deficit(best)[1][0])
         if best == 0 or not (gain > max(BETTER, SIGNIFICANT * error) or scores.distinguishable(best)[0]):
@@ -168,7 +186,7 @@ def best_near_symmetric(fit: Fit, kernel_scale: float) -> tuple[Fit, FloatArray]
         other = fit.resumed(others[best - 1], kernel_scale)
         if not other.found:
             break
-        fit, others = other, _as_likely(other)
+        fit, (others, distances) = other, _as_likely(other)
     return fit, but_symmetric(fit, others)
 
 

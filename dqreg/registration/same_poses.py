@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
+from dqreg.geometry import Mesh
 from dqreg.registration.displacement import displacement_between
 from dqreg.registration.fit import Fit
 from dqreg.registration.initial_pose import FOUND
@@ -12,6 +13,7 @@ from dqreg.registration.rivals import BETTER, NO_POSES, SIGNIFICANT, scores_of
 from dqreg.rigid import pose, twist
 from dqreg.rigid.rotations import angle_of
 from dqreg.rigid.symmetry import SAME_AXIS_RAD
+from dqreg.search.near_symmetry import EXACT, is_symmetry
 
 # A pose this near to a symmetric copy of another one, in radians and sizes, is that copy.
 COPY = 2e-3
@@ -43,6 +45,18 @@ def copies_of(fit: Fit) -> FloatArray:
     if symmetry is None or not fit.found:
         return NO_POSES
     return np.asarray(symmetry.poses[1:] @ fit.T_target_source)
+
+
+def exact_symmetries(fit: Fit) -> FloatArray:
+    """The identity, and the symmetries that leave a part in place so exactly that no scan tells, (k, 4, 4)."""
+    target, surface = fit.problem.target, fit.prepared.surface
+    found = [np.eye(4)]
+    if target.pairs.symmetry is not None and isinstance(target.geometry, Mesh):
+        if "exact symmetries" not in target.derived:
+            poses = target.pairs.symmetry.poses[1:]
+            target.derived["exact symmetries"] = [T for T in poses if is_symmetry(T, target.geometry, surface, EXACT)]
+        found += target.derived["exact symmetries"]
+    return np.stack(found)
 
 
 def without_equal_copies(fits: list[Fit]) -> tuple[list[Fit], FloatArray]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+from collections.abc import Callable
 
 import numpy as np
 
@@ -42,6 +43,9 @@ MOST = HOLDS / 8.0
 BETTER, ROUNDS = 5.0, 2
 # Where points that gain clearly have more than this share of what others lose, the scan is divided.
 SPLIT = 1.0 / 3.0
+# Points that tell which displacements lose so much that all of them need not be asked, by so many times what a motion
+# has to: chance takes none of it back. The least so many of a kind are asked of all in any case.
+SCREENING, SURELY, ALWAYS = 1_000, 10.0, 2
 # Neighbours whose plane tells whether a point off the target is of a table.
 AROUND = 8
 # So many motions at once are those of a single plane: a plate seen from one side. Those of as many at most are mixed.
@@ -76,11 +80,11 @@ def _slide_of(fit: Fit, share: float = 0.0) -> Slide:
     widths = np.geomspace(WIDE, NARROW, STEPS) * size
     refined = refine(Poses.of(moved), sample, fit.prepared.surface, widths).matrices
     poses = np.concatenate([fit.T_target_source[None], moved, refined])
-    losses = losses_at(fit, poses)
     ends = sample.points[[*sample.points.argmin(axis=0), *sample.points.argmax(axis=0)]]
     here = pose.apply(poses[0], ends)
     counted = np.array([np.linalg.norm(pose.apply(T, ends) - here, axis=1).max() for T in poses[1:]]) > BACK * size
     counted[: 2 * len(motions)] = False
+    losses = _losses_that_matter(fit, poses, counted, 2 * len(motions))
     best = 2 * len(motions) + int(losses[2 * len(motions) :].argmin())
     loss = float(losses[counted].min(initial=np.inf))
     better = poses[1 + best] if losses[best] < -BETTER else None
@@ -143,10 +147,27 @@ def without_slide(fit: Fit, share: float = 0.0) -> tuple[Fit, Slide]:
     return fit, slide
 
 
+def _losses_that_matter(fit: Fit, poses: FloatArray, counted: BoolArray, nearest: int) -> FloatArray:
+    """What all points lose at each of some poses but the first, (k,); infinity where few lose so much that it is clear.
+
+    The least losses of the nearest displacements, of the others and of those that count are always asked of all points.
+    """
+    if len(fit.prepared.scan) <= 2 * SCREENING:
+        return losses_at(fit, poses)
+    scores = scores_of(fit, poses, SCREENING)
+    few = _losses(scores.likelihoods[0] - scores.likelihoods[1:], split=0.5 * SPLIT)
+    asked, rows = few < SURELY * HOLDS, np.arange(len(few))
+    for group in (rows[:nearest], rows[nearest:], rows[counted]):
+        asked[group[np.argsort(few[group], kind="stable")[:ALWAYS]]] = True
+    losses = np.full(len(few), np.inf)
+    losses[asked] = losses_at(fit, np.concatenate([poses[:1], poses[1:][asked]]))
+    return losses
+
+
 def losses_at(fit: Fit, poses: FloatArray, count: int = JUDGES) -> FloatArray:
     """Log-likelihood that so many points together lose at each of some poses, (k, 4, 4), against the first of them."""
     scores, rows = scores_and_rows(fit, poses, count)
-    return _losses(scores.likelihoods[0] - scores.likelihoods[1:], _of_the_part(fit, rows))
+    return _losses(scores.likelihoods[0] - scores.likelihoods[1:], lambda: _of_the_part(fit, rows))
 
 
 def _of_the_part(fit: Fit, rows: IntArray) -> BoolArray:
@@ -165,16 +186,20 @@ def _of_the_part(fit: Fit, rows: IntArray) -> BoolArray:
     return of_the_part
 
 
-def _losses(gaps: FloatArray, of_the_part: BoolArray) -> FloatArray:
+def _losses(gaps: FloatArray, of_the_part: Callable[[], BoolArray] | None = None, split: float = SPLIT) -> FloatArray:
     """Sums of the log-likelihoods that points lose, (k, m) to (k,); nothing where many of the part gain clearly.
 
     A part that slides over its table comes to lie on that: such points gain, and are no part that was left behind.
     """
     gaps = np.clip(gaps, -MOST, MOST)
-    clear = np.where(np.abs(gaps) > CLEAR, gaps, 0.0)
-    against, in_favour = np.maximum(clear, 0.0).sum(axis=1), np.maximum(-clear[:, of_the_part], 0.0).sum(axis=1)
-    total = gaps.sum(axis=1)
-    return np.asarray(np.where(in_favour > SPLIT * against, np.minimum(total, 0.0), total))
+    losses, clear = gaps.sum(axis=1), np.where(np.abs(gaps) > CLEAR, gaps, 0.0)
+    against, gains = np.maximum(clear, 0.0).sum(axis=1), np.maximum(-clear, 0.0)
+    # Which points are of the part matters where all that gain are many.
+    many = np.flatnonzero((gains.sum(axis=1) > split * against) & (losses > 0.0))
+    if len(many) and of_the_part is not None:
+        many = many[gains[np.ix_(many, np.flatnonzero(of_the_part()))].sum(axis=1) > split * against[many]]
+    losses[many] = 0.0
+    return np.asarray(losses)
 
 
 def _gain(fit: Fit, other: Fit) -> float:

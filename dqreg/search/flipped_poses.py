@@ -158,7 +158,7 @@ def _worth_refining(T_target_source: FloatArray, flips: FloatArray, scan: Scan, 
     for count, lacks in SCREENS:
         if len(flips):
             few = scan.points[sample_rows(len(scan), count)]
-            moved = (Poses.of(T_target_source[None]) + Poses.of(flips @ T_target_source)).apply(few)
-            gains = mean_gains(moved.reshape(-1, 3), surface, REACH, len(flips) + 1)
+            poses = Poses.of(T_target_source[None]) + Poses.of(flips @ T_target_source)
+            gains = mean_gains(poses, few, surface, REACH)
             flips = flips[gains[1:] >= gains[0] - lacks]
     return flips

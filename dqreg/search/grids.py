@@ -96,12 +96,37 @@ class Edges:
     points: FloatArray  # (m, 3), m > 0
     tree: NeighbourTree
     grid: DistanceGrid
+    held: npt.NDArray[np.int32]  # (nodes,): Row of the point closest to each node of the grid
 
     @staticmethod
     def of(points: FloatArray, low: FloatArray, high: FloatArray, size: float) -> Edges:
         """Edge points of a target in a box."""
-        tree = NeighbourTree(points)
-        return Edges(points, tree, DistanceGrid(lambda nodes: tree.nearest(nodes, 1)[1][:, 0], low, high, size))
+        tree, held = NeighbourTree(points), np.zeros(0, dtype=np.int32)
+
+        def distances(nodes: FloatArray) -> FloatArray:
+            nonlocal held
+            rows, found = tree.nearest(nodes, 1)
+            held = rows[:, 0].astype(np.int32)
+            return found[:, 0]
+
+        grid = DistanceGrid(distances, low, high, size)
+        return Edges(points, tree, grid, held)
+
+    def closest(self, points: FloatArray, *, on_grid: bool) -> tuple[FloatArray, FloatArray]:
+        """The closest point at an edge, (n, 3), and its distance, (n,); or that of the nearest node.
+
+        On the grid the distance is infinite outside of it.
+        """
+        if not on_grid:
+            rows, distances = self.tree.nearest(points, 1)
+            return np.take(self.points, rows[:, 0], axis=0), distances[:, 0]
+        from dqreg.kernels.pose_steps import grid_places
+        from dqreg.kernels.threads import as_plain, over_chunks
+
+        places, found, grid = np.zeros((len(points), 3)), np.zeros(len(points)), self.grid
+        asked = as_plain(points), as_plain(grid.low), grid.cell, grid.shape, self.held, as_plain(self.points)
+        over_chunks(grid_places, len(points), *asked, places, found)
+        return places, found
 
 
 # At nodes closer to the surface than this, in sizes, planes are exact; at the others those of a dense sample do.

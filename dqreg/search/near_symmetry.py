@@ -56,9 +56,9 @@ def mirrors_about(mesh: Mesh) -> FloatArray:
     return np.array([pose.from_parts(R, centre - R @ centre) for R in _about(mesh, [-R for R in cube_rotations()])])
 
 
-def is_symmetry(T: FloatArray, mesh: Mesh, surface: Surface) -> bool:
-    """Whether a motion leaves all of a part about in place."""
-    points, limit = places_on(mesh, CHECKED, np.random.default_rng(0))[0], SAME * surface.diagonal
+def is_symmetry(T: FloatArray, mesh: Mesh, surface: Surface, same: float = SAME) -> bool:
+    """Whether a motion leaves all of a part about in place, to a share of its size."""
+    points, limit = places_on(mesh, CHECKED, np.random.default_rng(0))[0], same * surface.diagonal
     return bool(np.mean(surface.closest(pose.apply(T, points), within=2.0 * limit).distances <= limit) >= ALL)
 
 

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, IntArray
+from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.kernels.threads import ask_clock
 
 
@@ -69,8 +69,18 @@ class Poses:
         from dqreg.kernels.threads import as_plain
 
         ask_clock()
-        # |R_a - R_b| in the Frobenius norm is 2 sqrt(2) sin(angle / 2).
-        chord = 2.0 * np.sqrt(2.0) * np.sin(0.5 * angle_rad)
         places = as_plain(self.R @ middle + self.t)
-        rows: IntArray = distinct_rows(as_plain(self.R), places, float(chord), float(offset), int(most))
+        rows: IntArray = distinct_rows(as_plain(self.R), places, _chord(angle_rad), float(offset), int(most))
         return rows
+
+    def beside(self, others: Poses, middle: FloatArray, angle_rad: float, offset: float) -> BoolArray:
+        """Which, (n,), differ by less than that from one of some others."""
+        turned = np.linalg.norm(self.R[:, None] - others.R, axis=(2, 3)) < _chord(angle_rad)
+        shifted = np.linalg.norm((self.R @ middle + self.t)[:, None] - (others.R @ middle + others.t), axis=2) < offset
+        found: BoolArray = (turned & shifted).any(axis=1)
+        return found
+
+
+def _chord(angle_rad: float) -> float:
+    """How far two rotations by that angle to each other are apart in the Frobenius norm."""
+    return float(2.0 * np.sqrt(2.0) * np.sin(0.5 * angle_rad))

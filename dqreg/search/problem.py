@@ -53,6 +53,8 @@ class SearchProblem:
     make_table: Callable[[], PairTable]  # Makes the target's pairs; called once, when they are first needed
     rng: np.random.Generator  # Draws the samples
     through: Through | None = None  # What rays passed through at poses, of two scans from known places
+    # Poses that were compared before, the best first: others are looked for
+    known: Poses = dataclasses.field(default_factory=lambda: Poses(np.zeros((0, 3, 3)), np.zeros((0, 3))))
 
     @cached_property
     def table(self) -> PairTable:
@@ -93,6 +95,11 @@ class SearchProblem:
         scan = PointCloud(self.scan.points)
         return even_points(self.target, self.surface, TARGET_POINTS), CloudSurface(scan, derived=True)
 
+    @cached_property
+    def middle(self) -> FloatArray:
+        """Mean of the scan's points, (3,)."""
+        return np.asarray(self.scan.points.mean(axis=0))
+
     @property
     def last_width(self) -> float:
         """Smallest width at the end, in sizes."""
@@ -103,8 +110,8 @@ class SearchProblem:
         """Distance beyond which a point is an outlier."""
         return TRUNCATED * self.plan.max_distance
 
-    def order(self, poses: Poses, count: int, reach: float, least: float = 0.0) -> IntArray:
-        """Rows by falling gain on the grids, for so many scan points and this reach in sizes.
+    def order(self, poses: Poses, count: int, reach: float, least: float = 0.0, most: int | None = None) -> IntArray:
+        """Rows by falling gain on the grids, for so many scan points and this reach in sizes; so many at most.
 
         Of the scan of one part without those that gain less than a share of the best: elsewhere outliers decide.
         """
@@ -115,7 +122,7 @@ class SearchProblem:
         if self.occupancy is not None:
             there = table.points.sample(count, self.rng)
             gains = gains + self.occupancy.scores(poses, there.faces.points)
-        rows = np.argsort(-gains, kind="stable")
+        rows = _falling(gains, len(gains) if most is None else most)
         is_part = isinstance(self.target, Mesh) and self.other_way is None
         return rows[gains[rows] >= least * gains[rows[0]]] if is_part and len(rows) else rows
 
@@ -179,5 +186,24 @@ class SearchProblem:
 
     def distinct(self, poses: Poses, apart: tuple[float, float], most: int) -> Poses:
         """The first ones that differ by more than an angle in radians or a distance in sizes."""
-        middle = self.scan.points.mean(axis=0)
-        return poses[poses.distinct(middle, apart[0], apart[1] * self.size, most)]
+        return poses[poses.distinct(self.middle, apart[0], apart[1] * self.size, most)]
+
+    def unknown(self, poses: Poses, apart: tuple[float, float]) -> Poses:
+        """Those that differ so much from all known ones, by an angle in radians or a distance in sizes."""
+        if not len(self.known):
+            return poses
+        return poses[np.flatnonzero(~poses.beside(self.known, self.middle, apart[0], apart[1] * self.size))]
+
+    def elsewhere(self, poses: Poses, apart: tuple[float, float]) -> Poses:
+        """The same after the best known one, which they are compared with; none where there is no other."""
+        others = self.unknown(poses, apart)
+        return self.known.first(1) + others if len(others) else others
+
+
+def _falling(values: FloatArray, most: int) -> IntArray:
+    """Rows of the largest values, so many, the largest first; of equal ones the first first."""
+    rows = np.arange(len(values))
+    if len(values) > most > 0:
+        # Few of tens of thousands: to sort all of them takes as long as to score half of them.
+        rows = np.flatnonzero(values >= np.partition(values, -most)[-most])
+    return np.asarray(rows[np.argsort(-values[rows], kind="stable")[:most]])

@@ -8,7 +8,7 @@ from dqreg._arrays import FloatArray
 from dqreg.geometry import Surface
 from dqreg.geometry.surface import Hint
 from dqreg.kernels.threads import ask_clock
-from dqreg.search.grids import Edges
+from dqreg.search.grids import Edges, PlaneGrid
 from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
 
@@ -45,8 +45,9 @@ def refine(
         at = found.points, found.normals, found.distances
         _add_equations(poses, centre, faces, at, (width, lever, 1.0), (H, g))
         if edges is not None and len(at_edges):
-            rows, distances = edges.tree.nearest(poses.apply(at_edges.points).reshape(-1, 3), 1)
-            at = np.take(edges.points, rows[:, 0], axis=0), np.zeros((0, 3)), distances[:, 0]
+            moved = poses.apply(at_edges.points).reshape(-1, 3)
+            places, distances = edges.closest(moved, on_grid=isinstance(surface, PlaneGrid))
+            at = places, np.zeros((0, 3)), distances
             _add_equations(poses, centre, at_edges, at, (width, lever, EDGE_WEIGHT), (H, g))
         poses = _stepped(poses, centre, (H, g), lever)
     return poses

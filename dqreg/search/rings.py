@@ -11,6 +11,7 @@ from dqreg.geometry import Mesh, Surface
 from dqreg.geometry.sampling import places_on
 from dqreg.rigid.rotations import about_axis
 from dqreg.search.axes import moments, principal_axes
+from dqreg.search.poses import Poses
 from dqreg.search.scoring import mean_gains
 from dqreg.search.symmetry import NEARLY
 
@@ -57,9 +58,8 @@ class Ring:
 
     def in_place(self, rotations: FloatArray, every: int = 1) -> FloatArray:
         """Mean gain of the points, or of every so-manieth, after each of some rotations, (k, 3, 3)."""
-        turns = np.asarray(self.axes @ rotations)
-        moved = self.arms[::every] @ turns.transpose(0, 2, 1) + self.centre
-        return mean_gains(moved.reshape(-1, 3), self.surface, NEARLY, len(rotations))
+        turns = Poses(np.asarray(self.axes @ rotations), np.tile(self.centre, (len(rotations), 1)))
+        return mean_gains(turns, self.arms[::every], self.surface, NEARLY)
 
     def brings_back(self, every: int = 1) -> tuple[FloatArray, FloatArray]:
         """For each number of teeth, the gain after a step, and the share that comes back of what half a step lost."""

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
-from dqreg.geometry import Surface
+from dqreg.geometry import MeshSurface, Surface
 from dqreg.geometry.surface import Closest
 from dqreg.icp import InlierMixture
 from dqreg.search.poses import Poses
@@ -129,6 +129,8 @@ def scored(distances: FloatArray, limit: float, floor: float) -> PoseScores:
 def distances_at(poses: Poses, points: FloatArray, surface: Surface, limit: float) -> FloatArray:
     """How far each of k poses puts points from the target, (k, n), infinite from the limit on."""
     # Farther off than the limit, how far does not matter.
+    if isinstance(surface, MeshSurface):
+        return surface.distances_at(poses.R, poses.t, points, limit)
     return _moved(poses, points, surface, limit).distances.reshape(len(poses), -1)
 
 
@@ -155,10 +157,10 @@ def _by_normals(
     return likely_by(distances, width, limit)
 
 
-def mean_gains(points: FloatArray, surface: Surface, reach: float, count: int) -> FloatArray:
-    """Mean of ``1 - (d / reach)^2``, 0 beyond the reach in sizes, for each of so many poses of the same points."""
-    apart = surface.closest(points, within=reach * surface.diagonal).distances / (reach * surface.diagonal)
-    return np.asarray(np.maximum(1.0 - apart**2, 0.0).reshape(count, -1).mean(axis=1))
+def mean_gains(poses: Poses, points: FloatArray, surface: Surface, reach: float) -> FloatArray:
+    """Mean of ``1 - (d / reach)^2``, 0 beyond the reach in sizes, of points under each of n poses, (n,)."""
+    apart = distances_at(poses, points, surface, reach * surface.diagonal) / (reach * surface.diagonal)
+    return np.asarray(np.maximum(1.0 - apart**2, 0.0).mean(axis=1))
 
 
 def _likelihoods(distances: FloatArray, mixture: InlierMixture) -> FloatArray:

@@ -69,13 +69,17 @@ def search(
     observe: Observer | None = None,
     now: Callable[[], float] | None = None,
     through: Through | None = None,
+    known: FloatArray | None = None,
 ) -> tuple[Candidate, ...]:
     """Initial poses that are about equally likely, the best first.
 
-    Of two scans from known places those fall behind at which rays of one passed through what the other one shows.
+    Of two scans from known places those fall behind at which rays of one passed through what the other one shows. On a
+    part poses may be known, (k, 4, 4), the best first: then those elsewhere that are about as likely as that.
     """
     watch = StageWatch(time_limit, observe, now)
     problem = SearchProblem(scan, surface, target, plan, table, rng, through)
+    if known is not None and len(known):
+        problem = dataclasses.replace(problem, known=Poses.of(known))
     searched, reached = problem, "proposed"
     back: Callable[[Poses], Poses] = _as_they_are
     poses: Poses | None = None
@@ -86,7 +90,11 @@ def search(
         for name, stage in STAGES:
             if watch.is_over(reached, poses):
                 break
-            poses, reached = stage(searched, poses), name
+            poses, reached = searched.elsewhere(stage(searched, poses), FINE_APART), name
+            if not len(poses) and len(problem.known):
+                # What is left were the known ones.
+                watch.is_over(reached, poses)
+                return ()
         else:
             watch.is_over(reached, poses)
             return _equally_likely(problem, back(poses))
@@ -151,8 +159,10 @@ def _equally_likely(problem: SearchProblem, poses: Poses) -> tuple[Candidate, ..
     rows = np.concatenate([order[likely[order]], order[~likely[order]]]) if is_scene else order[likely[order]]
     # Poses that have nearly converged to each other are one.
     angle_rad, offset = FINE_APART
-    middle = problem.scan.points.mean(axis=0)
+    middle = problem.middle
     for k in rows[poses[rows].distinct(middle, angle_rad, offset * problem.size, len(rows))]:
+        if not k and len(problem.known):
+            continue
         candidate = dataclasses.replace(_candidate(poses, scores, int(k), "judged"), is_likely=bool(likely[k]))
         if found and symmetry:
             axis = symmetry.between(found[0].T_target_source, candidate.T_target_source, offset * problem.size)

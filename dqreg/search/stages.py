@@ -114,7 +114,7 @@ def add_near_symmetric(problem: SearchProblem, poses: Poses) -> Poses:
     near = problem.table.symmetry.near if problem.table.symmetry else np.zeros((0, 4, 4))
     if not len(near) or not len(poses):
         return poses
-    more = poses.first(max(1, min(NEAR_OF, NEAR_MOST // len(near)))).then(near)
+    more = problem.unknown(poses, FINE_APART).first(max(1, min(NEAR_OF, NEAR_MOST // len(near)))).then(near)
     more = problem.refined(more, problem.sample(NEAR_POINTS), NEAR_GRID_WIDTHS, problem.table.grid)
     more = problem.refined(more, problem.sample(NEAR_POINTS), NEAR_WIDTHS)
     return problem.distinct(problem.ranked(poses + more, SCORED, WIDTH, BEHIND, KEPT_ANYWAY), FINE_APART, FINE_KEPT)
@@ -145,7 +145,7 @@ STAGES: tuple[tuple[str, Callable[[SearchProblem, Poses], Poses]], ...] = (
 
 def _screened(problem: SearchProblem, poses: Poses, most: int) -> Poses:
     for count, least in ((SCREEN_FEW, 0.0), (SCREEN_MORE, LEAST_GAIN)):
-        poses = poses[problem.order(poses, count, SCREEN_REACH, least)[:SHORTLIST]]
+        poses = poses[problem.order(poses, count, SCREEN_REACH, least, SHORTLIST)]
     return problem.distinct(poses, ROUGH_APART, most)
 
 

@@ -5,6 +5,7 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh
@@ -225,3 +226,14 @@ def test_a_query_that_all_but_touches_the_face_of_its_guess_is_answered() -> Non
     found = tree.closest(places, without[3])
     assert np.isfinite(found[2]).all()
     np.testing.assert_allclose(found[2], without[2], atol=1e-13 * part.diagonal)
+
+
+@settings(deadline=None, max_examples=100)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 40), st.sampled_from([0.05, 1.0, np.inf]))
+def test_distances_under_many_poses_are_those_of_the_moved_points(seed: int, count: int, bound: float) -> None:
+    rng = np.random.default_rng(seed)
+    tree, points = tree_of(triangles(rng, count)), rng.normal(size=(17, 3))
+    R, t = Rotation.random(5, random_state=rng).as_matrix(), rng.normal(size=(5, 3))
+    found = tree.distances(R, t, points, bound)
+    expected = tree.closest((points @ R.transpose(0, 2, 1) + t[:, None]).reshape(-1, 3), bound=bound)[2]
+    np.testing.assert_allclose(found.reshape(-1), expected, rtol=0, atol=1e-13)

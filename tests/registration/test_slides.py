@@ -10,6 +10,7 @@ from dqreg.compare.trust.kinds import KINDS
 from dqreg.compare.trust.task import Task
 from dqreg.compare.trust.trial import is_right
 from dqreg.geometry import sample_mesh
+from dqreg.registration import slides
 from dqreg.registration.assess import uncertainty_of
 from dqreg.registration.fit import Fit, coarse_to_fine
 from dqreg.registration.slides import slide_of, without_slide
@@ -147,3 +148,17 @@ def test_a_riser_on_its_neighbours_place_is_no_strain(seed: int) -> None:
     found = dqreg.register(task.source, task.target, task.start, **task.options)
     assert found.verdict.level == "accepted"
     assert is_right(found.T_target_source, task)[1] <= 3e-4
+
+
+def test_few_points_leave_out_no_pose_that_all_of_them_would_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Oracle: all points at all poses.
+    for points in (sides(6), sides(400), almost_to_the_rims()):
+        for start in (np.eye(4), OFF):
+            found = slide_of(fit_of(points, start))
+            monkeypatch.setattr(slides, "SCREENING", len(points))
+            every = slide_of(fit_of(points, start))
+            monkeypatch.undo()
+            assert (found.loss >= HOLDS) == (every.loss >= HOLDS)
+            assert found.loss == pytest.approx(every.loss, rel=0.05, nan_ok=True)
+            assert (found.best is None) == (every.best is None)
+            assert found.by_rims == pytest.approx(every.by_rims, nan_ok=True)

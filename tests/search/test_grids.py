@@ -5,7 +5,7 @@ import pytest
 
 from dqreg.geometry import Mesh, MeshSurface, sample_mesh
 from dqreg.search.features import even_points
-from dqreg.search.grids import DistanceGrid, OccupancyGrid, PlaneGrid
+from dqreg.search.grids import DistanceGrid, Edges, OccupancyGrid, PlaneGrid
 from dqreg.search.poses import Poses
 from dqreg.synth.parts import box, bracket
 
@@ -47,3 +47,18 @@ def test_occupancy_is_one_on_the_scan_and_nothing_far_off():
     scores = grid.scores(Poses.of(np.stack([np.eye(4), far])), points[:200])
     assert scores[0] == pytest.approx(1.0, abs=1e-6)
     assert scores[1] == 0.0
+
+
+def test_edges_on_the_grid_are_as_near_as_the_nearest_up_to_a_cell() -> None:
+    # Oracle: the tree. A point is half the diagonal of a cell off its node at most, and so the two edges' distances.
+    rng = np.random.default_rng(0)
+    places = rng.uniform(*BRACKET.bounds, size=(500, 3))
+    edges = Edges.of(places, *BRACKET.bounds, BRACKET.diagonal)
+    points = np.concatenate([rng.uniform(*BRACKET.bounds, size=(3_000, 3)), [BRACKET.centre + 2.0 * BRACKET.diagonal]])
+    exact, (found, distances) = edges.closest(points, on_grid=False), edges.closest(points, on_grid=True)
+    inside = slice(0, -1)
+    away = np.linalg.norm(points - found, axis=1)[inside]
+    assert (away >= exact[1][inside] - 1e-12).all()
+    assert (away <= exact[1][inside] + np.sqrt(3.0) * edges.grid.cell).all()
+    np.testing.assert_allclose(distances[inside], np.maximum(away - edges.grid.cell, 0.0), atol=1e-12)
+    assert distances[-1] == np.inf

@@ -62,3 +62,15 @@ def test_poses_far_behind_the_best_are_dropped_of_a_part_and_none_of_a_scene():
     assert problem_of(points).order(poses, 100, 0.02, 0.6).tolist() == [1]
     assert problem_of(points).order(poses, 100, 0.02).tolist() == [1, 0, 2]
     assert sorted(problem_of(scene()).order(poses, 100, 0.02, 0.6).tolist()) == [0, 1, 2]
+
+
+def test_so_many_rows_by_falling_gain_are_the_first_of_all() -> None:
+    problem, rng = problem_of(scene()), np.random.default_rng(3)
+    poses = Poses.of(np.array([pose.random(rng, reach=0.3 * PART.diagonal) for _ in range(400)]))
+    # Poses come twice: of equal gains the first is first.
+    poses = poses + poses
+    state = problem.rng.bit_generator.state
+    rows = problem.order(poses, 64, 0.1)
+    for most in (1, 33, 800, 1_000):
+        problem.rng.bit_generator.state = state
+        assert problem.order(poses, 64, 0.1, most=most).tolist() == rows[:most].tolist()

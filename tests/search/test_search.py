@@ -130,3 +130,24 @@ def test_a_notch_that_is_seen_decides_between_half_turns():
     found = task.search(scan)
     assert len(found) == 1
     assert task.error(found[0], T) < 2e-3
+
+
+def test_where_a_pose_is_known_the_others_are_found_and_nothing_else(part, symmetric) -> None:
+    scan, T = part.scan(seed=1)
+    assert part.search(scan, known=T[None]) == ()
+    # Of the four poses of a box two are known.
+    scan, T = symmetric.scan(seed=1)
+    copies = symmetric.table.symmetry.poses @ T
+    found = symmetric.search(scan, known=copies[:2])
+    assert len(found) == 2
+    for copy in copies[2:]:
+        assert min(symmetric.error(one, copy) for one in found) < 3e-3
+    assert symmetric.search(scan, known=copies) == ()
+
+
+def test_what_fits_better_than_a_known_pose_is_found(part) -> None:
+    scan, T = part.scan(seed=2)
+    wrong = pose.about(pose.exp([0.0, 0.0, np.pi, 0.0, 0.0, 0.0]), BRACKET.centre) @ T
+    found = part.search(scan, known=wrong[None])
+    assert len(found) == 1
+    assert part.error(found[0], T) < 3e-3

@@ -1,0 +1,91 @@
+"""How far many poses put the same points from a tree of triangles: no places, and nothing of faces equally near."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dqreg._arrays import FloatArray, IntArray
+from dqreg.kernels.closest_triangles import DEEPEST, SPAN, U, box_above, box_distance
+from dqreg.kernels.compiled import compiled
+from dqreg.kernels.triangle import closest_on
+
+
+@compiled
+def pose_distances(
+    first: int,
+    last: int,
+    nodes: FloatArray,
+    links: IntArray,
+    packed: FloatArray,
+    faces: IntArray,
+    leaves: IntArray,
+    face_normals: FloatArray,
+    rotations: FloatArray,
+    shifts: FloatArray,
+    points: FloatArray,
+    bound: float,
+    distances: FloatArray,
+) -> None:
+    """Write distances first to last, (n m,), of m points under each of n poses: inf where none is below ``bound``.
+
+    As `closest_places` has them, whose search this is; each query begins with the face of the one before it.
+    """
+    stack, away, count = np.zeros(DEEPEST, np.int64), np.zeros(DEEPEST), len(points)
+    none = len(stack) - DEEPEST - 1
+    slot = none
+    for i in range(first, last):
+        k = i // count
+        p, q, s = points[i - k * count, 0], points[i - k * count, 1], points[i - k * count, 2]
+        r, t = rotations[k], shifts[k]
+        x = r[0, 0] * p + r[0, 1] * q + r[0, 2] * s + t[0]
+        y = r[1, 0] * p + r[1, 1] * q + r[1, 2] * s + t[1]
+        z = r[2, 0] * p + r[2, 1] * q + r[2, 2] * s + t[2]
+        best, u, v, low = bound * bound, 0.0, 0.0, 0
+        if slot >= 0:
+            d, a, b = closest_on(packed, slot, x, y, z)
+            low = box_above(nodes, links, leaves[U(slot)], SPAN * SPAN * d)
+            if d < best:
+                best, u, v = d, a, b
+            else:
+                slot = none
+        node, waiting = low, 0
+        while True:
+            near = links[U(node), 0]
+            if links[U(node), 1] > 0:
+                for other in range(near, near + links[U(node), 1]):
+                    if other == slot:
+                        continue
+                    d, a, b = closest_on(packed, other, x, y, z)
+                    if d < best:
+                        best, slot, u, v = d, other, a, b
+            else:
+                far = near + 1
+                d0, d1 = box_distance(nodes, near, x, y, z), box_distance(nodes, far, x, y, z)
+                if d1 < d0:
+                    near, far, d0, d1 = far, near, d1, d0
+                if d0 < best:
+                    if d1 < best:
+                        stack[U(waiting)], away[U(waiting)] = far, d1
+                        waiting += 1
+                    node = near
+                    continue
+            while waiting > 0 and away[U(waiting - 1)] >= best:
+                waiting -= 1
+            if waiting > 0:
+                waiting -= 1
+                node = stack[U(waiting)]
+                continue
+            beyond = True
+            while low > 0 and beyond:
+                node, low = low + 1 if low & 1 else low - 1, links[U(low), 2]
+                beyond = box_distance(nodes, node, x, y, z) >= best
+            if beyond:
+                break
+        if slot < 0:
+            distances[i] = np.inf
+        elif u > 0.0 and v > 0.0 and u + v < 1.0:
+            f = faces[U(slot)]
+            x, y, z = x - packed[slot, 0], y - packed[slot, 1], z - packed[slot, 2]
+            distances[i] = abs(face_normals[f, 0] * x + face_normals[f, 1] * y + face_normals[f, 2] * z)
+        else:
+            distances[i] = np.sqrt(best)
