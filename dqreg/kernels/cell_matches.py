@@ -40,6 +40,8 @@ def planes_in_cells(
     zero and the distance 0.
     """
     plane, half, around = np.zeros(6), 0.5 * size, np.zeros((ROOM, COLUMNS), np.int64)
+    # Of the type of other numbers: for a plain one what it is given to would be compiled once more.
+    beside = int(np.int64(1))
     for i in range(first, last):
         x, y, z = queries[i, 0], queries[i, 1], queries[i, 2]
         a, b, c = int(np.floor(x / half)), int(np.floor(y / half)), int(np.floor(z / half))
@@ -47,7 +49,7 @@ def planes_in_cells(
             asked[i, 0], asked[i, 1], asked[i, 2] = a, b, c
             cell = _held_cell(a, b, c, table, keys, cells)
             if cell < 0:
-                count = cells_around(a, b, c, 1, table, keys, cells, around)
+                count = cells_around(a, b, c, beside, table, keys, cells, around)
                 k = _nearest_of(count, around, x / half - a - 0.5, y / half - b - 0.5, z / half - c - 0.5, half, sums)
                 if k >= 0:
                     cell, a, b, c = around[k, 0], a + around[k, 1], b + around[k, 2], c + around[k, 3]
