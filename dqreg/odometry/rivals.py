@@ -63,23 +63,20 @@ class Placed:
         return self.share < FREE
 
 
-def placed(
+def looked_at(
+    place: Placed,
     search: FrameSearch,
     frame: DownsampledFrame,
     seen: Later[View],
-    aligned: Alignment,
-    T_predicted: FloatArray,
-    deviation: float,
     *,
     measured: bool = False,
     timed: bool = True,
 ) -> Placed:
-    """The best of the poses along the weakest direction, and those that are no worse; infinite: no prediction.
+    """The same with what speaks against it: what the frame looked through, and places where it is like itself.
 
-    A prediction that was measured, with its covariance, decides between them. Without times, frames may be missing, and
-    constant velocity excludes no place where the frame is like itself.
+    Without times, frames may be missing, and constant velocity excludes no such place; a prediction that was measured
+    does.
     """
-    place = _along_weakest(search, frame, aligned, T_predicted, deviation, measured=measured)
     if not place.aligned.found:
         return place
     T, view = place.aligned.T_target_source, seen.result()
@@ -92,7 +89,7 @@ def placed(
     return dataclasses.replace(place, rivals=_repeated(search, frame.fitted, place.aligned, view))
 
 
-def _along_weakest(
+def placed(
     search: FrameSearch,
     frame: DownsampledFrame,
     aligned: Alignment,
@@ -101,6 +98,10 @@ def _along_weakest(
     *,
     measured: bool,
 ) -> Placed:
+    """The best of the poses along the weakest direction, and those that are no worse; infinite: no prediction.
+
+    A prediction that was measured, with its covariance, decides between them.
+    """
     axis, share = _weakest(aligned)
     if not aligned.found or (share >= WEAK and search.fits(aligned)):
         return Placed(aligned, axis, share)
