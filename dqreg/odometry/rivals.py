@@ -64,18 +64,12 @@ class Placed:
 
 
 def looked_at(
-    place: Placed,
-    search: FrameSearch,
-    frame: DownsampledFrame,
-    seen: Later[View],
-    *,
-    measured: bool = False,
-    timed: bool = True,
+    place: Placed, search: FrameSearch, frame: DownsampledFrame, seen: Later[View], similar: Later[FloatArray] | None
 ) -> Placed:
     """The same with what speaks against it: what the frame looked through, and places where it is like itself.
 
-    Without times, frames may be missing, and constant velocity excludes no such place; a prediction that was measured
-    does.
+    Those are asked for where nothing else excludes them: without times, frames may be missing, and constant velocity
+    does not.
     """
     if not place.aligned.found:
         return place
@@ -84,9 +78,15 @@ def looked_at(
     nearer, alike = view.compared(points[sample_rows(len(points), VIEWED)], pose.inverse(T))
     if nearer + alike >= FEWEST:
         place = dataclasses.replace(place, looked_through=nearer / (nearer + alike))
-    if timed or measured or place.rivals:
+    if similar is None or place.rivals:
         return place
-    return dataclasses.replace(place, rivals=_repeated(search, frame.fitted, place.aligned, view))
+    return dataclasses.replace(place, rivals=_repeated(search, frame.fitted, place.aligned, view, similar.result()))
+
+
+def similar_shifts(search: FrameSearch, frame: DownsampledFrame) -> FloatArray:
+    """Shifts that put a frame onto itself, (k, 3)."""
+    cell, scan = search.lengths.voxel_size, frame.fitted
+    return self_similar_shifts(scan.points, scan.normals, cell, 0.5 * search.lengths.reach)
 
 
 def placed(
@@ -156,11 +156,13 @@ def _is_equal(search: FrameSearch, compare: _Comparison, aligned: Alignment, T: 
     return min(_significance(compare.squares(other) - here) for other in others) < SIGNIFICANT
 
 
-def _repeated(search: FrameSearch, scan: Scan, aligned: Alignment, view: View) -> tuple[Alternative, ...]:
+def _repeated(
+    search: FrameSearch, scan: Scan, aligned: Alignment, view: View, shifts: FloatArray
+) -> tuple[Alternative, ...]:
     """Poses where the frame is like itself: what stands there was seen here, and nothing where it looked through."""
     cell, least, T = search.lengths.voxel_size, 0.5 * search.lengths.reach, aligned.T_target_source
     found: list[Alternative] = []
-    for shift in self_similar_shifts(scan.points, scan.normals, cell, least):
+    for shift in shifts:
         step = pose.from_parts(np.eye(3), shift)
         if behind_faces(scan.points, scan.normals, shift) or not view.repeats(scan, step, ROUGHLY):
             continue

@@ -18,7 +18,7 @@ from dqreg.odometry.follow import off_at
 from dqreg.odometry.frame import DownsampledFrame, RawFrame, downsample_frame
 from dqreg.odometry.kiss import KissParts, rigid
 from dqreg.odometry.prediction import Prediction
-from dqreg.odometry.rivals import looked_at, placed
+from dqreg.odometry.rivals import looked_at, placed, similar_shifts
 from dqreg.odometry.self_similarity import View
 from dqreg.odometry.settings import OdometrySettings, Resolved
 from dqreg.odometry.starts import predict
@@ -166,10 +166,12 @@ class Tracker:
         if own is not None:
             own.result()
         first = placed(search, frame, aligned, T_predicted, spread, measured=measured)
-        looked = Later(lambda: looked_at(first, search, frame, seen, measured=measured, timed=timed))
-        information = information_of_place(first, frame.reach)
-        place = looked.result()
-        found = frame_result(place, information, frame, self._usual_fraction, notes, self._words(frame), expected)
+        similar = None if timed or measured else Later(lambda: similar_shifts(search, frame))
+        information = Later(lambda: information_of_place(first, frame.reach))
+        place = looked_at(first, search, frame, seen, similar)
+        found = frame_result(
+            place, information.result(), frame, self._usual_fraction, notes, self._words(frame), expected
+        )
         fits = self._kept_out >= self.settings.patience or (found.verdict.level != "failed" and self._fits(found))
         result = self._link.linked(found, place, self._timeline.count, fits=fits)
         self._learn(kiss, world, frame, result, T_predicted, trusted=place.is_escaped, insert=insert)
