@@ -167,7 +167,10 @@ class Tracker:
             own.result()
         first = placed(search, frame, aligned, T_predicted, spread, measured=measured)
         similar = None if timed or measured else Later(lambda: similar_shifts(search, frame))
-        information = Later(lambda: information_of_place(first, frame.reach))
+        # Beside its depth image, which a frame without times has by now.
+        information = Later(lambda: information_of_place(first, frame.reach), beside=frame.back is not None)
+        if frame.back is None:
+            information.result()
         place = looked_at(first, search, frame, seen, similar)
         found = frame_result(
             place, information.result(), frame, self._usual_fraction, notes, self._words(frame), expected
