@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
+from dqreg.kernels.cells_around import COLUMNS, ROOM, cells_around
 from dqreg.kernels.compiled import compiled, inside_kernels
 from dqreg.kernels.voxel_blocks import Voxels, block_at, place_in_block
 from dqreg.kernels.voxel_nearest import NONE
@@ -38,20 +39,24 @@ def planes_in_cells(
     Where nothing stands, the row is -1 and the distance ``far``; where what stands there fixes no plane, the normal is
     zero and the distance 0.
     """
-    plane, at, half = np.zeros(6), np.zeros(3), 0.5 * size
+    plane, half, around = np.zeros(6), 0.5 * size, np.zeros((ROOM, COLUMNS), np.int64)
+    # Of the type of other numbers: for a plain one what it is given to would be compiled once more.
+    beside = int(np.int64(1))
     for i in range(first, last):
         x, y, z = queries[i, 0], queries[i, 1], queries[i, 2]
         a, b, c = int(np.floor(x / half)), int(np.floor(y / half)), int(np.floor(z / half))
         if a != asked[i, 0] or b != asked[i, 1] or c != asked[i, 2]:
             asked[i, 0], asked[i, 1], asked[i, 2] = a, b, c
             cell = _held_cell(a, b, c, table, keys, cells)
-            at[0], at[1], at[2] = x, y, z
             if cell < 0:
-                cell = _nearest_beside(a, b, c, half, table, keys, cells, sums, at)
+                count = cells_around(a, b, c, beside, table, keys, cells, around)
+                k = _nearest_of(count, around, x / half - a - 0.5, y / half - b - 0.5, z / half - c - 0.5, half, sums)
+                if k >= 0:
+                    cell, a, b, c = around[k, 0], a + around[k, 1], b + around[k, 2], c + around[k, 3]
             rows[i], variances[i] = cell, np.inf
             if cell >= 0:
                 if planes[cell, 4] <= state:
-                    fit_cell(cell, at, size, table, keys, cells, sums, planes, state, plane)
+                    fit_cell(cell, a, b, c, size, table, keys, cells, sums, planes, state, plane, around)
                 variances[i] = planes[cell, 3]
             if variances[i] < np.inf:
                 for k in range(3):
@@ -78,28 +83,17 @@ def _held_cell(a: int, b: int, c: int, table: Voxels, keys: IntArray, cells: Vox
 
 
 @inside_kernels
-def _nearest_beside(
-    a: int,
-    b: int,
-    c: int,
-    half: float,
-    table: Voxels,
-    keys: IntArray,
-    cells: Voxels,
-    sums: Slots,
-    at: FloatArray,
-) -> int:
-    """Number of the cell beside one, 26 of them, whose points have the nearest middle to a place; and a place in it."""
-    x, y, z, least, found = at[0], at[1], at[2], np.inf, int(np.int64(NONE))
-    for u in range(a - 1, a + 2):
-        for v in range(b - 1, b + 2):
-            for w in range(c - 1, c + 2):
-                cell = _held_cell(u, v, w, table, keys, cells)
-                if cell < 0:
-                    continue
-                n, p, q, r = sums[cell, 0], (u + 0.5) * half, (v + 0.5) * half, (w + 0.5) * half
-                dx, dy, dz = p + sums[cell, 1] / n - x, q + sums[cell, 2] / n - y, r + sums[cell, 3] / n - z
-                if dx * dx + dy * dy + dz * dz < least:
-                    least, found = dx * dx + dy * dy + dz * dz, cell
-                    at[0], at[1], at[2] = p, q, r
+def _nearest_of(count: int, around: IntArray, x: float, y: float, z: float, half: float, sums: Slots) -> int:
+    """Which of the cells around one has the middle of its points nearest to a place, in cells from its own middle."""
+    least, found = np.inf, int(np.int64(NONE))
+    for k in range(count):
+        s = around[k, 0]
+        n = sums[s, 0] * half
+        dx, dy, dz = (
+            around[k, 1] + sums[s, 1] / n - x,
+            around[k, 2] + sums[s, 2] / n - y,
+            around[k, 3] + sums[s, 3] / n - z,
+        )
+        if dx * dx + dy * dy + dz * dz < least:
+            least, found = dx * dx + dy * dy + dz * dz, k
     return found

@@ -14,6 +14,7 @@ from dqreg.kernels.morton import count_cells, morton_cells, new_places, sorted_r
 from dqreg.kernels.plane_steps import FIGURES, step_on_planes
 from dqreg.kernels.point_tree import LEAF
 from dqreg.kernels.quadric_fits import quadric_residual_rows
+from dqreg.kernels.shift_counts import count_at_shifts, count_on_runs
 from dqreg.kernels.split_sort import split_sorted_rows
 from dqreg.kernels.sweep_steps import step_on_planes_of_sweep
 from dqreg.kernels.swept_rows import swept_rows
@@ -76,6 +77,9 @@ def keep_maps() -> None:
     planes_in_cells(
         0, 0, flat, 1.0, table, keys, cells, sums, kept, 1, 1.0, keys, first.repeat(3), one, flat, flat, one
     )
+    grid, steps = np.zeros((1, 2), dtype=np.int32), np.zeros((0, 2), dtype=np.int64)
+    count_on_runs(steps, keys, first, grid)
+    count_at_shifts(0, 0, steps, steps, np.zeros((1, 1), dtype=np.bool_), grid[0])
     figures = np.zeros(FIGURES)
     step_on_planes(flat, flat, flat, flat, one, np.ones(9), 0, np.eye(4), np.zeros(3), figures)
     step_on_planes_of_sweep(flat, one, flat, flat, one, np.ones(8), 0, np.eye(4), np.zeros(6), np.zeros(3), figures)

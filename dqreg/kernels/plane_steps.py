@@ -8,9 +8,10 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.kernels.compiled import compiled, inside_kernels
+from dqreg.kernels.row_products import COLUMNS, LANES, PRODUCTS, SIX, WEIGHT, add_rows, place_sums
 
-# Unknowns of a step, and the damping of those that nothing holds, over the mean of their kind.
-SIX, DAMPING = 6, 1e-3
+# Damping of unknowns that nothing holds, over the mean of their kind.
+DAMPING = 1e-3
 # What is written of the last step: scale, fraction, energy, weights, squares, rows with a weight, motion.
 FIGURES = 7
 # Products of densities are added up once they are below this.
@@ -44,12 +45,15 @@ def step_on_planes(
     floor, steepest, lever, enough = limits[4], limits[5], limits[6], limits[7]
     silent = limits[8] > 0.0
     aside, A, g = np.zeros(count), np.zeros((SIX, SIX)), np.zeros(SIX)
+    # Of the type of other numbers: for a plain one what it is given to would be compiled once more.
+    none = int(np.int64(0))
+    rows, sums = np.zeros((COLUMNS, LANES)), np.zeros((1, PRODUCTS, LANES))
     for i in range(count):
         aside[i] = _aside(i, points, own, feet, normals, distances[i], farthest, cosine, T)
     for _ in range(steps):
         odds = (1.0 - fraction) / farthest * scale * math.sqrt(0.5 * math.pi) / fraction
         beyond = math.log(math.exp(-0.5 * (farthest / scale) ** 2) + odds)
-        A[:], g[:] = 0.0, 0.0
+        sums[:], waiting = 0.0, 0
         total, squares, used, energy, near, many = 0.0, 0.0, 0.0, 0.0, 0.0, 1.0
         for i in range(count):
             weights[i] = 0.0
@@ -79,8 +83,16 @@ def step_on_planes(
             total, squares, used = total + w, squares + w * square, used + (1.0 if w > 0.0 else 0.0)
             if not known:
                 continue
-            p, q, r = y * nz - z * ny, z * nx - x * nz, x * ny - y * nx
-            _add_row(w, p, q, r, nx, ny, nz, h, A, g)
+            rows[0, waiting], rows[1, waiting], rows[2, waiting] = y * nz - z * ny, z * nx - x * nz, x * ny - y * nx
+            rows[3, waiting], rows[4, waiting], rows[5, waiting] = nx, ny, nz
+            rows[6, waiting], rows[7, waiting] = h, w
+            waiting += 1
+            if waiting == LANES:
+                add_rows(rows, sums)
+                waiting = 0
+        rows[WEIGHT, waiting:] = 0.0
+        add_rows(rows, sums)
+        place_sums(sums[0], A, g, none, none)
         energy += math.log(many)
         figures[0], figures[1], figures[3], figures[4], figures[5] = scale, fraction, total, squares, used
         figures[2] = -2.0 * scale * scale * (energy / count - math.log1p(odds))
@@ -133,41 +145,6 @@ def _aside(
     h = (x + T[0, 3] - feet[i, 0]) * nx + (y + T[1, 3] - feet[i, 1]) * ny + (z + T[2, 3] - feet[i, 2]) * nz
     square: float = distance * distance - h * h
     return max(square, 0.0)
-
-
-@inside_kernels
-def _add_row(
-    w: float, p: float, q: float, r: float, nx: float, ny: float, nz: float, h: float, A: FloatArray, g: FloatArray
-) -> None:
-    """Add a row ``J = [x x n, n]`` with its weight and height to the lower half of the normal equations."""
-    a, b, c, d, e, f = w * p, w * q, w * r, w * nx, w * ny, w * nz
-    A[0, 0] += a * p
-    A[1, 0] += b * p
-    A[1, 1] += b * q
-    A[2, 0] += c * p
-    A[2, 1] += c * q
-    A[2, 2] += c * r
-    A[3, 0] += d * p
-    A[3, 1] += d * q
-    A[3, 2] += d * r
-    A[3, 3] += d * nx
-    A[4, 0] += e * p
-    A[4, 1] += e * q
-    A[4, 2] += e * r
-    A[4, 3] += e * nx
-    A[4, 4] += e * ny
-    A[5, 0] += f * p
-    A[5, 1] += f * q
-    A[5, 2] += f * r
-    A[5, 3] += f * nx
-    A[5, 4] += f * ny
-    A[5, 5] += f * nz
-    g[0] += a * h
-    g[1] += b * h
-    g[2] += c * h
-    g[3] += d * h
-    g[4] += e * h
-    g[5] += f * h
 
 
 @inside_kernels

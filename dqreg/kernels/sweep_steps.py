@@ -8,7 +8,8 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.kernels.compiled import compiled, inside_kernels
-from dqreg.kernels.plane_steps import SIX, solve_in_place, turn_and_shift
+from dqreg.kernels.plane_steps import solve_in_place, turn_and_shift
+from dqreg.kernels.row_products import COLUMNS, LANES, PRODUCTS, SIX, WEIGHT, add_rows, place_sums
 
 
 @compiled
@@ -36,10 +37,13 @@ def step_on_planes_of_sweep(
     """
     count, unknowns = len(points), 2 * SIX
     farthest, scale, fraction, floor, steepest, lever = limits[0], limits[1], limits[2], limits[3], limits[4], limits[5]
-    A, g, a = np.zeros((unknowns, unknowns)), np.zeros(unknowns), np.zeros(unknowns)
+    A, g = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
+    # Of the type of other numbers: for each plain one what it is given to would be compiled once more.
+    none, twist = int(np.int64(0)), int(np.int64(SIX))
+    rows, sums = np.zeros((COLUMNS, LANES)), np.zeros((3, PRODUCTS, LANES))
     for _ in range(steps):
         odds = (1.0 - fraction) / farthest * scale * math.sqrt(0.5 * math.pi) / fraction
-        A[:], g[:] = 0.0, 0.0
+        sums[:], waiting = 0.0, 0
         total, squares, used, near, first, second = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for i in range(count):
             weights[i] = 0.0
@@ -59,15 +63,22 @@ def step_on_planes_of_sweep(
             weights[i] = w
             total, squares, used = total + w, squares + w * h * h, used + (1.0 if w > 0.0 else 0.0)
             first, second = first + w * s, second + w * s * s
-            a[0], a[1], a[2] = (y * nz - z * ny) / lever, (z * nx - x * nz) / lever, (x * ny - y * nx) / lever
-            a[3], a[4], a[5] = nx, ny, nz
-            for k in range(SIX):
-                a[SIX + k] = s * a[k]
-            for k in range(unknowns):
-                v = w * a[k]
-                g[k] += v * h
-                for j in range(k + 1):
-                    A[k, j] += v * a[j]
+            rows[0, waiting], rows[1, waiting] = (y * nz - z * ny) / lever, (z * nx - x * nz) / lever
+            rows[2, waiting], rows[3, waiting], rows[4, waiting] = (x * ny - y * nx) / lever, nx, ny
+            rows[5, waiting], rows[6, waiting], rows[7, waiting], rows[8, waiting] = nz, h, w, s
+            waiting += 1
+            if waiting == LANES:
+                add_rows(rows, sums)
+                waiting = 0
+        rows[WEIGHT, waiting:] = 0.0
+        add_rows(rows, sums)
+        # The right-hand side of the twist is that of the second sums.
+        place_sums(sums[2], A, g, twist, twist)
+        place_sums(sums[1], A, g, twist, none)
+        place_sums(sums[0], A, g, none, none)
+        for k in range(SIX):
+            for j in range(k):
+                A[SIX + j, k] = A[SIX + k, j]
         figures[0], figures[1], figures[3], figures[4], figures[5] = scale, fraction, total, squares, used
         figures[2] = figures[6] = 0.0
         if used < unknowns or not total > 0.0:

@@ -13,8 +13,8 @@ from dqreg.kernels.voxel_points import CELLS, Slots
 BESIDE = np.array(
     sorted(((i, j, k) for i in (-1, 0, 1) for j in (-1, 0, 1) for k in (-1, 0, 1)), key=lambda step: np.abs(step).sum())
 )
-# No row.
-NONE = -1
+# No row; and a little less than one.
+NONE, BELOW = -1, 1.0 - 1e-9
 
 
 @inside_kernels
@@ -24,6 +24,13 @@ def _square_gap(step: int, offset: float, size: float) -> float:
         return 0.0
     gap = step * size - offset if step > 0 else offset - (step + 1) * size
     return gap * gap
+
+
+@inside_kernels
+def _square_off(block: int, place: float, side: float) -> float:
+    """Squared distance along one axis from a place to a block of voxels, less what rounding may add."""
+    off = max(block * side - place, place - (block + 1) * side, 0.0)
+    return off * off * BELOW
 
 
 @inside_kernels
@@ -143,8 +150,15 @@ def _beyond(
     reach, side = np.sqrt(best[0]), size * 4.0
     fx, fy, fz = x - a * size, y - b * size, z - c * size
     for i in range(int(np.floor((x - reach) / side)), int(np.floor((x + reach) / side)) + 1):
+        along = _square_off(i, x, side)
         for j in range(int(np.floor((y - reach) / side)), int(np.floor((y + reach) / side)) + 1):
+            beside = along + _square_off(j, y, side)
+            if beside > best[0]:
+                continue
             for m in range(int(np.floor((z - reach) / side)), int(np.floor((z + reach) / side)) + 1):
+                # The corners of what is looked through are farther off than the reach.
+                if beside + _square_off(m, z, side) > best[0]:
+                    continue
                 block = block_at(i, j, m, table, keys)
                 if block < 0:
                     continue

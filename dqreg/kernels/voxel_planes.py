@@ -5,15 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
+from dqreg.kernels.cells_around import COLUMNS, ROOM, WIDEST, cells_around
 from dqreg.kernels.compiled import compiled, inside_kernels
-from dqreg.kernels.voxel_blocks import Voxels, block_at, place_in_block
-from dqreg.kernels.voxel_nearest import NONE, nearest_in_voxels
+from dqreg.kernels.voxel_blocks import Voxels
+from dqreg.kernels.voxel_nearest import nearest_in_voxels
 from dqreg.kernels.voxel_points import CELLS, Slots
 
 # Points of a plane at least, and the share of the largest variance that the second one has at least: less is a line.
 FEWEST, LINE = 5.0, 0.02
-# Points from which on no more are looked for, and cells around one at most.
-ENOUGH, WIDEST = 12.0, 4
+# Points from which on no more are looked for.
+ENOUGH = 12.0
+# What points of a cell count, by how many cells around one are looked through and how many steps it is from that.
+GRADES = 0.5 ** (np.arange(3 * WIDEST + 1) / np.maximum(np.arange(WIDEST + 1), 1)[:, None])
 # Steps of Newton's method at most, and the step over the trace that is the last.
 ROUNDS, STILL = 20, 1e-14
 # A plane stands one state more for each so many points: meanwhile their number grows by a quarter or so.
@@ -23,17 +26,11 @@ ROUNDED = 1.0 - 1e-6
 
 
 @inside_kernels
-def _cell_of(row: int, points: FloatArray, links: IntArray, size: float) -> int:
-    """Number of the cell of a point."""
-    half = 0.5 * size
-    a, b, c = np.floor(points[row, 0] / half), np.floor(points[row, 1] / half), np.floor(points[row, 2] / half)
-    return int(links[row, 1]) * CELLS + 4 * (int(a) & 1) + 2 * (int(b) & 1) + (int(c) & 1)
-
-
-@inside_kernels
 def fit_cell(
     cell: int,
-    place: FloatArray,
+    a: int,
+    b: int,
+    c: int,
     size: float,
     table: Voxels,
     keys: IntArray,
@@ -42,78 +39,64 @@ def fit_cell(
     planes: FloatArray,
     state: int,
     normal: FloatArray,
+    around: IntArray,
 ) -> None:
-    """Write the plane of the points in the cells around that of a place: normal, zero where they fix none, variance.
+    """Write the plane of the points in the cells around one: normal, zero where they fix none, variance.
 
     Then their middle, through which it goes.
 
     As far around as it takes for enough of them that are no line: one cell where frames came before, more where there
     is one sweep. And the state of the map until which it stands: the more points, the less the next frames change it.
+    ``around`` is room for `cells_around`.
     """
-    variance, count = np.inf, 0.0
+    variance, full = np.inf, 0.0
     for reach in range(1, WIDEST + 1):
-        variance, count = _plane_around(place, reach, size, table, keys, cells, sums, normal)
-        if variance < np.inf and count >= ENOUGH:
+        count, full = cells_around(a, b, c, reach, table, keys, cells, around), 0.0
+        for k in range(count):
+            full += sums[around[k, 0], 0]
+        # Of fewer no plane is kept but the widest.
+        if full < ENOUGH and reach < WIDEST:
+            continue
+        variance = _plane_of(count, around, reach, 0.5 * size, sums, normal) if full >= FEWEST else np.inf
+        if variance < np.inf and full >= ENOUGH:
             break
+    if not variance < np.inf:
+        normal[:] = 0.0
+    half = 0.5 * size
     # No other than what threads that meet here write, and the state last.
     planes[cell, 0], planes[cell, 1], planes[cell, 2], planes[cell, 3] = normal[0], normal[1], normal[2], variance
-    planes[cell, 5], planes[cell, 6], planes[cell, 7] = normal[3], normal[4], normal[5]
-    planes[cell, 4] = state + 1.0 + np.floor(count / KEPT)
+    planes[cell, 5], planes[cell, 6] = (a + 0.5) * half + normal[3], (b + 0.5) * half + normal[4]
+    planes[cell, 7] = (c + 0.5) * half + normal[5]
+    planes[cell, 4] = state + 1.0 + np.floor(full / KEPT)
 
 
 @inside_kernels
-def _plane_around(
-    place: FloatArray,
-    reach: int,
-    size: float,
-    table: Voxels,
-    keys: IntArray,
-    cells: Voxels,
-    sums: Slots,
-    normal: FloatArray,
-) -> tuple[float, float]:
-    """Write normal and middle of the points in the cells so many around that of a place; variance, and how many.
+def _plane_of(count: int, around: IntArray, reach: int, half: float, sums: Slots, normal: FloatArray) -> float:
+    """Write normal and middle, from that of the cell, of the points in the cells around it; variance of the normal.
 
     What is there is seen best by its own cell: those of others count half as much for as many steps from it as
     there are to the farthest cell along an axis.
     """
-    half = 0.5 * size
-    a, b, c = int(np.floor(place[0] / half)), int(np.floor(place[1] / half)), int(np.floor(place[2] / half))
-    full = n = square = sx = sy = sz = xx = yy = zz = xy = xz = yz = 0.0
-    block, ba, bb, bc, known = int(np.int64(NONE)), a, b, c, False
-    for i in range(a - reach, a + reach + 1):
-        for j in range(b - reach, b + reach + 1):
-            for m in range(c - reach, c + reach + 1):
-                if not known or i >> 3 != ba or j >> 3 != bb or m >> 3 != bc:
-                    ba, bb, bc, known = i >> 3, j >> 3, m >> 3, True
-                    block = block_at(ba, bb, bc, table, keys)
-                if block < 0:
-                    continue
-                held = int(cells[block, place_in_block(i >> 1, j >> 1, m >> 1)])
-                s = 4 * (i & 1) + 2 * (j & 1) + (m & 1)
-                if (held >> s) & 1 == 0:
-                    continue
-                s += ((held >> CELLS) - 1) * CELLS
-                g = 0.5 ** ((abs(i - a) + abs(j - b) + abs(m - c)) / reach)
-                w = float(sums[s, 0])
-                u, v, t = (i - a) * half, (j - b) * half, (m - c) * half
-                full, n, square = full + w, n + g * w, square + g * g * w
-                sx, sy, sz = sx + g * (sums[s, 1] + w * u), sy + g * (sums[s, 2] + w * v), sz + g * (sums[s, 3] + w * t)
-                xx += g * (sums[s, 4] + u * (2.0 * sums[s, 1] + w * u))
-                yy += g * (sums[s, 5] + v * (2.0 * sums[s, 2] + w * v))
-                zz += g * (sums[s, 6] + t * (2.0 * sums[s, 3] + w * t))
-                xy += g * (sums[s, 7] + u * sums[s, 2] + v * sums[s, 1] + w * u * v)
-                xz += g * (sums[s, 8] + u * sums[s, 3] + t * sums[s, 1] + w * u * t)
-                yz += g * (sums[s, 9] + v * sums[s, 3] + t * sums[s, 2] + w * v * t)
-    normal[0] = normal[1] = normal[2] = 0.0
-    if full < FEWEST:
-        return np.inf, full
+    n = square = sx = sy = sz = xx = yy = zz = xy = xz = yz = 0.0
+    for k in range(count):
+        s, i, j, m = around[k, 0], around[k, 1], around[k, 2], around[k, 3]
+        g = GRADES[reach, abs(i) + abs(j) + abs(m)]
+        w, x, y, z = float(sums[s, 0]), float(sums[s, 1]), float(sums[s, 2]), float(sums[s, 3])
+        u, v, t = i * half, j * half, m * half
+        n, square = n + g * w, square + g * g * w
+        sx, sy, sz = sx + g * (x + w * u), sy + g * (y + w * v), sz + g * (z + w * t)
+        xx += g * (sums[s, 4] + u * (2.0 * x + w * u))
+        yy += g * (sums[s, 5] + v * (2.0 * y + w * v))
+        zz += g * (sums[s, 6] + t * (2.0 * z + w * t))
+        xy += g * (sums[s, 7] + u * y + v * x + w * u * v)
+        xz += g * (sums[s, 8] + u * z + t * x + w * u * t)
+        yz += g * (sums[s, 9] + v * z + t * y + w * v * t)
     sx, sy, sz = sx / n, sy / n, sz / n
-    normal[3], normal[4], normal[5] = (a + 0.5) * half + sx, (b + 0.5) * half + sy, (c + 0.5) * half + sz
+    normal[3], normal[4], normal[5] = sx, sy, sz
     xx, yy, zz = xx / n - sx * sx, yy / n - sy * sy, zz / n - sz * sz
     xy, xz, yz = xy / n - sx * sy, xz / n - sx * sz, yz / n - sy * sz
     # As many points of equal weight would tell as much.
-    return _thinnest(xx, yy, zz, xy, xz, yz, n * n / square, normal), full
+    return _thinnest(xx, yy, zz, xy, xz, yz, n * n / square, normal)
 
 
 @inside_kernels
@@ -196,7 +179,8 @@ def closest_in_voxels(
     that were the nearest at other places, (m, 3) or (0, 3), are kept where no other can be nearer by more than a
     tolerance.
     """
-    best, normal = np.zeros(2), np.zeros(6)
+    best, normal, half = np.zeros(2), np.zeros(6), 0.5 * size
+    around = np.zeros((ROOM, COLUMNS), np.int64)
     for i in range(first, last):
         x, y, z = queries[i, 0], queries[i, 1], queries[i, 2]
         row, again = rows[i], True
@@ -220,9 +204,11 @@ def closest_in_voxels(
             feet[i, 0], feet[i, 1], feet[i, 2], variances[i] = x, y, z, np.inf
             normals[i, 0] = normals[i, 1] = normals[i, 2] = 0.0
             continue
-        cell = _cell_of(row, points, links, size)
+        x, y, z = points[row, 0], points[row, 1], points[row, 2]
+        a, b, c = int(np.floor(x / half)), int(np.floor(y / half)), int(np.floor(z / half))
+        cell = int(links[row, 1]) * CELLS + 4 * (a & 1) + 2 * (b & 1) + (c & 1)
         if planes[cell, 4] <= state:
-            fit_cell(cell, points[row], size, table, keys, cells, sums, planes, state, normal)
+            fit_cell(cell, a, b, c, size, table, keys, cells, sums, planes, state, normal, around)
         for k in range(3):
             feet[i, k], normals[i, k] = points[row, k], planes[cell, k]
         variances[i] = planes[cell, 3]

@@ -38,6 +38,8 @@ QUICK_STEPS, FINE_STEPS, NEAR_ENOUGH = (2, 25), (6, 20), 0.3
 LEAST = 0.05
 # Points from which on a frame is followed on the planes of cells: of fewer, many meet none.
 MANY = 1_000
+# Points that the pose of a frame with times is found from, before its motion is found with it from all.
+BEFORE_SWEEP = 1_000
 # First kernel scale, over the largest distance.
 WIDE = 0.3
 # The last level ends once a step moves the points by less than this fraction of the map's diagonal.
@@ -65,6 +67,8 @@ class FrameSearch:
     def find(self, frame: DownsampledFrame, *, trust_motion: bool, near: bool = False) -> Alignment:
         """The pose of a frame; near the prediction, where that has been good to a voxel."""
         scan = self.asked(frame)
+        if frame.back is not None and self.settings.method == "plane":
+            scan = scan.thinned(BEFORE_SWEEP)
         aligned = self._found(scan, trust_motion=trust_motion, near=near)
         if len(scan) < MANY or self.settings.method != "plane" or not aligned.found or is_in_cells(aligned):
             return aligned

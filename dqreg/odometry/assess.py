@@ -32,6 +32,7 @@ TINY = float(np.finfo(float).tiny)
 
 def frame_result(
     place: Placed,
+    information: Information | None,
     frame: DownsampledFrame,
     usual: float,
     notes: tuple[Reason, ...],
@@ -39,11 +40,11 @@ def frame_result(
     prediction: Prediction | None = None,
 ) -> Registration:
     """The answer for one frame; with a prediction that has a covariance, both are weighed."""
-    run, free = place.aligned, place.axis if place.is_free else None
+    run = place.aligned
     if run.status not in NO_POSE and not run.inlier_fraction >= LOST:
         words = f"no pose: only {100 * run.inlier_fraction:.0f} % of the points are inliers at the best one"
         return without_pose((Reason(words, "lost"), *notes), run.status, settings)
-    uncertainty = Uncertainty.of(information_at(run, frame.reach, free)) if run.found else None
+    uncertainty = None if information is None else Uncertainty.of(information)
     T = rigid(run.T_target_source)
     doubts: tuple[Reason, ...] = ()
     status: Status = run.status
@@ -122,6 +123,14 @@ def _with_prediction(
         partial = np.asarray(np.linalg.pinv(uncertainty.covariance, hermitian=True), dtype=np.float64)
     T, covariance = prediction.fused(T, partial)
     return T, Uncertainty(covariance, held_directions(uncertainty.directions, covariance, lever, reach))
+
+
+def information_of_place(place: Placed, reach: float) -> Information | None:
+    """Information of a frame where it was placed, which nothing changes that was seen there; None without a pose."""
+    run = place.aligned
+    if not run.found or not run.inlier_fraction >= LOST:
+        return None
+    return information_at(run, reach, place.axis if place.is_free else None)
 
 
 def information_at(run: Alignment, reach: float, free_axis: FloatArray | None = None) -> Information:

@@ -112,7 +112,11 @@ class Deskewed:
         if best.aligned.found and is_in_cells(best.aligned):
             sweep = Sweep(best.frame, worthwhile)
             aligned = search.settle_sweep(sweep, best.aligned)
-            return Deskewed(sweep.frame, aligned, best.notes) if fits_no_worse(aligned, best.aligned) else best
+            if fits_no_worse(aligned, best.aligned):
+                return Deskewed(sweep.frame, aligned, best.notes)
+            # What was found of fewer points is settled with all.
+            T, scan = best.aligned.T_target_source, search.asked(best.frame)
+            return dataclasses.replace(best, aligned=search.settle(scan, T, best.aligned))
         for _ in range(ROUNDS):
             if not best.aligned.found:
                 break

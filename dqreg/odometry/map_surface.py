@@ -97,14 +97,27 @@ class MapSurface:
         from dqreg.kernels.voxel_blocks import put_blocks
 
         points, voxels, blocks = (self._counts + more).tolist()
+        held = self._counts.tolist()
         if points > len(self._points):
-            self._points, self._links = _longer(self._points, 2 * points), _longer(self._links, 2 * points)
+            self._points, self._links = (
+                _longer(self._points, held[0], 2 * points),
+                _longer(self._links, held[0], 2 * points),
+            )
         if voxels > len(self._voxels):
-            self._voxels, self._sums = _longer(self._voxels, 2 * voxels), _longer(self._sums, 2 * voxels)
-            self._planes, self._slots = _longer(self._planes, 2 * voxels), _longer(self._slots, 2 * voxels)
-            self._members = _longer(self._members, 2 * voxels)
+            self._voxels, self._sums = (
+                _longer(self._voxels, held[1], 2 * voxels),
+                _longer(self._sums, held[1], 2 * voxels),
+            )
+            self._planes, self._slots = (
+                _longer(self._planes, held[1], 2 * voxels),
+                _longer(self._slots, held[1], 2 * voxels),
+            )
+            self._members = _longer(self._members, held[1], 2 * voxels)
         if blocks > len(self._keys):
-            self._keys, self._cells = _longer(self._keys, 2 * blocks), _longer(self._cells, 2 * blocks)
+            self._keys, self._cells = (
+                _longer(self._keys, held[2], 2 * blocks),
+                _longer(self._cells, held[2], 2 * blocks),
+            )
             size = 1
             while size < SPARSE * len(self._keys):
                 size *= 2
@@ -193,8 +206,8 @@ class MapSurface:
         return found
 
 
-def _longer(rows: Rows, count: int) -> Rows:
-    """The same rows, and zeros up to a count."""
+def _longer(rows: Rows, used: int, count: int) -> Rows:
+    """The rows that are in use, and zeros up to a count: memory that nobody wrote to is not there yet."""
     made = np.zeros((count, *rows.shape[1:]), dtype=rows.dtype)
-    made[: len(rows)] = rows
+    made[:used] = rows[:used]
     return cast(Rows, made)

@@ -63,23 +63,14 @@ class Placed:
         return self.share < FREE
 
 
-def placed(
-    search: FrameSearch,
-    frame: DownsampledFrame,
-    seen: Later[View],
-    aligned: Alignment,
-    T_predicted: FloatArray,
-    deviation: float,
-    *,
-    measured: bool = False,
-    timed: bool = True,
+def looked_at(
+    place: Placed, search: FrameSearch, frame: DownsampledFrame, seen: Later[View], similar: Later[FloatArray] | None
 ) -> Placed:
-    """The best of the poses along the weakest direction, and those that are no worse; infinite: no prediction.
+    """The same with what speaks against it: what the frame looked through, and places where it is like itself.
 
-    A prediction that was measured, with its covariance, decides between them. Without times, frames may be missing, and
-    constant velocity excludes no place where the frame is like itself.
+    Those are asked for where nothing else excludes them: without times, frames may be missing, and constant velocity
+    does not.
     """
-    place = _along_weakest(search, frame, aligned, T_predicted, deviation, measured=measured)
     if not place.aligned.found:
         return place
     T, view = place.aligned.T_target_source, seen.result()
@@ -87,12 +78,18 @@ def placed(
     nearer, alike = view.compared(points[sample_rows(len(points), VIEWED)], pose.inverse(T))
     if nearer + alike >= FEWEST:
         place = dataclasses.replace(place, looked_through=nearer / (nearer + alike))
-    if timed or measured or place.rivals:
+    if similar is None or place.rivals:
         return place
-    return dataclasses.replace(place, rivals=_repeated(search, frame.fitted, place.aligned, view))
+    return dataclasses.replace(place, rivals=_repeated(search, frame.fitted, place.aligned, view, similar.result()))
 
 
-def _along_weakest(
+def similar_shifts(search: FrameSearch, frame: DownsampledFrame) -> FloatArray:
+    """Shifts that put a frame onto itself, (k, 3)."""
+    cell, scan = search.lengths.voxel_size, frame.fitted
+    return self_similar_shifts(scan.points, scan.normals, cell, 0.5 * search.lengths.reach)
+
+
+def placed(
     search: FrameSearch,
     frame: DownsampledFrame,
     aligned: Alignment,
@@ -101,6 +98,10 @@ def _along_weakest(
     *,
     measured: bool,
 ) -> Placed:
+    """The best of the poses along the weakest direction, and those that are no worse; infinite: no prediction.
+
+    A prediction that was measured, with its covariance, decides between them.
+    """
     axis, share = _weakest(aligned)
     if not aligned.found or (share >= WEAK and search.fits(aligned)):
         return Placed(aligned, axis, share)
@@ -155,11 +156,13 @@ def _is_equal(search: FrameSearch, compare: _Comparison, aligned: Alignment, T: 
     return min(_significance(compare.squares(other) - here) for other in others) < SIGNIFICANT
 
 
-def _repeated(search: FrameSearch, scan: Scan, aligned: Alignment, view: View) -> tuple[Alternative, ...]:
+def _repeated(
+    search: FrameSearch, scan: Scan, aligned: Alignment, view: View, shifts: FloatArray
+) -> tuple[Alternative, ...]:
     """Poses where the frame is like itself: what stands there was seen here, and nothing where it looked through."""
     cell, least, T = search.lengths.voxel_size, 0.5 * search.lengths.reach, aligned.T_target_source
     found: list[Alternative] = []
-    for shift in self_similar_shifts(scan.points, scan.normals, cell, least):
+    for shift in shifts:
         step = pose.from_parts(np.eye(3), shift)
         if behind_faces(scan.points, scan.normals, shift) or not view.repeats(scan, step, ROUGHLY):
             continue

@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from scipy import fft
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry import Scan
@@ -65,18 +64,12 @@ def self_similar_shifts(points: FloatArray, normals: FloatArray, cell: float, le
     low = flat.min(axis=0)
     cell = max(cell, float((flat.max(axis=0) - low).max()) / CELLS)
     cells = ((flat - low) / cell).astype(np.int64)
-    shape = tuple(fft.next_fast_len(int(2 * count), real=True) for count in cells.max(axis=0) + 1)
-    known, occupied = np.zeros(shape, dtype=bool), np.zeros(shape, dtype=bool)
+    known = np.zeros(cells.max(axis=0) + 1, dtype=bool)
+    occupied = np.zeros_like(known)
     known[tuple(cells.T)] = True
     occupied[tuple(cells[stands].T)] = True
-    spectrum = np.conj(fft.rfft2(occupied.astype(np.float32)))
-    wide = (_widened(grid).astype(np.float32) for grid in (known, occupied))
-    # Counts of cells: rounded, they are right to the last one.
-    ground, met = (np.rint(fft.irfft2(spectrum * fft.rfft2(grid), shape)) for grid in wide)
-    alike = (ground >= COMMON * np.count_nonzero(occupied)) & (met >= SIMILAR * ground)
-    share = fft.fftshift(np.divide(met, ground, out=np.zeros(shape), where=alike))
-    steps = np.column_stack(np.unravel_index(np.flatnonzero(fft.fftshift(alike)), shape))
-    shifts = (steps - np.array(shape) // 2) * cell
+    share, steps, lowest = _similar(occupied, known)
+    shifts = (steps + lowest) * cell
     kept = np.flatnonzero((np.hypot(*shifts.T) > least) & _is_peak(share, steps))
     kept = kept[np.argsort(-share[tuple(steps[kept].T)], kind="stable")]
     found: list[int] = []
@@ -85,6 +78,39 @@ def self_similar_shifts(points: FloatArray, normals: FloatArray, cell: float, le
         found.append(int(kept[0]))
         kept = kept[(np.abs(steps[kept] - steps[kept[0]]) > AROUND).any(axis=1)]
     return np.asarray(shifts[found] @ plane.T)
+
+
+def _similar(occupied: BoolArray, known: BoolArray) -> tuple[FloatArray, IntArray, IntArray]:
+    """How much of what comes to lie on known ground lies on what is occupied, or beside it, shift by shift.
+
+    Zero where either is too little. Shapes: (h, w) by shifts in cells from the lowest on, (m, 2) where it is not zero,
+    and (2,) the lowest shift.
+    """
+    from dqreg.kernels.shift_counts import count_at_shifts, count_on_runs
+    from dqreg.kernels.threads import over_chunks
+
+    cells = np.column_stack(np.nonzero(occupied))
+    enough = COMMON * len(cells)
+    # As far as that many cells stay within.
+    ordered = np.sort(cells, axis=0)
+    up, down = occupied.shape - ordered[int(np.ceil(enough)) - 1], ordered[-int(np.ceil(enough))]
+    counts = np.zeros(up + down + (1, 2), dtype=np.int32)
+    count_on_runs(cells, _runs(_widened(np.pad(occupied, (0, 1)))), -down, counts)
+    # Ground is counted where enough is met of the least that it may be.
+    steps = np.column_stack(np.nonzero(counts[:, :-1] >= SIMILAR * enough))
+    met, ground = counts[tuple(steps.T)], np.zeros(len(steps), dtype=np.int32)
+    over_chunks(count_at_shifts, len(steps), steps - down, cells, _widened(np.pad(known, (0, 1))), ground)
+    alike = (ground >= enough) & (met >= SIMILAR * ground)
+    share = np.zeros(up + down + 1)
+    share[tuple(steps[alike].T)] = met[alike] / ground[alike]
+    return share, steps[alike], -down
+
+
+def _runs(marked: BoolArray) -> IntArray:
+    """Runs of marked cells within rows, (k, 3): the row, the first column and the one after the last."""
+    edges = np.diff(np.pad(marked, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+    rows, begins = np.nonzero(edges > 0)
+    return np.column_stack([rows, begins, np.nonzero(edges < 0)[1]])
 
 
 def _widened(grid: BoolArray) -> BoolArray:

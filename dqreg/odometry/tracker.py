@@ -12,13 +12,13 @@ import numpy as np
 from dqreg._arrays import FloatArray, as_pose
 from dqreg.kernels.threads import Later
 from dqreg.odometry.align import FrameSearch
-from dqreg.odometry.assess import LOST, MapLink, first_frame, frame_result, without_pose
+from dqreg.odometry.assess import LOST, MapLink, first_frame, frame_result, information_of_place, without_pose
 from dqreg.odometry.deskewing import WORTHWHILE, Deskewed, fits_no_worse
 from dqreg.odometry.follow import off_at
 from dqreg.odometry.frame import DownsampledFrame, RawFrame, downsample_frame
 from dqreg.odometry.kiss import KissParts, rigid
 from dqreg.odometry.prediction import Prediction
-from dqreg.odometry.rivals import placed
+from dqreg.odometry.rivals import looked_at, placed, similar_shifts
 from dqreg.odometry.self_similarity import View
 from dqreg.odometry.settings import OdometrySettings, Resolved
 from dqreg.odometry.starts import predict
@@ -165,8 +165,16 @@ class Tracker:
         timed = self._timeline.is_timed
         if own is not None:
             own.result()
-        place = placed(search, frame, seen, aligned, T_predicted, spread, measured=measured, timed=timed)
-        found = frame_result(place, frame, self._usual_fraction, notes, self._words(frame), expected)
+        first = placed(search, frame, aligned, T_predicted, spread, measured=measured)
+        similar = None if timed or measured else Later(lambda: similar_shifts(search, frame))
+        # Beside its depth image, which a frame without times has by now.
+        information = Later(lambda: information_of_place(first, frame.reach), beside=frame.back is not None)
+        if frame.back is None:
+            information.result()
+        place = looked_at(first, search, frame, seen, similar)
+        found = frame_result(
+            place, information.result(), frame, self._usual_fraction, notes, self._words(frame), expected
+        )
         fits = self._kept_out >= self.settings.patience or (found.verdict.level != "failed" and self._fits(found))
         result = self._link.linked(found, place, self._timeline.count, fits=fits)
         self._learn(kiss, world, frame, result, T_predicted, trusted=place.is_escaped, insert=insert)
