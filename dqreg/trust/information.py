@@ -190,7 +190,7 @@ def information_of(
         return held
     # Facets have an information of their own.
     of_motions = motions.T @ known @ motions
-    scatter = scatter_of_sums(sums, starts, of_motions, variance, overlap=own is not None, motions=motions)
+    scatter = scatter_of_sums(sums, starts, of_motions, variance, motions=motions)
     if scatter is None:
         return held
     outer = basis @ motions
