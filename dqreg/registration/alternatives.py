@@ -21,21 +21,27 @@ from dqreg.trust.records import Alternative
 PERIOD = 0.05
 
 
-def alternatives_of(fit: Fit, others: FloatArray, near: FloatArray = NO_POSES) -> tuple[Alternative, ...]:
-    """Other poses, (k, 4, 4), as the result names them: each once; and poses that are others however near they are."""
-    if not len(others) + len(near) or not fit.found:
+def alternatives_of(
+    fit: Fit, others: FloatArray, near: FloatArray = NO_POSES, turned: FloatArray = NO_POSES
+) -> tuple[Alternative, ...]:
+    """Other poses, (k, 4, 4), as the result names them: each once; and poses that are others however near they are.
+
+    And turns of a ring, which have been compared by more than how much of the scan they leave on the target.
+    """
+    if not len(others) + len(near) + len(turned) or not fit.found:
         return ()
     poses = np.concatenate([fit.T_target_source[None], others])
     middle, (angle_rad, offset) = fit.prepared.scan.points.mean(axis=0), FINE_APART
     diagonal = min(fit.prepared.surface.diagonal, fit.prepared.scan.diagonal)
     poses = poses[Poses.of(poses).distinct(middle, angle_rad, offset * diagonal, len(poses))]
-    poses = np.concatenate([poses, near])
+    poses = np.concatenate([poses, near, turned])
     scores = scores_of(fit, poses, FEW_JUDGES if fit.is_late else JUDGES)
     target = fit.problem.target
     deficit, error = scores.deficit(0)
     rms = np.sqrt((scores.distances**2).mean(axis=1))
     found = []
-    for k in np.flatnonzero(deficit[1:] <= WORSE) + 1:
+    is_named = (deficit <= WORSE) | (np.arange(len(poses)) >= len(poses) - len(turned))
+    for k in np.flatnonzero(is_named[1:]) + 1:
         axis = _symmetry_between(fit, poses[0], poses[k], offset * diagonal)
         words = symmetry_words(axis.moved(target.origin), fit.problem.units[1], diagonal) if axis else ""
         motion = _motion_words(fit, poses[k] @ pose.inverse(poses[0]))

@@ -68,6 +68,7 @@ class Known:
     fit: Fit
     others: FloatArray  # (k, 4, 4): Others that explain the scan about as well, between the centred frames
     searched: bool = False  # Whether it was compared with the poses of a global search
+    turned: FloatArray = dataclasses.field(default_factory=lambda: NO_POSES)  # (k, 4, 4): Turns of a ring as likely
 
 
 def best_known(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:

@@ -13,6 +13,7 @@ from dqreg.geometry.sampling import places_on
 from dqreg.kernels.threads import unlocked_property
 from dqreg.registration.fit import Fit
 from dqreg.rigid import twist
+from dqreg.search.cloud_rings import ring_turns
 from dqreg.search.near_symmetry import is_symmetry, near_flips
 from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.periods import SHORTEST, near_periods
@@ -75,6 +76,18 @@ def near_maps(fit: Fit, *, of_any: bool = False) -> FloatArray:
         scan = _planes_of_scan(fit)
     others = [] if scan is None else [plane_maps(scan, found.planes, surface.diagonal)]
     return np.concatenate([found.maps, _periods(fit), _half_screws(fit), *others])
+
+
+def ring_maps(fit: Fit) -> FloatArray:
+    """Turns about its axis that put most of a target cloud that shows a ring onto itself, (k, 4, 4)."""
+    surface, derived = fit.prepared.surface, fit.problem.target.derived
+    if not isinstance(surface, CloudSurface):
+        return np.zeros((0, 4, 4))
+    name = f"ring {_counted(surface)}"
+    if name not in derived:
+        derived[name] = ring_turns(surface, _tangent(fit, surface))
+    found: FloatArray = derived[name]
+    return found
 
 
 def _periods(fit: Fit) -> FloatArray:

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
-from dqreg.geometry import MeshSurface, Scan
+from dqreg.geometry import MeshSurface
 from dqreg.icp.rejectors import beyond_boundary
 from dqreg.kernels.threads import TimeUpError, until
 from dqreg.registration.alternatives import alternatives_of
@@ -24,14 +23,15 @@ from dqreg.registration.assess import (
     without_drift,
 )
 from dqreg.registration.common_faces import on_common_faces
-from dqreg.registration.fallback import Known, best_known, is_doubtful, may_search, meant_copy
+from dqreg.registration.fallback import Known, best_known, is_doubtful, meant_copy
 from dqreg.registration.fit import Fit, coarse_to_fine
 from dqreg.registration.free_space import viewpoint_behind
+from dqreg.registration.going_on import all_points_say_more, in_doubt_on_all_points, on_all_points, settled
 from dqreg.registration.initial_pose import GlobalSearch, InitialPose, initial_pose
-from dqreg.registration.loop_status import status_of
 from dqreg.registration.prepared import Prepared
 from dqreg.registration.problem import Problem, SourceAndTarget
 from dqreg.registration.result import Registration
+from dqreg.registration.ring_rivals import best_on_ring
 from dqreg.registration.rivals import (
     NO_POSES,
     best_near_symmetric,
@@ -44,29 +44,12 @@ from dqreg.registration.same_poses import but_on_the_way
 from dqreg.registration.slides import without_slide
 from dqreg.registration.visibility import on_visible_faces
 from dqreg.registration.wall_sides import equal_sides, on_best_sides
-from dqreg.solvers.status import INTERRUPTED
 from dqreg.trust import judge
 from dqreg.trust.records import Alternative, Reason, Verdict
 
-# Distances from the planes below this share of the spacing of all points: the points then stand nearer to the surface
-# than to each other, and the mean of a cell hides something. Scans of one body came to 0.16 to 0.23, range scans from a
-# bench included, LiDAR and depth cameras to 0.7 and more, where all points gained nothing over their cells.
-WELL_BELOW = 0.4
-# Noise below this share of the spacing of all points: what is off then is the target's planes where the surface bends
-# away from them, and planes of the scan's own on the other side take it back. Of 40 random pairs of scanned parts the
-# error fell to 0.13 to 0.4 there in the median; from twice as much on it gained nothing, above a third it rose.
-CLEAN = 0.1
-# Points of the scan a cell below which its mean hides nothing: all points of 5,000 to 20,000 on 40,000 cost half as
-# much again, and left the error as it was on range scans, and larger on views of parts.
-CROWDED = 3.0
-# Points of the scan a cell above which a search costs less than a loop with all of them.
-MOST = 10.0
 # Share of the inliers below which they may hold a motion at a wrong place. In doubt all motions are asked: a step on
 # its neighbour's place holds the others there too.
 MAY_HOLD = 1.0
-# Ways of a loop to end from which it is gone on: motions that little holds come to rest slowly. A limit of fewer
-# iterations than this is meant.
-UNSETTLED, MEANT = ("iteration limit", "stalled"), 50
 
 NOT_JUDGED = "the pose was not judged, as verdict=False asks: whether it is right is for the caller to tell"
 
@@ -97,12 +80,12 @@ def align(problem: Problem) -> Registration:
     with watch.stage("second try"):
         problem.await_target()
         known = second_try(fit, start, search)
-        fit, others, gain = settled(known.fit), known.others, -np.inf
+        fit, gain = settled(known.fit), -np.inf
         with suppress(TimeUpError), until(watch.deadline):
             fit = on_common_faces(fit)
             gain = mirror_gain(fit, always=known.searched)
     fit = seen_alone(fit)
-    return concluded(fit, others, start.search, gain)
+    return concluded(fit, known, start.search, gain)
 
 
 def prepared_to_judge(problem: Problem) -> Prepared:
@@ -131,23 +114,22 @@ def seen_alone(fit: Fit) -> Fit:
         return on_visible_faces(fit, fit.problem.viewpoints)
 
 
-def concluded(fit: Fit, others: FloatArray, search: str, gain: float) -> Registration:
+def concluded(fit: Fit, known: Known, search: str, gain: float) -> Registration:
     """The answer; where the time is up before all is known that two clouds say, as of a loop that the limit ended."""
     found, deadline = None, fit.problem.watch.deadline
     with suppress(TimeUpError), until(deadline if fit.problem.target.kind == "cloud" else np.inf):
-        found = judged(fit, others, search, gain)
+        found = judged(fit, known, search, gain)
     if found is None:
         fit = fit.late()
-        found = judged(fit, others, search, gain)
+        found = judged(fit, known, search, gain)
     fit.problem.watch.seconds["total"] = fit.problem.watch.total
     return registration_of(fit, *found)
 
 
-def judged(
-    fit: Fit, others: FloatArray, search: str, gain: float
-) -> tuple[Uncertainty, Verdict, tuple[Alternative, ...]]:
-    """How sure a fit is, and the other poses, (k, 4, 4), that explain the scan as well."""
-    uncertainty, alternatives = uncertainty_of(fit), alternatives_of(fit, others, equal_sides(fit))
+def judged(fit: Fit, known: Known, search: str, gain: float) -> tuple[Uncertainty, Verdict, tuple[Alternative, ...]]:
+    """How sure a fit is, and the other poses known that explain the scan as well."""
+    uncertainty = uncertainty_of(fit)
+    alternatives = alternatives_of(fit, known.others, equal_sides(fit), known.turned)
     evidence = evidence_of(fit, uncertainty, alternatives, search=search, mirror_gain=gain)
     return uncertainty, verdict_on(fit, evidence), alternatives
 
@@ -183,7 +165,8 @@ def second_try(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
             # A search sees a sample: few points may tell its pose from a nearly symmetric one that it missed.
             best, near = best_near_symmetric(known.fit, search.kernel_scale)
             known = dataclasses.replace(known, fit=best)
-        known = dataclasses.replace(known, fit=on_best_sides(known.fit))
+        best, turned = best_on_ring(known.fit, start.T_target_source if is_given else None, search.kernel_scale)
+        known = dataclasses.replace(known, fit=on_best_sides(best), turned=turned)
         if is_given:
             meant, copies = meant_copy(known.fit, start.T_target_source, search.kernel_scale)
             known, near = dataclasses.replace(known, fit=meant), np.concatenate([near, copies])
@@ -191,64 +174,6 @@ def second_try(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
     if is_given:
         known = dataclasses.replace(known, fit=without_drift(known.fit, start.T_target_source))
     return dataclasses.replace(known, others=np.concatenate([known.others, near]))
-
-
-def settled(fit: Fit) -> Fit:
-    """The fit, gone on from once where the loop ended before the pose stayed where it was."""
-    options, is_over = fit.problem.options, fit.problem.watch.is_over
-    is_asked = options.method != "auto" or options.max_iterations < MEANT
-    if not fit.found or is_over or is_asked or status_of(fit) not in UNSETTLED:
-        return fit
-    other = fit.resumed(fit.T_target_source, fit.run.mixture.scale)
-    return other if other.found and status_of(other) not in (*UNSETTLED, *INTERRUPTED) else fit
-
-
-def all_points_say_more(fit: Fit) -> bool:
-    """Whether a fit to cells, to the target's planes alone or with planes that are none is worth going on with."""
-    prepared, run = fit.prepared, fit.run
-    # A target of a few points has no planes.
-    if run.ended_early or not run.weights.any() or not run.pairs.closest.normals.any():
-        return False
-    if not prepared.even:
-        return fit.problem.both_are_clouds and is_clean(prepared.scan)
-    spacing = prepared.scan.spacing
-    if prepared.cell_size:
-        if prepared.is_from_a_stand or prepared.scan.total < CROWDED * len(prepared.scan):
-            return False
-        # Of a surface: that many points in as many cells, each the square of its edge.
-        spacing = prepared.cell_size * np.sqrt(len(prepared.scan) / prepared.scan.total)
-    elif prepared.scan.noise < WELL_BELOW * spacing:
-        # Its own planes have had their say, of points of one body as the target's.
-        return False
-    aside = np.sqrt(np.average(run.pairs.point_to_plane**2, weights=run.weights))
-    return bool(aside < WELL_BELOW * spacing)
-
-
-def in_doubt_on_all_points(fit: Fit) -> Fit:
-    """The fit; where something speaks against cells of two clouds, that of all points if nothing does against it.
-
-    Cells as wide as a tooth hold its flanks no more: they would leave to a search what the points themselves tell.
-    """
-    prepared = fit.prepared
-    few = prepared.scan.total <= MOST * len(prepared.scan)
-    if not prepared.cell_size or prepared.is_from_a_stand or not few or not may_search(fit) or not is_doubtful(fit):
-        return fit
-    other = on_all_points(fit)
-    return other if other.found and not is_doubtful(other) else fit
-
-
-def is_clean(scan: Scan) -> bool:
-    """Whether the points of a scan stand so near to the surface that planes of both sides tell more than of one."""
-    return scan.noise < CLEAN * scan.spacing
-
-
-def on_all_points(fit: Fit) -> Fit:
-    """The fit resumed on all points of both clouds."""
-    problem, prepared = fit.problem, fit.problem.prepare_whole()
-    if is_clean(prepared.scan):
-        prepared = problem.prepare_even()
-    settings = problem.options.icp_settings(fit.settings.max_distance, fit.constraints, even=prepared.even)
-    return fit.resumed(fit.T_target_source, fit.run.mixture.scale, prepared=prepared, settings=settings)
 
 
 def registration_of(

@@ -57,7 +57,6 @@ def scatter_of(
     variance: float,
     counts: FloatArray | None = None,
     *,
-    overlap: bool = False,
     motions: FloatArray | None = None,
 ) -> FloatArray | None:
     """Covariance of a weighted least-squares fit with residuals of one patch taken as dependent.
@@ -67,13 +66,13 @@ def scatter_of(
     explains, their covariance is added: a vector field of noise whose correlation falls with the distance by the
     spherical model of geostatistics, its size and range estimated from the products of the patches' means.
 
-    Of two scans that overlap in part, patches without weight are left out of that. Where the rows are combined to
-    motions, (k, m), one a column, known and returned are of those.
+    Patches without weight, of a table or beyond the overlap of two scans, are left out of that. Where the rows are
+    combined to motions, (k, m), one a column, known and returned are of those.
 
     Shapes: rows (k, n), known (m, m), returns (m, m).
     """
     sums, starts = RowSums(rows, points, normals, residuals, weights), patch_starts(len(weights), counts)
-    return scatter_of_sums(sums, starts, known, variance, overlap=overlap, motions=motions)
+    return scatter_of_sums(sums, starts, known, variance, motions=motions)
 
 
 def scatter_of_sums(
@@ -82,7 +81,6 @@ def scatter_of_sums(
     known: FloatArray,
     variance: float,
     *,
-    overlap: bool = False,
     motions: FloatArray | None = None,
 ) -> FloatArray | None:
     """The same from sums over patches, given the starts of these."""
@@ -99,7 +97,7 @@ def scatter_of_sums(
     bread = np.asarray(np.linalg.inv(information), dtype=np.float64)
     coarse = _sandwich(bread, mix.T @ sums.over(large)[0], variance * known)
     scores, beside = sums.over(small)
-    patches = _Patches.of(beside, LIGHT if overlap else 0.0)
+    patches = _Patches.of(beside)
     if patches.neighbour_agreement() < NEIGHBOURS_AGREE:
         return coarse
     shared = patches.shared_noise()
@@ -167,11 +165,11 @@ class _Patches:
     variance: float  # Mean square of the residuals of the others
 
     @staticmethod
-    def of(sums: FloatArray, least: float) -> _Patches:
+    def of(sums: FloatArray) -> _Patches:
         """From weights, and weighted points, normals and residuals, (8, m)."""
         total = np.maximum(sums[0], np.finfo(float).tiny)
         points, normals, means = (sums[1:4] / total).T, (sums[4:7] / total).T, sums[7] / total
-        light = total < least * total.max()
+        light = total < LIGHT * total.max()
         if light.any():
             normals, means = np.where(light[:, None], 0.0, normals), np.where(light, 0.0, means)
         return _Patches(points, normals, means, total, float(np.sum(means**2)) / np.count_nonzero(~light))

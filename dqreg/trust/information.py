@@ -56,6 +56,8 @@ class Information:
     by_rims : float
         Standard deviation, as a displacement, along the free motions where the rims of the target constrain them; NaN
         where they do not.
+    tilt : ndarray, (6,)
+        Standard deviation of each coordinate of the free motions, as unit vectors: errors of the normals tilt them.
     """
 
     values: FloatArray
@@ -67,6 +69,7 @@ class Information:
     carriers: FloatArray = dataclasses.field(default_factory=lambda: np.full(6, np.inf))
     scatter: FloatArray | None = None
     by_rims: float = math.nan
+    tilt: FloatArray = dataclasses.field(default_factory=lambda: np.zeros(6))
 
     @property
     def free(self) -> BoolArray:
@@ -180,22 +183,37 @@ def information_of(
         lever,
     )
     # Of a motion that both sides do not confirm, what was known beforehand is left.
-    values = np.where(denied, np.einsum("ij,ik,kj->j", vectors, known, vectors) / of_all, np.maximum(values, 0.0))
+    said = np.maximum(values, 0.0)
+    values = np.where(denied, np.einsum("ij,ik,kj->j", vectors, known, vectors) / of_all, said)
     order = np.argsort(values, kind="stable")
     values, vectors, carriers, denied = values[order], vectors[:, order], carriers[order], denied[order]
-    sigma = float(np.sqrt(variance))
-    held = Information(values, basis @ vectors, total, sigma, lever, centre, carriers)
+    sigma, tilt = float(np.sqrt(variance)), _tilt(values, said[order], basis @ vectors, weights)
+    held = Information(values, basis @ vectors, total, sigma, lever, centre, carriers, tilt=tilt)
     motions, by_prior = vectors[:, ~held.free & ~denied], vectors[:, ~held.free & denied]
     if starts is None or not motions.shape[1]:
         return held
     # Facets have an information of their own.
     of_motions = motions.T @ known @ motions
-    scatter = scatter_of_sums(sums, starts, of_motions, variance, overlap=own is not None, motions=motions)
+    scatter = scatter_of_sums(sums, starts, of_motions, variance, motions=motions)
     if scatter is None:
         return held
     outer = basis @ motions
     alone = basis @ by_prior * np.sqrt(variance / (total * values[~held.free & denied]))
     return dataclasses.replace(held, scatter=outer @ scatter @ outer.T + alone @ alone.T)
+
+
+def _tilt(values: FloatArray, said: FloatArray, vectors: FloatArray, weights: FloatArray) -> FloatArray:
+    """Standard deviation of each coordinate of the free motions, (6,), from what all normals say of the motions, (k,).
+
+    What they say of a free motion is their errors. To first order these mix a held motion j into a free one i with the
+    variance ``said_i / (said_j n)`` of n independent normals.
+    """
+    free = values < FREE
+    if not free.any() or free.all():
+        return np.zeros(6)
+    independent = float(weights.sum()) ** 2 / dot(weights, weights)
+    held = np.maximum(said, values)[~free]
+    return np.asarray(np.sqrt(said[free].sum() / independent * (vectors[:, ~free] ** 2 @ (1.0 / held))))
 
 
 def _carriers(

@@ -68,8 +68,23 @@ def test_what_maps_a_scene_onto_itself_is_free(name: str) -> None:
     result, free = registered(name), SCENES[name][1]
     kinds = sorted(motion.kind or "" for motion in result.observability if motion.is_free)
     assert kinds == sorted("rotation" if k < 3 else "translation" for k in free)
-    assert np.isnan(np.diag(result.covariance)[list(free)]).all()
+    is_known = np.isfinite(np.diag(result.covariance))
+    assert not is_known[list(free)].any()
+    # Errors of the normals tilt the free motions: they take no part in the others for that, as on a part.
+    assert np.flatnonzero(is_known).tolist() == np.setdiff1d(np.arange(6), free).tolist()
     assert all(np.isnan(motion.sigma) == motion.is_free for motion in result.observability)
+
+
+def test_errors_of_what_is_held_are_as_large_as_the_covariance_says() -> None:
+    make, free = SCENES["tube"]
+    held, chi2 = np.setdiff1d(np.arange(6), free), []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        result = dqreg.register(make(rng), make(rng), "identity", verdict=False)
+        error, covariance = np.asarray(pose.log(result.T_target_source))[held], result.covariance[np.ix_(held, held)]
+        chi2.append(error @ np.linalg.solve(covariance, error))
+    # Its mean is 4; errors of half or twice the size would be 1 or 16.
+    assert 1.5 < np.mean(chi2) < 9.0
 
 
 @pytest.mark.parametrize("name", SCENES)

@@ -119,12 +119,12 @@ def all_held(information: Information) -> Information:
 
 
 def test_outliers_without_weight_are_no_noise_that_neighbours_share() -> None:
-    # Beyond the overlap of two scans whole patches have no weight to speak of, and residuals as large as the part.
+    # Beyond the overlap of two scans, and on a table, whole patches have no weight, and residuals as large as the part.
     points, normals, rows = shape()
     noise = SIGMA * np.random.default_rng(1).normal(size=POINTS)
     off = points[:, 0] > np.quantile(points[:, 0], 0.7)
     residuals, weights = np.where(off, 1.0, noise), np.where(off, 1e-12, 1.0)
-    C = scatter_of(rows, points, normals, residuals, weights, np.zeros((6, 6)), SIGMA**2, overlap=True)
+    C = scatter_of(rows, points, normals, residuals, weights, np.zeros((6, 6)), SIGMA**2)
     alone = scatter_of(
         rows[:, ~off], points[~off], normals[~off], noise[~off], weights[~off], np.zeros((6, 6)), SIGMA**2
     )
