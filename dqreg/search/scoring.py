@@ -130,7 +130,7 @@ def distances_at(poses: Poses, points: FloatArray, surface: Surface, limit: floa
     """How far each of k poses puts points from the target, (k, n), infinite from the limit on."""
     # Farther off than the limit, how far does not matter.
     if isinstance(surface, MeshSurface):
-        return surface.distances_at(poses.R, poses.t, points, limit)
+        return surface._distances_at(poses.R, poses.t, points, limit)
     return _moved(poses, points, surface, limit).distances.reshape(len(poses), -1)
 
 
