@@ -43,6 +43,8 @@ NEAR_WIDTH = 0.01
 # Distance, in diagonals of the target, beyond which a point is an outlier to a wide and to a narrow kernel alike; at
 # least so many scales of the kernel.
 BESIDE, BESIDE_SCALES = 0.05, 3.0
+# Mean log-likelihood of a point by which an end is likelier than another: less is what a few points say.
+LIKELIER = 0.01
 # Share of the points that two views have in common at least, where an initial pose is near.
 IN_COMMON = 0.25
 # Points on which it is checked whether the initial pose is near already, and of the coarse level where it is.
@@ -135,7 +137,7 @@ def _is_likelier(one: tuple[Level, Alignment], other: tuple[Level, Alignment]) -
     scale = max(run.mixture.scale for _, run in (one, other))
     limit = max(BESIDE_SCALES * scale, BESIDE * one[0].surface.diagonal)
     costs = [level.mean_nll(run, limit) for level, run in (one, other)]
-    return costs[0] < costs[1]
+    return costs[0] < costs[1] - LIKELIER
 
 
 def _in_basin(level: Level, start: FloatArray, observe: Observer | None, first: int) -> tuple[Alignment, Level]:
