@@ -45,6 +45,8 @@ NEAR_WIDTH = 0.01
 BESIDE, BESIDE_SCALES = 0.05, 3.0
 # Mean log-likelihood of a point by which an end is likelier than another: less is what a few points say.
 LIKELIER = 0.01
+# Scales of the kernel within which two ends are one.
+TOGETHER = 0.5
 # Share of the points that two views have in common at least, where an initial pose is near.
 IN_COMMON = 0.25
 # Points on which it is checked whether the initial pose is near already, and of the coarse level where it is.
@@ -127,6 +129,10 @@ def _or_narrow(
         other = planes.descend(mixture, pairs.T_target_source, TRACKING, observe, first, before=pairs)
         history += other.history
         other_near = _near(level, other)
+        apart = level.scan._spread.motion(best.T_target_source, other.T_target_source)
+        if _is_near(level, best.mixture) and apart <= TOGETHER * best.mixture.scale:
+            # Both ways lead to one place.
+            break
         if not other.ended_early and _is_likelier((other_near, other), (near, best)):
             best, near = other, other_near
     return dataclasses.replace(best, history=history), near
