@@ -17,6 +17,7 @@ found before the first step, and the run starts with the fine estimator.
 from __future__ import annotations
 
 import dataclasses
+from typing import Final
 
 import numpy as np
 
@@ -51,6 +52,9 @@ TOGETHER = 0.5
 IN_COMMON = 0.25
 # Points on which it is checked whether the initial pose is near already, and of the coarse level where it is.
 NEAR = 1_000
+
+# How a run ends that the caller or the clock stopped.
+STOPPED: Final = "stopped by observer"
 
 PATIENT = AnnealingSchedule("coarse", stages=30, iterations=None, rounds=30)
 QUICK = AnnealingSchedule("annealed", stages=150, iterations=1, rounds=1)
@@ -120,14 +124,18 @@ def _or_narrow(
     )
     history, best = run.history, run
     for is_held in (False, True):
-        first, mixture, pairs = history[-1].number + 1, narrower, before
+        mixture, pairs = narrower, before
         if is_held:
-            held = planes.once(narrow, FINE, observe, first, before)
+            held = planes.once(narrow, FINE, observe, history[-1].number + 1, before)
             history, pairs = history + held.history, held.pairs
+            if held.status == STOPPED:
+                return dataclasses.replace(best, status=STOPPED, history=history), near
             within = pairs.distances[pairs.distances <= plan.max_distance]
-            first, mixture = held.next_number, narrow.fit(within, floor=planes.floor, rounds=PATIENT.rounds)
-        other = planes.descend(mixture, pairs.T_target_source, TRACKING, observe, first, before=pairs)
+            mixture = narrow.fit(within, floor=planes.floor, rounds=PATIENT.rounds)
+        other = planes.descend(mixture, pairs.T_target_source, TRACKING, observe, history[-1].number + 1, before=pairs)
         history += other.history
+        if other.status == STOPPED:
+            return dataclasses.replace(best, status=STOPPED, history=history), near
         other_near = _near(level, other)
         apart = level.scan._spread.motion(best.T_target_source, other.T_target_source)
         if _is_near(level, best.mixture) and apart <= TOGETHER * best.mixture.scale:
@@ -157,7 +165,7 @@ def _in_basin(level: Level, start: FloatArray, observe: Observer | None, first: 
     history = run.history + slow.history
     if not slow.ended_early and slow_near.mean_nll(slow) < near.mean_nll(run):
         run, near = slow, slow_near
-    status = slow.status if slow.status == "stopped by observer" else run.status
+    status = slow.status if slow.status == STOPPED else run.status
     return dataclasses.replace(run, history=history, status=status), near
 
 
@@ -254,12 +262,12 @@ class _Basin:
         if patient is None:
             patient = level.descend(mixture, start, PATIENT, observe, first, enough)
         whole = None if is_cut else patient
-        if patient.status == "stopped by observer" or (hasty and found(patient, patient.mixture)):
+        if patient.status == STOPPED or (hasty and found(patient, patient.mixture)):
             return _Basin(patient, whole, is_whole=False)
         quick = level.descend(mixture, start, QUICK, observe, first + len(patient.history) - len(before), enough)
         better = patient
         if not quick.ended_early and (patient.ended_early or level.mean_nll(quick) < level.mean_nll(patient)):
             better = quick
-        status = quick.status if quick.status == "stopped by observer" else better.status
+        status = quick.status if quick.status == STOPPED else better.status
         history = patient.history[len(before) :] + quick.history
         return _Basin(dataclasses.replace(better, status=status, history=history), whole, is_whole=not is_cut)

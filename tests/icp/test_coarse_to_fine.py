@@ -294,5 +294,26 @@ def test_a_side_that_the_target_lacks_is_not_averaged_with_the_other(seed: int) 
     plan = dataclasses.replace(PLAN, max_distance=72.0, fine=ESTIMATORS["generalised"])
     surface = CloudSurface(target)
     run = align_coarse_to_fine(prepare_scan(scan), surface, start, plan)
+    numbers = [record.number for record in run.history]
+    assert numbers == list(range(1, len(numbers) + 1))
     corners = np.array([[x, y, 0.0, 1.0] for x in (0.0, 200.0) for y in (0.0, 300.0)])
     assert np.abs((corners @ run.T_target_source.T)[:, 2]).max() < 0.1
+
+
+def test_between_clouds_an_observer_ends_the_run_wherever_it_stands() -> None:
+    rng = np.random.default_rng(0)
+    scan, target = (PointCloud(plate(rng, both_sides=both)) for both in (True, False))
+    start = disturbance(rng, np.deg2rad(0.5), 2.0, np.array([100.0, 150.0, 6.0]))
+    plan = dataclasses.replace(PLAN, max_distance=72.0, fine=ESTIMATORS["generalised"])
+    prepared, surface = prepare_scan(scan), CloudSurface(target)
+    whole = align_coarse_to_fine(prepared, surface, start, plan)
+    # It begins by planes twice, beside the wide kernel: all of these iterations are among those that it is stopped at.
+    for last in range(1, len(whole.history) + 1):
+        seen: list[Iteration] = []
+
+        def watch(record: Iteration, seen: list[Iteration] = seen, last: int = last) -> bool:
+            seen.append(record)
+            return len(seen) < last
+
+        run = align_coarse_to_fine(prepared, surface, start, plan, watch)
+        assert (run.status, len(seen), len(run.history)) == ("stopped by observer", last, last)
