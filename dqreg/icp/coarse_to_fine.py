@@ -4,7 +4,8 @@ The coarse level, a few thousand points, decides the basin. Its first schedule (
 at each kernel scale: from 15 degrees and 5 % of the size off, on four CAD parts, 60 of 64 initial poses converged to
 the true one, about half of them where the scale falls in every iteration. Where it leaves much of the scan
 unexplained, that other schedule ("annealed") is tried as well, and the likelier explanation of the distances is kept:
-it keeps a near initial pose from being drawn to a table that holds three quarters of the points.
+it keeps a near initial pose from being drawn to a table that holds three quarters of the points. Between two clouds,
+which show different sides of a body, planes are followed from the initial pose at a narrow scale beside both.
 
 On the finer levels another estimator may take over: point-to-plane steps need 1 to 3 iterations where the closed form
 with extrapolation needs 5 to 80, for the same pose. The convergence rate is estimated on few points, so that the level
