@@ -9,22 +9,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray, median, quantile
+from dqreg._arrays import BoolArray, FloatArray, IntArray, median
 from dqreg.geometry import CloudSurface, Scan, Surface
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.scan_measures import THINNED
-from dqreg.geometry.vector_rows import nonzero_rows, row_dots
+from dqreg.geometry.vector_rows import nonzero_rows
 from dqreg.icp import Alignment, Correspondences, smallest_kernel_scale
 from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.icp.rejectors import at_boundary
-from dqreg.registration.evenly_asked import LOOKED_AT_LATE, evenly_asked, fitted_pairs
+from dqreg.registration.evenly_asked import LOOKED_AT_LATE, evenly_asked
+from dqreg.registration.local_evidence import LocalEvidence, share
 from dqreg.registration.surroundings import TOGETHER, Surroundings, displaced_of, surroundings_of
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 from dqreg.trust.chance import COUNTED, places_of, random_ratio
 from dqreg.trust.deformation import ON_A_PART, deformation_of, may_be_deformed
 from dqreg.trust.evidence import Evidence
-from dqreg.trust.limits import LEAST_NOISE, NORMALS_APART
-from dqreg.trust.neighbourhoods import Neighbourhoods
+from dqreg.trust.limits import LEAST_NOISE
 from dqreg.trust.patch_tests import ON, isolated, patches_off, share_together, stretch_of, waviness_of
 from dqreg.trust.strain import Strain, strain_of
 
@@ -33,22 +33,12 @@ from dqreg.trust.strain import Strain, strain_of
 SPARSE = 1_000
 # Fraction of the largest distance within which a point counts as the part's: farther off stands the table.
 NEAR = 0.25
-# Standard deviations of the distances, in the scan's own noise, beyond which that is estimated once more and another
-# pose is searched for: of 2,000 right poses none came above 1.4, walls settled on their wrong side to 2.4 and more.
-MISFIT = 2.0
-# Neighbourhoods flatter than this have a normal worth comparing; rougher than that they are no surface at all; both in
-# extents of the neighbourhood.
-SMOOTH, ROUGH = 0.4, 0.4
-# A scan whose noise is large against its spacing is rough everywhere: strays are rougher by this factor.
-MORE_THAN_USUAL = 2.5
 # Patches that deviate are measured by so many standard deviations of most inliers at most, and by this share of the
 # size at least.
 USUAL, LEAST = 3.0, 3e-4
 # Points from which the strain is fitted; share of strays from which on they may draw the fit: scans with 10 % of them
 # come to 0.09 and more, scans without, of other parts too, to 0.011.
 STRAINED, SOME_STRAYS = 3_000, 0.05
-# Normals farther apart than this are of different faces.
-APART_RAD = np.deg2rad(35.0)
 
 
 def agreement_of(
@@ -78,7 +68,7 @@ def agreement_of(
     scale = mixture.scale if isinstance(surface, CloudSurface) else min(mixture.scale, _usual_scale(aside, surface))
     asked = pairs.scan.points[kept], pairs.distances[kept], pairs.point_to_plane[kept], close[kept]
     patches, off = patches_off(*asked, scale)
-    local = _local(run, scan, surface, pairs, width, has_border=has_border)
+    local = LocalEvidence.at_end(run, scan, surface, pairs, width, has_border=has_border)
     is_part, size = not isinstance(surface, CloudSurface), surface.diagonal
     # Against a part, what differs from point to point is noise: the curvature of its faces is known.
     normals = np.take(pairs.closest.normals, here, axis=0)
@@ -145,7 +135,7 @@ def _counted(
         alternatives=(),
         has_border=has_border,
         size=surface.diagonal,
-        share_near=_share(on, close),
+        share_near=share(on, close),
         near=near,
         patches=0,
         patches_off=0.0,
@@ -232,67 +222,6 @@ def _usual_scale(aside: FloatArray, surface: Surface) -> float:
     return max(USUAL * usual, LEAST * surface.diagonal)
 
 
-def _local(
-    run: Alignment, scan: Scan, surface: Surface, pairs: Correspondences, width: float, *, has_border: bool
-) -> _Local:
-    """What the neighbourhoods say: where that is against the pose, asked of what they would be on the target."""
-    # From cloud to cloud the tangent planes are guesses between points that stand apart.
-    floor = scan.spacing if has_border else smallest_kernel_scale(scan, surface)
-    fitted = pairs
-    if scan.fitted is not None and len(pairs.scan) < len(scan):
-        fitted = fitted_pairs(run, scan, scan.fitted, surface, run.mixture.scale)
-    local = _Local.of(fitted, width)
-    local = dataclasses.replace(local, noise=max(min(local.noise, noise_on(scan, surface)), floor))
-    on = pairs.distances <= width
-    aside = pairs.point_to_plane[on]
-    # Normals that were given are witnesses themselves.
-    is_apart = local.normals_apart > NORMALS_APART and not pairs.scan.oriented
-    is_rough = len(aside) > 0 and float(np.sqrt(np.mean(aside**2))) > MISFIT * local.noise
-    if isinstance(surface, CloudSurface) or not (is_apart or is_rough):
-        return local
-    usual = GAUSSIAN_MEDIAN * median(np.abs(aside))
-    again = Neighbourhoods.of(pairs.moved, pairs.closest.points, pairs.closest.normals, on, usual)
-    apart = float(np.fmin(local.normals_apart, again.apart)) if is_apart else local.normals_apart
-    return dataclasses.replace(local, normals_apart=apart, noise=float(np.fmax(local.noise, again.noise)))
-
-
 def _random_ratio(pairs: Correspondences, on: BoolArray, surface: Surface) -> float:
     rms = float(np.sqrt(np.mean(pairs.distances[on] ** 2))) if on.any() else 0.0
     return random_ratio(pairs.moved, float(np.mean(on)), rms, surface)
-
-
-def _share(part: BoolArray, whole: BoolArray) -> float:
-    count = int(np.count_nonzero(whole))
-    return float(np.count_nonzero(part & whole)) / count if count else 0.0
-
-
-@dataclasses.dataclass(frozen=True)
-class _Local:
-    """What the neighbourhoods of the points say."""
-
-    strays: float
-    normals_apart: float
-    noise: float  # Distances of points from the planes of their neighbours
-
-    @staticmethod
-    def of(pairs: Correspondences, width: float) -> _Local:
-        scan, found = pairs.scan, pairs.closest
-        # Other points have no neighbourhood.
-        rows, own, levers, residuals = scan._fitted_planes
-        normals = found.normals[rows]
-        on, known = found.distances[rows] <= width, np.isfinite(residuals)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            # How far the neighbours leave their plane, in their own extent: no length in it.
-            rough = np.minimum(residuals / np.sqrt(levers), np.finfo(float).max)
-        rough[np.isnan(rough)] = np.inf
-        compared = (rough < SMOOTH) & on & nonzero_rows(normals)
-        cosines = row_dots(normals @ pairs.T_target_source[:3, :3], own)
-        cosines = cosines if pairs.same_sign else np.abs(cosines)
-        # Among strays many neighbourhoods hold one; the better part of them is the sensor's own.
-        flat = rough[on & np.isfinite(rough)]
-        usual = quantile(flat, 0.3) if len(flat) else 0.0
-        return _Local(
-            strays=_share((rough > max(ROUGH, MORE_THAN_USUAL * usual)) & ~on, known),
-            normals_apart=_share(cosines < np.cos(APART_RAD), compared),
-            noise=quantile(residuals[on & known], 0.3) if (on & known).any() else np.inf,
-        )

@@ -11,10 +11,10 @@ from dqreg._arrays import FloatArray
 from dqreg.geometry import MeshSurface
 from dqreg.registration.assess import evidence_of, is_partial, uncertainty_of, verdict_on
 from dqreg.registration.displacement import FEW, displacement_between, offset_from_start
-from dqreg.registration.evidence import MISFIT
 from dqreg.registration.fit import Fit
 from dqreg.registration.free_space import looked_through_at
 from dqreg.registration.initial_pose import GlobalSearch, InitialPose
+from dqreg.registration.local_evidence import MISFIT
 from dqreg.registration.near_places import near_maps
 from dqreg.registration.rivals import (
     BETTER,

@@ -13,9 +13,11 @@ import dataclasses
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
+from dqreg.geometry.cells import Cells
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import NEIGHBOURS, fit_planes_among, sample_rows
 from dqreg.geometry.vector_rows import nonzero_rows, row_dots
+from dqreg.rigid import pose
 
 # Neighbourhoods that are looked at; those flatter than this, in their extent, have a normal worth comparing.
 LOOKED_AT, SMOOTH = 1_500, 0.4
@@ -30,6 +32,9 @@ PROFILES = 0.1
 FLAT = 0.02
 # Neighbourhoods without which no noise is estimated; and its quantile: in others there is an edge.
 FEWEST, QUIET = 50, 0.3
+# Points of a cell from which on its normal is another witness than those of its points, where that share of the cells
+# beside the other cloud is smooth.
+CROWDED, MOSTLY = 4.0, 0.25
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,6 +72,31 @@ class Neighbourhoods:
         others = normals[rows][counted], np.nan_to_num(there.normals[counted])
         apart = [np.abs(row_dots(scan, other)) < APART_COS for other in others]
         return Neighbourhoods(float(np.mean(apart[0] & apart[1])), noise)
+
+
+def apart_in_cells(source: FloatArray, target: FloatArray, T_target_source: FloatArray, width: float) -> float:
+    """Share of cells of two clouds whose normals disagree, as wide as inliers are apart; NaN where too few have one.
+
+    Where points are closer together than their noise is wide, or a depth camera rounds them to terraces, planes of the
+    nearest ones turn freely; those of the means of cells do not. Shapes: (n, 3), (m, 3), (4, 4).
+    """
+    moves, stands = (Cells.of(points, width) for points in (source, target))
+    if min(np.mean(cells.counts) for cells in (moves, stands)) < CROWDED:
+        return np.nan
+    moved = pose.apply(T_target_source, moves.points)
+    nearest, distances = NeighbourTree(stands.points).nearest(moved, 1)
+    there = nearest[:, 0]
+    own, other = moves.planes()[0], stands.planes()[0].taken(there)
+    # Means of cells stand beside each other, but for noise in one plane.
+    aside = np.abs(row_dots(moved - stands.points[there], np.nan_to_num(other.normals)))
+    near = (distances[:, 0] <= 2.0 * width) & (aside <= width)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rough = [fits.residuals / np.sqrt(fits.lever) for fits in (own, other)]
+    compared = near & (rough[0] < SMOOTH) & (rough[1] < SMOOTH)
+    if np.count_nonzero(compared) < max(FEWEST, MOSTLY * np.count_nonzero(near)):
+        return np.nan
+    cosines = row_dots(own.normals, other.normals @ T_target_source[:3, :3])
+    return float(np.mean(np.abs(cosines[compared]) < APART_COS))
 
 
 def is_flat(points: FloatArray) -> bool:

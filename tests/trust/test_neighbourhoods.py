@@ -13,7 +13,7 @@ from dqreg.geometry.normals import fit_planes_among
 from dqreg.rigid import pose
 from dqreg.rigid.rotations import about_axis
 from dqreg.synth.parts import bracket
-from dqreg.trust.neighbourhoods import Neighbourhoods, is_flat
+from dqreg.trust.neighbourhoods import Neighbourhoods, apart_in_cells, is_flat
 
 PART = Mesh(*bracket())
 SURFACE = MeshSurface(PART)
@@ -76,3 +76,34 @@ def test_points_of_one_profile_say_nothing_of_faces_and_noise() -> None:
     assert np.mean(np.abs(own.normals[: x.size, 2]) < 0.8) > 0.5
     assert not found.apart > 0.05
     assert not found.noise < 0.5 * noise
+
+
+def terraces(seed: int, step: float) -> np.ndarray:
+    """A depth image of the part's faces towards one corner, rounded to terraces along the view."""
+    view = np.array([1.0, 0.5, 0.7]) / np.linalg.norm([1.0, 0.5, 0.7])
+    sampled = sample_mesh(PART, 60_000, np.random.default_rng(seed))
+    points = sampled.points[sampled.normals @ view > 0.2]
+    depths = points @ view
+    return points + ((np.round(depths / step) * step - depths)[:, None]) * view
+
+
+def test_terraces_of_two_depth_images_agree_in_cells_and_hardly_in_neighbourhoods() -> None:
+    # Both images are made in the part's frame: the truth is the identity. A face that is turned by 50 degrees about
+    # the middle of the part crosses the other image's faces, and is within reach beside the lines where it does.
+    step = 0.01 * PART.diagonal
+    one, other = terraces(0, step), terraces(1, step)
+    own = fit_planes_among(one, NeighbourTree(one).nearest(one[::40], 16)[0])
+    there = fit_planes_among(other, NeighbourTree(other).nearest(one[::40], 16)[0])
+    cosines = np.abs(np.einsum("ij,ij->i", own.normals, there.normals))
+    assert np.mean(cosines < np.cos(np.deg2rad(35.0))) > 0.15
+    assert apart_in_cells(one, other, np.eye(4), 2.0 * step) < 0.1
+    turned = pose.from_parts(about_axis(np.array([0.0, 1.0, 0.0]), np.deg2rad(50.0)), np.zeros(3))
+    assert apart_in_cells(one, other, pose.about(turned, PART.centre), 2.0 * step) > 0.3
+
+
+def test_cells_that_hold_few_points_or_no_plane_say_nothing() -> None:
+    rng = np.random.default_rng(2)
+    faces = [sample_mesh(PART, 20_000, rng).points for _ in range(2)]
+    assert math.isnan(apart_in_cells(*faces, np.eye(4), 0.1 * PART.diagonal / np.sqrt(20_000)))
+    clouds = rng.uniform(size=(2, 20_000, 3))
+    assert math.isnan(apart_in_cells(*clouds, np.eye(4), 0.1))
