@@ -9,6 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg._records import replaced
 from dqreg.geometry.mesh_surface import MeshSurface
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.scan import Scan
@@ -108,12 +109,10 @@ class Level:
             learned = self._learned(mixture, run, schedule)
             factor = SETTLED_NEAR if self.near else SETTLED
             settled = factor * mixture.scale <= learned.scale <= mixture.scale / factor
-            mixture = dataclasses.replace(
-                learned, scale=max(learned.scale, self._steepest(learned, run) * mixture.scale)
-            )
-            to_come = run.history[-1].motion * self._contraction(dataclasses.replace(run, history=history))
+            mixture = replaced(learned, scale=max(learned.scale, self._steepest(learned, run) * mixture.scale))
+            to_come = run.history[-1].motion * self._contraction(replaced(run, history=history))
             if settled and to_come <= self._convergence(mixture):
-                run = dataclasses.replace(run, status="converged")
+                run = replaced(run, status="converged")
                 break
             if enough is not None and enough(run, learned):
                 mixture = learned
@@ -123,8 +122,8 @@ class Level:
         else:
             if schedule.iterations is not None and run.status == "iteration limit":
                 # Not a limit of the caller's: the steps at the last widths became no shorter.
-                run = dataclasses.replace(run, status="stalled")
-        return Alignment.of(dataclasses.replace(run, history=history), mixture)
+                run = replaced(run, status="stalled")
+        return Alignment.of(replaced(run, history=history), mixture)
 
     def once(
         self,
@@ -147,7 +146,7 @@ class Level:
         Where a limit is given, distances beyond it are those of outliers.
         """
         near, mixture = (run.weights > 0.0) & (run.pairs.distances <= limit), run.mixture
-        mixture = dataclasses.replace(mixture, limit=min(mixture.limit, limit))
+        mixture = replaced(mixture, limit=min(mixture.limit, limit))
         learned = mixture.fit(run.pairs.distances[near], floor=self.floor, rounds=100)
         return learned.mean_nll(run.pairs.distances[near], rejected=int(np.count_nonzero(~near)))
 
@@ -173,7 +172,7 @@ class Level:
                 NormalAngle(angle),
                 *(boundary_rejectors(self.surface, mixture.scale) if self.near else ()),
             ),
-            stopping=dataclasses.replace(
+            stopping=replaced(
                 plan.stopping,
                 convergence=self._convergence(mixture),
                 iterations=iterations,

@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from dqreg._arrays import FloatArray, dot
+from dqreg._records import replaced
 from dqreg.errors import DegenerateGeometryError
 from dqreg.geometry.scan import Scan
 from dqreg.geometry.surface import Surface
@@ -94,7 +95,7 @@ class Alignment(Run):
 
     def after(self, before: Run) -> Alignment:
         """The same with the history of the runs before it."""
-        return dataclasses.replace(self, history=before.history + self.history)
+        return replaced(self, history=before.history + self.history)
 
 
 @dataclasses.dataclass(frozen=True)

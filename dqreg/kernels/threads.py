@@ -27,8 +27,9 @@ T = TypeVar("T")
 # Rows a range: some milliseconds at most, and far more than handing it over costs.
 CHUNK = 2048
 
+NEVER = float("inf")
 # Until when what is computed may take, by `time.perf_counter`.
-_deadline: ContextVar[float] = ContextVar("deadline", default=np.inf)
+_deadline: ContextVar[float] = ContextVar("deadline", default=NEVER)
 
 _lock = threading.Lock()
 # By process, and by whether they are for stages: a stage may wait for ranges, and ranges wait for nothing.
@@ -55,7 +56,8 @@ def until(deadline: float) -> Iterator[None]:
 
 def ask_clock() -> None:
     """Raise where the deadline has passed."""
-    if time.perf_counter() > _deadline.get():
+    deadline = _deadline.get()
+    if deadline < NEVER and time.perf_counter() > deadline:
         raise TimeUpError
 
 
@@ -116,8 +118,8 @@ def as_plain(values: FloatArray) -> FloatArray:
     """The array as kernels take it: for another layout, or one that is read only, each would be compiled once more."""
     if type(values) is np.ndarray and values.dtype == np.float64 and values.flags.carray:
         return values
-    plain: FloatArray = np.require(values, np.float64, ["C", "A", "W", "E"])
-    return plain
+    # A copy in any case: `np.require` would ask about it for longer than these few numbers take.
+    return np.array(values, dtype=np.float64, order="C")
 
 
 def aside(kernel: Callable[..., Any], *arguments: Any) -> Any:

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray, median, quantile
+from dqreg._records import replaced
 from dqreg.geometry import CloudSurface, Scan, Surface
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.scan_measures import THINNED
@@ -93,9 +94,8 @@ def agreement_of(
         shape = _shape_of(pairs, asked_of, noise, size, fit, clutter=clutter, sparse=sparse)
         # Neighbours of a sparse scan tell faces from outliers no better than chance; their heights do.
         off = off if has_border else max(off, displaced_of(pairs, close, width, noise, surface))
-    counted = _counted(run, surface, pairs, close, max_distance, has_border=has_border)
-    return dataclasses.replace(
-        counted,
+    return replaced(
+        _counted(run, surface, pairs, close, max_distance, has_border=has_border),
         patches=patches,
         patches_off=off,
         strays=local.strays,
@@ -126,7 +126,7 @@ def agreement_in_time(
     close = _within_border(pairs, *border) if has_border else pairs.distances <= near
     counted = _counted(run, surface, pairs, close, max_distance, has_border=has_border)
     least = scan.spacing if has_border else smallest_kernel_scale(scan, surface)
-    return dataclasses.replace(counted, expected=max(noise_on(scan, surface), least))
+    return replaced(counted, expected=max(noise_on(scan, surface), least))
 
 
 def _counted(
@@ -211,7 +211,7 @@ def _shape_of(
     strain = fit(*columns)
     if sparse and not strain.is_strained:
         value, along = stretch_of(*columns)
-        strain = dataclasses.replace(strain, value=value, sigma=0.0, along=(along[0], along[1], along[2]))
+        strain = replaced(strain, value=value, sigma=0.0, along=(along[0], along[1], along[2]))
     width = float(np.sqrt(np.mean(columns[2] ** 2))) if len(rows) else 0.0
     deformation = 0.0
     if not clutter and may_be_deformed(width, noise, size):
@@ -242,7 +242,7 @@ def _local(
     if scan.fitted is not None and len(pairs.scan) < len(scan):
         fitted = fitted_pairs(run, scan, scan.fitted, surface, run.mixture.scale)
     local = _Local.of(fitted, width)
-    local = dataclasses.replace(local, noise=max(min(local.noise, noise_on(scan, surface)), floor))
+    local = replaced(local, noise=max(min(local.noise, noise_on(scan, surface)), floor))
     on = pairs.distances <= width
     aside = pairs.point_to_plane[on]
     # Normals that were given are witnesses themselves.
@@ -253,7 +253,7 @@ def _local(
     usual = GAUSSIAN_MEDIAN * median(np.abs(aside))
     again = Neighbourhoods.of(pairs.moved, pairs.closest.points, pairs.closest.normals, on, usual)
     apart = float(np.fmin(local.normals_apart, again.apart)) if is_apart else local.normals_apart
-    return dataclasses.replace(local, normals_apart=apart, noise=float(np.fmax(local.noise, again.noise)))
+    return replaced(local, normals_apart=apart, noise=float(np.fmax(local.noise, again.noise)))
 
 
 def _random_ratio(pairs: Correspondences, on: BoolArray, surface: Surface) -> float:
