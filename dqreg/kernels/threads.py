@@ -68,10 +68,11 @@ def thread_count() -> int:
     return max(min(int(asked), cores), 1) if asked.isdigit() else cores
 
 
-def over_chunks(kernel: Callable[..., Any], total: int, *arguments: Any, chunk: int = CHUNK) -> None:
+def over_chunks(kernel: Callable[..., Any], total: int, *arguments: Any, chunk: int = CHUNK, fewest: int = 2) -> None:
     """Call ``kernel(first, last, *arguments)`` for all rows, a range of ``chunk`` rows at a time, on all threads.
 
-    Within a range the same is done on its own thread: the others have ranges of their own.
+    Within a range the same is done on its own thread: the others have ranges of their own. Fewer whole ranges than the
+    fewest, which take no longer than to hand them over, are done by the caller.
     """
     ask_clock()
     if total <= chunk:
@@ -100,7 +101,7 @@ def over_chunks(kernel: Callable[..., Any], total: int, *arguments: Any, chunk: 
 
     # To hand over a rest that is no whole range would cost more than it saves.
     whole = total // chunk
-    asked = [_submit(work) for _ in range(min(thread_count() - len(_running), whole) - 1 if whole > 1 else 0)]
+    asked = [_submit(work) for _ in range(min(thread_count() - len(_running), whole) - 1 if whole >= fewest else 0)]
     helpers = [helper for helper in asked if helper is not None]
     try:
         work()
