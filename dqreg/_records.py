@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from functools import lru_cache
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -70,20 +72,23 @@ if not TYPE_CHECKING:
         A frozen one sets each of its fields by a call; here they are taken over together.
         """
         kind, known = type(record), vars(record)
-        names, made = _fields(kind)
-        values = {name: known[name] for name in names}
-        values.update(changes)
+        names, values_of, made = _fields(kind)
+        values = dict(zip(names, values_of(known), strict=True), **changes)
         if len(values) > len(names):
             raise TypeError(f"{kind.__name__} has no field {', '.join(sorted(set(values) - set(names)))}")
+        for name, make in made:
+            values[name] = make()
         found = object.__new__(kind)
-        vars(found).update(values, **{name: make() for name, make in made})
+        vars(found).update(values)
         return found
 
 
 @lru_cache(maxsize=256)
-def _fields(kind: type) -> tuple[tuple[str, ...], tuple[tuple[str, Any], ...]]:
-    """Names of the fields that a record is made of, and of those that it makes itself."""
+def _fields(kind: type) -> tuple[tuple[str, ...], Callable[[Any], tuple[Any, ...]], tuple[tuple[str, Any], ...]]:
+    """Names of the fields that a record is made of, what takes their values, and the fields that it makes itself."""
     assert not hasattr(kind, "__post_init__"), f"{kind.__name__} checks its fields"
     fields = dataclasses.fields(kind)
     made = tuple((field.name, field.default_factory) for field in fields if not field.init)
-    return tuple(field.name for field in fields if field.init), made
+    names = tuple(field.name for field in fields if field.init)
+    # Of a single name it would give no tuple.
+    return names, itemgetter(*names) if len(names) > 1 else lambda known: (known[names[0]],), made

@@ -126,9 +126,11 @@ def propagate(pairs: Correspondences, T_target_source: FloatArray) -> Correspond
     return slid
 
 
-def slid_distances(pairs: Correspondences, T_target_source: FloatArray, rows: IntArray) -> FloatArray:
-    """Distances of some rows of the same, (m,)."""
+def slid_distances(pairs: Correspondences, T_target_source: FloatArray, rows: IntArray | None) -> FloatArray:
+    """Distances of some rows of the same, (m,), or of all."""
     columns = pairs.scan.points, pairs.moved, pairs.closest.points, pairs.closest.normals
+    if rows is None:
+        return _slid(T_target_source, *columns, kept=0)[2]
     if 2 * len(rows) > len(pairs.scan):
         # To take most of them would cost more than to slide all.
         return _slid(T_target_source, *columns, kept=0)[2][rows]

@@ -16,7 +16,8 @@ from dqreg.geometry.scan import Scan
 from dqreg.geometry.surface import Surface
 from dqreg.icp.correspondences import Correspondences, slid_distances
 from dqreg.icp.estimators import Estimator
-from dqreg.icp.loop import Alignment, Icp, Observer, Run
+from dqreg.icp.history import Iteration
+from dqreg.icp.loop import Alignment, Icp, Observer, Run, contraction_of
 from dqreg.icp.rejectors import NormalAngle, WithinDistance, boundary_rejectors
 from dqreg.icp.stopping import Stopping
 from dqreg.solvers.robust import InlierMixture
@@ -110,7 +111,7 @@ class Level:
             factor = SETTLED_NEAR if self.near else SETTLED
             settled = factor * mixture.scale <= learned.scale <= mixture.scale / factor
             mixture = replaced(learned, scale=max(learned.scale, self._steepest(learned, run) * mixture.scale))
-            to_come = run.history[-1].motion * self._contraction(replaced(run, history=history))
+            to_come = run.history[-1].motion * self._contraction(history)
             if settled and to_come <= self._convergence(mixture):
                 run = replaced(run, status="converged")
                 break
@@ -202,15 +203,22 @@ class Level:
         return SLID * mixture.scale / self.surface.diagonal if is_last and self.plan.fine is not None else 0.0
 
     def _learned(self, mixture: InlierMixture, run: Run, schedule: AnnealingSchedule) -> InlierMixture:
-        kept, pairs = np.flatnonzero(run.weights), run.pairs
-        rows = kept[sample_rows(len(kept), LEARNED_FROM)]
+        pairs, rows = run.pairs, None
+        count = np.count_nonzero(run.weights)
+        # Where nothing is left out, as a rule, nothing is picked.
+        if count < len(run.weights) or count > LEARNED_FROM:
+            kept = np.flatnonzero(run.weights)
+            rows = kept[sample_rows(len(kept), LEARNED_FROM)] if count > LEARNED_FROM else kept
         # Near the answer the last step is all that is wrong with the distances.
-        distances = slid_distances(pairs, run.T_target_source, rows) if self.near else pairs.distances[rows]
+        if self.near:
+            distances = slid_distances(pairs, run.T_target_source, rows)
+        else:
+            distances = pairs.distances if rows is None else pairs.distances[rows]
         return mixture.fit(distances, floor=self.floor, rounds=schedule.rounds)
 
-    def _contraction(self, run: Run) -> float:
+    def _contraction(self, history: tuple[Iteration, ...]) -> float:
         # Two steps from a start that is near show how fast they shrink.
-        shown = run.contraction if self.near else None
+        shown = contraction_of(history) if self.near else None
         return self.contraction if shown is None else min(self.contraction, shown)
 
     def _steepest(self, learned: InlierMixture, run: Run) -> float:

@@ -183,20 +183,30 @@ def _is_partial(fit: Fit) -> bool:
     points, weights = np.take(fit.run.pairs.moved, rows, axis=0), fit.run.weights[rows]
     if not weights.any():
         return False
-    arms = points - weights @ points / weights.sum()
-    spread = float(weights @ row_dots(arms, arms) / weights.sum())
+    total = float(weights.sum())
+    arms = points - weights @ points / total
+    spread = float(weights @ row_dots(arms, arms)) / total
     whole = float((fit.problem.target.spreads**2).sum())
     return bool(
         spread < PARTIAL**2 * whole
-        or (is_flat(points[weights > 0.0]) and not any(motion.is_free for motion in uncertainty_of(fit).directions))
+        or (
+            is_flat(arms if (kept := weights > 0.0).all() else arms[kept])
+            and not any(motion.is_free for motion in uncertainty_of(fit).directions)
+        )
     )
 
 
 def verdict_on(fit: Fit, evidence: Evidence) -> Verdict:
     """The verdict; what the second try has asked already is not asked again."""
-    # Other poses are arrays, by which nothing can be looked up.
-    alone = not evidence.alternatives
-    return fit.once(("verdict", evidence), lambda: judge(evidence)) if alone else judge(evidence)
+    # Other poses are arrays, by which nothing is compared; and to hash an evidence takes longer than to compare two.
+    if evidence.alternatives:
+        return judge(evidence)
+    judged: list[tuple[Evidence, Verdict]] = fit.once("verdicts", list)
+    for before, verdict in judged:
+        if before == evidence:
+            return verdict
+    judged.append((evidence, judge(evidence)))
+    return judged[-1][1]
 
 
 def _drift(fit: Fit) -> tuple[float, float, Vector]:

@@ -98,7 +98,9 @@ def probability(figures: dict[str, float]) -> float:
     >>> 0.0 < probability({"inliers": 3.0}) < 1.0
     True
     """
-    logit = OFFSET + sum(WEIGHTS.get(name, 0.0) * value for name, value in figures.items())
+    logit = OFFSET
+    for name, value in figures.items():
+        logit += WEIGHTS.get(name, 0.0) * value
     return 1.0 / (1.0 + math.exp(-max(-30.0, min(30.0, logit))))
 
 
