@@ -134,10 +134,10 @@ def tangent_planes(pairs: Correspondences, weights: FloatArray) -> QuadraticForm
     columns = [as_plain(x) for x in (scan.points, found.points, found.normals, weights)]
     # Any place among the points that count will do: the sums know their own means.
     some = int(weights.argmax())
-    origins = np.stack([scan.points[some], found.points[some]])
+    origins = np.array([scan.points[some], found.points[some]])
     sums = np.zeros((max(-(-count // CHUNK), 1), COLUMNS))
     over_chunks(plane_sums, count, *columns, origins, CHUNK, sums, chunk=CHUNK)
-    if sums[:, -1].sum() < FEWEST_PLANES:
+    if np.add.reduce(sums[:, -1]) < FEWEST_PLANES:
         return None
     return QuadraticForm(_form_of(sums, origins), *origins)
 

@@ -85,7 +85,8 @@ def patches_off(
         | (np.count_nonzero(d > ON * width, axis=1) >= PATCH // 2)
     )
     off = np.zeros(count, dtype=bool)
-    off[some] = (np.abs(_medians(a[some])) > OFF * width) | (_medians(d[some]) > ON * width)
+    if len(some):
+        off[some] = (np.abs(_medians(a[some])) > OFF * width) | (_medians(d[some]) > ON * width)
     counted = 2 * np.count_nonzero(close, axis=1) >= PATCH
     doubtful = np.flatnonzero(off & counted)
     if len(doubtful) and not near.all():
