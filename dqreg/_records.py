@@ -3,9 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from collections.abc import Callable
+from functools import lru_cache
+from operator import itemgetter
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
+
+if TYPE_CHECKING:
+    # What mypy checks fields by.
+    from dataclasses import replace as replaced
+
+Record = TypeVar("Record")
+Array = TypeVar("Array", bound="np.ndarray[Any, Any]")
+
+__all__ = ["lock", "one_line", "read_only", "replaced"]
 
 # Numbers of an array that a line shows.
 SHOWN = 6
@@ -42,6 +54,41 @@ def lock(result: Any) -> None:
     """
     for name, value in vars(result).items():
         if isinstance(value, np.ndarray):
-            view = value.view()
-            view.setflags(write=False)
-            object.__setattr__(result, name, view)
+            object.__setattr__(result, name, read_only(value))
+
+
+def read_only(array: Array) -> Array:
+    """A view through which an array cannot be changed."""
+    view = array.view()
+    view.setflags(write=False)
+    return view
+
+
+if not TYPE_CHECKING:
+
+    def replaced(record: Record, **changes: Any) -> Record:
+        """`dataclasses.replace` of a record that checks nothing as it is made, in a fifth of the time.
+
+        A frozen one sets each of its fields by a call; here they are taken over together.
+        """
+        kind, known = type(record), vars(record)
+        names, values_of, made = _fields(kind)
+        values = dict(zip(names, values_of(known), strict=True), **changes)
+        if len(values) > len(names):
+            raise TypeError(f"{kind.__name__} has no field {', '.join(sorted(set(values) - set(names)))}")
+        for name, make in made:
+            values[name] = make()
+        found = object.__new__(kind)
+        vars(found).update(values)
+        return found
+
+
+@lru_cache(maxsize=256)
+def _fields(kind: type) -> tuple[tuple[str, ...], Callable[[Any], tuple[Any, ...]], tuple[tuple[str, Any], ...]]:
+    """Names of the fields that a record is made of, what takes their values, and the fields that it makes itself."""
+    assert not hasattr(kind, "__post_init__"), f"{kind.__name__} checks its fields"
+    fields = dataclasses.fields(kind)
+    made = tuple((field.name, field.default_factory) for field in fields if not field.init)
+    names = tuple(field.name for field in fields if field.init)
+    # Of a single name it would give no tuple.
+    return names, itemgetter(*names) if len(names) > 1 else lambda known: (known[names[0]],), made

@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
+from dqreg._records import replaced
 from dqreg.geometry.neighbours import NeighbourTree
 
 NEIGHBOURS = 16
@@ -92,7 +93,7 @@ def _fit_near(
         parts.append(_fit_chunk(cloud, indices))
         gaps.append(distances[:, :2][:, -1])
     neighbours = indices if len(parts) == 1 else None
-    return dataclasses.replace(_joined(parts, count), gaps=np.concatenate(gaps), neighbours=neighbours)
+    return replaced(_joined(parts, count), gaps=np.concatenate(gaps), neighbours=neighbours)
 
 
 def fit_planes_around(tree: NeighbourTree, cloud: FloatArray, rows: IntArray, count: int = NEIGHBOURS) -> PlaneFits:
@@ -170,7 +171,7 @@ class ScanPlanes:
 
     def oriented(self, points: FloatArray, viewpoint: FloatArray) -> ScanPlanes:
         """The same with normals that face a viewpoint, of all points."""
-        return dataclasses.replace(self, normals=orient_towards(self.normals, points[self.rows], viewpoint))
+        return replaced(self, normals=orient_towards(self.normals, points[self.rows], viewpoint))
 
     def at(self, rows: IntArray) -> ScanPlanes:
         """Those at some rows, ascending, counted among these."""

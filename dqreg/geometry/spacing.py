@@ -12,8 +12,6 @@ from dqreg.errors import InputError
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import PlaneFits, sample_rows
 
-# Places of the six moments in their matrix.
-SYMMETRIC = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 # Enough for a median that is good to one per cent.
 SPACING_SAMPLE = 5_000
 
@@ -59,8 +57,8 @@ class Spread:
         mean = columns.mean(axis=1)
         x, y, z = columns - mean[:, None]
         # Number by number: BLAS takes three times as long for so few.
-        moments = [dot(*pair) for pair in ((x, x), (x, y), (x, z), (y, y), (y, z), (z, z))]
-        return Spread(mean, np.array(moments)[SYMMETRIC] / len(points))
+        xx, xy, xz, yy, yz, zz = dot(x, x), dot(x, y), dot(x, z), dot(y, y), dot(y, z), dot(z, z)
+        return Spread(mean, np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) / len(points))
 
     @property
     def size(self) -> float:

@@ -143,6 +143,7 @@ class FaceFans:
 
     # What is found depends on the mesh alone, so that threads that meet here write the same.
     neighbours: IntArray  # (f, 3): Face across each side, see `Mesh.face_neighbours`; of faces that were asked for
+    turns: FloatArray  # (f, 3): Cosine between the normals of a face and of the one across each side; 2 for none
     # (f, 3, 3): In each corner the mean of the normals of the faces that a chain of smooth sides at that corner joins,
     # weighted by the corner's angle (Thuermer and Wuethrich 1998); of round faces
     corner_normals: FloatArray
@@ -154,14 +155,15 @@ class FaceFans:
         self._known = np.zeros(count, dtype=bool)
         # Memory that nobody writes to is not taken.
         self.neighbours = np.zeros((count, 3), dtype=np.int64)
+        self.turns = np.zeros((count, 3))
         self.corner_normals, self.is_round = np.zeros((count, 3, 3)), np.zeros(count, dtype=bool)
 
     def find(self, faces: IntArray) -> FaceFans:
         """Itself, with what is around some faces, (n,); a negative number is none."""
-        unknown = faces[~np.take(self._known, faces)]
-        unknown = unknown[unknown >= 0]
-        if len(unknown):
-            self._find(np.unique(unknown))
+        known = np.take(self._known, faces)
+        if not known.all():
+            unknown = faces[~known]
+            self._find(np.unique(unknown[unknown >= 0]))
         return self
 
     def _find(self, faces: IntArray) -> None:
@@ -170,4 +172,7 @@ class FaceFans:
 
         limits, known = (float(np.cos(np.deg2rad(SMOOTH_DEG))), FLAT), (self.neighbours, self.corner_normals)
         over_chunks(fans_of_faces, len(faces), faces, *self._given, *limits, *known, self.is_round, chunk=FANS)
+        across = self.neighbours[faces]
+        x, y, z = (column[faces][:, None] * column[across] for column in self._given[-1].T)
+        self.turns[faces] = np.where(across == faces[:, None], 2.0, x + y + z)
         self._known[faces] = True

@@ -23,6 +23,7 @@ from typing import Final
 import numpy as np
 
 from dqreg._arrays import FloatArray, median
+from dqreg._records import replaced
 from dqreg.geometry.cloud_surface import CloudSurface
 from dqreg.geometry.mesh_surface import MeshSurface
 from dqreg.geometry.scan import Scan, with_planes
@@ -76,10 +77,10 @@ def align_coarse_to_fine(
     if mixture is None:
         # The basin is decided by normals too, at each point of the level.
         scan = with_planes(scan, COARSE)
-        run, level = _placed(dataclasses.replace(few, scan=scan.thinned(counts[0])), start, observe, first)
+        run, level = _placed(replaced(few, scan=scan.thinned(counts[0])), start, observe, first)
     else:
         if few.last:
-            few, seen = dataclasses.replace(few, scan=scan.thinned(counts[0])), None
+            few, seen = replaced(few, scan=scan.thinned(counts[0])), None
         run = _near(few, None).descend(mixture, start, TRACKING, observe, first, before=seen)
         level = _near(few, run)
         # Planes lead from few points to all of them in a step or two: a level between would cost more than it saves.
@@ -93,7 +94,7 @@ def _with_last_step(plan: IcpSettings, run: Alignment) -> Alignment:
     if plan.last is None or not is_settled or not isinstance(run.pairs.surface, MeshSurface):
         return run
     fit = plan.last(run.pairs, run.weights, run.mixture.scale)
-    return dataclasses.replace(run, T_target_source=fit.T_target_source)
+    return replaced(run, T_target_source=fit.T_target_source)
 
 
 def _placed(level: Level, start: FloatArray, observe: Observer | None, first: int) -> tuple[Alignment, Level]:
@@ -130,13 +131,13 @@ def _or_narrow(
             held = planes.once(narrow, FINE, observe, history[-1].number + 1, before)
             history, pairs = history + held.history, held.pairs
             if held.status == STOPPED:
-                return dataclasses.replace(best, status=STOPPED, history=history), near
+                return replaced(best, status=STOPPED, history=history), near
             within = pairs.distances[pairs.distances <= plan.max_distance]
             mixture = narrow.fit(within, floor=planes.floor, rounds=PATIENT.rounds)
         other = planes.descend(mixture, pairs.T_target_source, TRACKING, observe, history[-1].number + 1, before=pairs)
         history += other.history
         if other.status == STOPPED:
-            return dataclasses.replace(best, status=STOPPED, history=history), near
+            return replaced(best, status=STOPPED, history=history), near
         other_near = _near(level, other)
         apart = level.scan._spread.motion(best.T_target_source, other.T_target_source)
         if _is_near(level, best.mixture) and apart <= TOGETHER * best.mixture.scale:
@@ -144,7 +145,7 @@ def _or_narrow(
             break
         if not other.ended_early and _is_likelier((other_near, other), (near, best)):
             best, near = other, other_near
-    return dataclasses.replace(best, history=history), near
+    return replaced(best, history=history), near
 
 
 def _is_likelier(one: tuple[Level, Alignment], other: tuple[Level, Alignment]) -> bool:
@@ -167,7 +168,7 @@ def _in_basin(level: Level, start: FloatArray, observe: Observer | None, first: 
     if not slow.ended_early and slow_near.mean_nll(slow) < near.mean_nll(run):
         run, near = slow, slow_near
     status = slow.status if slow.status == STOPPED else run.status
-    return dataclasses.replace(run, history=history, status=status), near
+    return replaced(run, history=history, status=status), near
 
 
 def _first_look(level: Level, start: FloatArray) -> tuple[InlierMixture | None, Correspondences | None]:
@@ -207,9 +208,9 @@ def _near(level: Level, run: Run | None) -> Level:
     plan = level.plan
     if plan.fine is not None:
         # Planes need so few steps that extrapolating them costs more than it saves.
-        plan = dataclasses.replace(plan, estimator=plan.fine, accelerate=False)
+        plan = replaced(plan, estimator=plan.fine, accelerate=False)
     floor = smallest_kernel_scale(_judged_by_inliers(level.scan, run) if run else level.scan, level.surface)
-    return dataclasses.replace(level, plan=plan, floor=floor, near=True)
+    return replaced(level, plan=plan, floor=floor, near=True)
 
 
 def _judged_by_inliers(scan: Scan, run: Run) -> Scan:
@@ -271,4 +272,4 @@ class _Basin:
             better = quick
         status = quick.status if quick.status == STOPPED else better.status
         history = patient.history[len(before) :] + quick.history
-        return _Basin(dataclasses.replace(better, status=status, history=history), whole, is_whole=not is_cut)
+        return _Basin(replaced(better, status=status, history=history), whole, is_whole=not is_cut)

@@ -12,7 +12,7 @@ from dqreg._arrays import PIECE, FloatArray, IntArray, product
 from dqreg.geometry.scan import Scan
 from dqreg.geometry.surface import Closest, Surface
 from dqreg.geometry.vector_rows import row_dots
-from dqreg.rigid import pose
+from dqreg.rigid import single_pose
 
 # Rows that are slid in one go.
 CHUNK = 16_384
@@ -54,7 +54,7 @@ class Correspondences:
     @cached_property
     def moved(self) -> FloatArray:
         """Source points at the pose, (n, 3)."""
-        return pose.apply(self.T_target_source, self.scan.points)
+        return single_pose.apply(self.T_target_source, self.scan.points)
 
     @cached_property
     def point_to_plane(self) -> FloatArray:
@@ -99,15 +99,15 @@ def find_correspondences(
 
 
 def moved_points(T_target_source: FloatArray, points: FloatArray) -> FloatArray:
-    """Points at a pose, (n, 3): the bits of `pose.apply`, of many on all threads."""
+    """Points at a pose, (n, 3): the bits of `single_pose.apply`, of many on all threads."""
     if len(points) <= PLACED:
-        return pose.apply(T_target_source, points)
+        return single_pose.apply(T_target_source, points)
     from dqreg.kernels.threads import over_chunks
 
     moved = np.zeros(points.shape)
 
     def place(first: int, last: int) -> None:
-        moved[first:last] = pose.apply(T_target_source, points[first:last])
+        moved[first:last] = single_pose.apply(T_target_source, points[first:last])
 
     over_chunks(place, len(points), chunk=PLACED)
     return moved
@@ -126,9 +126,11 @@ def propagate(pairs: Correspondences, T_target_source: FloatArray) -> Correspond
     return slid
 
 
-def slid_distances(pairs: Correspondences, T_target_source: FloatArray, rows: IntArray) -> FloatArray:
-    """Distances of some rows of the same, (m,)."""
+def slid_distances(pairs: Correspondences, T_target_source: FloatArray, rows: IntArray | None) -> FloatArray:
+    """Distances of some rows of the same, (m,), or of all."""
     columns = pairs.scan.points, pairs.moved, pairs.closest.points, pairs.closest.normals
+    if rows is None:
+        return _slid(T_target_source, *columns, kept=0)[2]
     if 2 * len(rows) > len(pairs.scan):
         # To take most of them would cost more than to slide all.
         return _slid(T_target_source, *columns, kept=0)[2][rows]

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, dot, median
+from dqreg._arrays import FloatArray, median
 from dqreg.geometry.cells import CellSurface
 from dqreg.geometry.vector_rows import nonzero_rows
 from dqreg.icp.correspondences import Correspondences
@@ -43,11 +43,6 @@ MANY = 4_000
 SHORT_RAD = 1e-3
 # Of the sums over correspondences: weighted points and feet; squared heights over the planes, squared distances; pairs.
 MEANS, ASIDE, SQUARES, DIRECTED = slice(1, 7), 7, 8, 9
-# Where the products of six motions and a height stand among the sums of a short step, (7, 7).
-TRIANGLE = np.zeros((7, 7), dtype=np.int64)
-TRIANGLE[np.triu_indices(7)] = np.arange(28)
-TRIANGLE = np.maximum(TRIANGLE, TRIANGLE.T)
-TINY = float(np.finfo(float).tiny)
 # Normals that are in the target's frame.
 TURNED = np.eye(3)
 
@@ -112,30 +107,22 @@ def short_step(pairs: Correspondences, weights: FloatArray) -> tuple[FloatArray,
     ``sum w J J^T xi = -sum w J h``.
     """
     from dqreg.kernels.threads import as_plain, over_chunks
-    from dqreg.kernels.weighted_planes import STEP, step_sums
+    from dqreg.kernels.weighted_planes import STEP, short_twist, step_sums
 
     found, count = pairs.closest, len(weights)
     if count < MANY:
         return None
     columns = [as_plain(x) for x in (pairs.moved, found.points, found.normals, weights)]
     origin = pairs.moved[int(weights.argmax())]
-    sums = np.zeros((-(-count // CHUNK), STEP))
+    sums, step = np.zeros((-(-count // CHUNK), STEP)), np.zeros(6)
     over_chunks(step_sums, count, *columns, origin, CHUNK, sums, chunk=CHUNK)
-    products = sums.sum(axis=0)[TRIANGLE]
-    x, y, z, u, v, w, _ = products.diagonal().tolist()
-    square_lever = (x + y + z) / max(u + v + w, TINY)
-    scaling = np.array([1.0 / math.sqrt(square_lever)] * 3 + [1.0] * 3) if square_lever > 0.0 else np.ones(6)
-    information, slope = scaling[:, None] * products[:6, :6] * scaling, scaling * products[:6, 6]
     # All six at least as well held as what an exact step moves at all.
-    values = np.linalg.eigvalsh(information)
-    if not values[0] > FLAT * values[-1]:
-        return None
-    step = -scaling * np.linalg.solve(information, slope)
-    if not math.sqrt(dot(step[:3], step[:3])) <= SHORT_RAD:
+    cost = short_twist(sums, FLAT, step)
+    if math.isnan(cost) or not math.hypot(*step[:3].tolist()) <= SHORT_RAD:
         return None
     D = single_pose.exp(step)
     D[:3, 3] += origin - D[:3, :3] @ origin
-    return D @ pairs.T_target_source, float(products[6, 6] + products[:6, 6] @ step)
+    return D @ pairs.T_target_source, cost
 
 
 def tangent_planes(pairs: Correspondences, weights: FloatArray) -> QuadraticForm | None:
@@ -147,10 +134,10 @@ def tangent_planes(pairs: Correspondences, weights: FloatArray) -> QuadraticForm
     columns = [as_plain(x) for x in (scan.points, found.points, found.normals, weights)]
     # Any place among the points that count will do: the sums know their own means.
     some = int(weights.argmax())
-    origins = np.stack([scan.points[some], found.points[some]])
+    origins = np.array([scan.points[some], found.points[some]])
     sums = np.zeros((max(-(-count // CHUNK), 1), COLUMNS))
     over_chunks(plane_sums, count, *columns, origins, CHUNK, sums, chunk=CHUNK)
-    if sums[:, -1].sum() < FEWEST_PLANES:
+    if np.add.reduce(sums[:, -1]) < FEWEST_PLANES:
         return None
     return QuadraticForm(_form_of(sums, origins), *origins)
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
+from dqreg._records import replaced
 from dqreg.geometry.cloud_surface import CloudSurface
 from dqreg.geometry.mesh_surface import MeshSurface
 from dqreg.geometry.scan import Scan
@@ -147,7 +148,7 @@ def finish(level: Level, scan: Scan, counts: list[int], run: Alignment, observe:
                 level = _drawn(level, scan, count, last=count == counts[-1], so_far=run)
                 run = _continued(level, run, observe)
     except TimeUpError:
-        return dataclasses.replace(run, status="stopped by observer")
+        return replaced(run, status="stopped by observer")
     return run
 
 
@@ -175,7 +176,7 @@ def _together(
     if run.ended_early:
         return run
     pairs = gather(scan, surface, run.pairs, run.weights, run.T_target_source, run.mixture.scale, finest // ALONE)
-    level = dataclasses.replace(_after(level, run, pairs.scan), last=True)
+    level = replaced(_after(level, run, pairs.scan), last=True)
     return _joined(run, level.once(run.mixture, FINE, observe, run.next_number, pairs))
 
 
@@ -184,20 +185,20 @@ def _continued(level: Level, run: Alignment, observe: Observer | None) -> Alignm
 
 
 def _joined(run: Alignment, finer: Alignment) -> Alignment:
-    return dataclasses.replace(finer.after(run), earlier=(*run.earlier, run.pairs))
+    return replaced(finer.after(run), earlier=(*run.earlier, run.pairs))
 
 
 def _after(level: Level, run: Run, scan: Scan) -> Level:
     contraction = level.contraction if run.contraction is None else run.contraction
-    return dataclasses.replace(level, scan=scan, contraction=contraction)
+    return replaced(level, scan=scan, contraction=contraction)
 
 
 def _drawn(level: Level, scan: Scan, count: int, *, last: bool, so_far: Run) -> Level:
     if not so_far.history or so_far.history[-1].stage != FINE.name:
         # The last step was another estimator's.
-        return dataclasses.replace(level, scan=scan.thinned(count), last=last)
+        return replaced(level, scan=scan.thinned(count), last=last)
     if level.plan.fine is not None and last and count < len(scan):
         places = scan.even_rows(len(level.scan))
         rows = sample_by_gain(information_gain(so_far.pairs, so_far.weights), places, len(scan), count)
-        return dataclasses.replace(_after(level, so_far, scan.taken(rows)), last=last)
-    return dataclasses.replace(_after(level, so_far, scan.thinned(count)), last=last)
+        return replaced(_after(level, so_far, scan.taken(rows)), last=last)
+    return replaced(_after(level, so_far, scan.thinned(count)), last=last)

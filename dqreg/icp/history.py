@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 from dqreg._arrays import FloatArray, warn_of_old_name
-from dqreg._records import lock
+from dqreg._records import read_only
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,7 +30,13 @@ class Iteration:
     T_target_source: FloatArray = dataclasses.field(repr=False, compare=False)  # (4, 4): The pose after the step
 
     def __post_init__(self) -> None:
-        lock(self)
+        object.__setattr__(self, "T_target_source", read_only(self.T_target_source))
+
+    def at(self, T_target_source: FloatArray) -> Iteration:
+        """The same record with its pose between other frames."""
+        found = object.__new__(Iteration)
+        vars(found).update(vars(self), T_target_source=read_only(T_target_source))
+        return found
 
     @property
     def scale(self) -> float:

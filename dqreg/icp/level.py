@@ -9,13 +9,15 @@ from collections.abc import Callable
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg._records import replaced
 from dqreg.geometry.mesh_surface import MeshSurface
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.scan import Scan
 from dqreg.geometry.surface import Surface
 from dqreg.icp.correspondences import Correspondences, slid_distances
 from dqreg.icp.estimators import Estimator
-from dqreg.icp.loop import Alignment, Icp, Observer, Run
+from dqreg.icp.history import Iteration
+from dqreg.icp.loop import Alignment, Icp, Observer, Run, contraction_of
 from dqreg.icp.rejectors import NormalAngle, WithinDistance, boundary_rejectors
 from dqreg.icp.stopping import Stopping
 from dqreg.solvers.robust import InlierMixture
@@ -108,12 +110,10 @@ class Level:
             learned = self._learned(mixture, run, schedule)
             factor = SETTLED_NEAR if self.near else SETTLED
             settled = factor * mixture.scale <= learned.scale <= mixture.scale / factor
-            mixture = dataclasses.replace(
-                learned, scale=max(learned.scale, self._steepest(learned, run) * mixture.scale)
-            )
-            to_come = run.history[-1].motion * self._contraction(dataclasses.replace(run, history=history))
+            mixture = replaced(learned, scale=max(learned.scale, self._steepest(learned, run) * mixture.scale))
+            to_come = run.history[-1].motion * self._contraction(history)
             if settled and to_come <= self._convergence(mixture):
-                run = dataclasses.replace(run, status="converged")
+                run = replaced(run, status="converged")
                 break
             if enough is not None and enough(run, learned):
                 mixture = learned
@@ -123,8 +123,8 @@ class Level:
         else:
             if schedule.iterations is not None and run.status == "iteration limit":
                 # Not a limit of the caller's: the steps at the last widths became no shorter.
-                run = dataclasses.replace(run, status="stalled")
-        return Alignment.of(dataclasses.replace(run, history=history), mixture)
+                run = replaced(run, status="stalled")
+        return Alignment.of(replaced(run, history=history), mixture)
 
     def once(
         self,
@@ -147,7 +147,7 @@ class Level:
         Where a limit is given, distances beyond it are those of outliers.
         """
         near, mixture = (run.weights > 0.0) & (run.pairs.distances <= limit), run.mixture
-        mixture = dataclasses.replace(mixture, limit=min(mixture.limit, limit))
+        mixture = replaced(mixture, limit=min(mixture.limit, limit))
         learned = mixture.fit(run.pairs.distances[near], floor=self.floor, rounds=100)
         return learned.mean_nll(run.pairs.distances[near], rejected=int(np.count_nonzero(~near)))
 
@@ -173,7 +173,7 @@ class Level:
                 NormalAngle(angle),
                 *(boundary_rejectors(self.surface, mixture.scale) if self.near else ()),
             ),
-            stopping=dataclasses.replace(
+            stopping=replaced(
                 plan.stopping,
                 convergence=self._convergence(mixture),
                 iterations=iterations,
@@ -203,15 +203,22 @@ class Level:
         return SLID * mixture.scale / self.surface.diagonal if is_last and self.plan.fine is not None else 0.0
 
     def _learned(self, mixture: InlierMixture, run: Run, schedule: AnnealingSchedule) -> InlierMixture:
-        kept, pairs = np.flatnonzero(run.weights), run.pairs
-        rows = kept[sample_rows(len(kept), LEARNED_FROM)]
+        pairs, rows = run.pairs, None
+        count = np.count_nonzero(run.weights)
+        # Where nothing is left out, as a rule, nothing is picked.
+        if count < len(run.weights) or count > LEARNED_FROM:
+            kept = np.flatnonzero(run.weights)
+            rows = kept[sample_rows(len(kept), LEARNED_FROM)] if count > LEARNED_FROM else kept
         # Near the answer the last step is all that is wrong with the distances.
-        distances = slid_distances(pairs, run.T_target_source, rows) if self.near else pairs.distances[rows]
+        if self.near:
+            distances = slid_distances(pairs, run.T_target_source, rows)
+        else:
+            distances = pairs.distances if rows is None else pairs.distances[rows]
         return mixture.fit(distances, floor=self.floor, rounds=schedule.rounds)
 
-    def _contraction(self, run: Run) -> float:
+    def _contraction(self, history: tuple[Iteration, ...]) -> float:
         # Two steps from a start that is near show how fast they shrink.
-        shown = run.contraction if self.near else None
+        shown = contraction_of(history) if self.near else None
         return self.contraction if shown is None else min(self.contraction, shown)
 
     def _steepest(self, learned: InlierMixture, run: Run) -> float:

@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from dqreg._arrays import FloatArray, dot
+from dqreg._records import replaced
 from dqreg.errors import DegenerateGeometryError
 from dqreg.geometry.scan import Scan
 from dqreg.geometry.surface import Surface
@@ -33,6 +34,15 @@ FEWEST_PAIRS = 6
 FEWEST_INLIERS = 3
 
 
+def contraction_of(history: tuple[Iteration, ...]) -> float | None:
+    """Factor between two successive motions of one stage on the same points: the last such pair, None without."""
+    for before, after in zip(history[-2::-1], history[:0:-1], strict=True):
+        # After an extrapolation that was taken back the motion is infinite, and no measure of the next one.
+        if (before.stage, before.points) == (after.stage, after.points) and math.isfinite(before.motion):
+            return min(after.motion / before.motion, 1.0) if before.motion > 0.0 else 1.0
+    return None
+
+
 @dataclasses.dataclass(frozen=True)
 class Run:
     """Where a run of the loop ended."""
@@ -46,12 +56,8 @@ class Run:
 
     @property
     def contraction(self) -> float | None:
-        """Factor between two successive motions of one stage on the same points: the last such pair, None without."""
-        for before, after in zip(self.history[-2::-1], self.history[:0:-1], strict=True):
-            # After an extrapolation that was taken back the motion is infinite, and no measure of the next one.
-            if (before.stage, before.points) == (after.stage, after.points) and np.isfinite(before.motion):
-                return min(after.motion / before.motion, 1.0) if before.motion > 0.0 else 1.0
-        return None
+        """See `contraction_of`."""
+        return contraction_of(self.history)
 
     @property
     def ended_early(self) -> bool:
@@ -94,7 +100,7 @@ class Alignment(Run):
 
     def after(self, before: Run) -> Alignment:
         """The same with the history of the runs before it."""
-        return dataclasses.replace(self, history=before.history + self.history)
+        return replaced(self, history=before.history + self.history)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -168,7 +168,7 @@ def _near(
     mesh, found, count = surface.mesh, pairs.closest, len(weights)
     near, sums = np.zeros(count, dtype=bool), np.zeros((max(-(-count // CHUNK), 1), COLUMNS))
     places = as_plain(pairs.moved), as_plain(found.points), found.elements, as_plain(weights)
-    faces = as_plain(mesh.corners), as_plain(mesh.face_normals), mesh._fans.find(found.elements).neighbours
+    faces = as_plain(mesh.corners), as_plain(mesh.face_normals), mesh._fans.find(found.elements).turns
     lengths = as_plain(surface.centre), 0.5 * surface.diagonal, TURN_COS, margin
     over_chunks(near_creases, count, *places, *faces, *lengths, CHUNK, near, sums, chunk=CHUNK)
     return near, sums.sum(axis=0).reshape(2, -1)

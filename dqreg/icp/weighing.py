@@ -30,11 +30,17 @@ class Weighed:
 
 def weigh(pairs: Correspondences, kernel: Kernel, rejectors: Sequence[Weight]) -> Weighed:
     """Weights by a kernel and by rejectors; in one compiled pass where these are a mixture and the usual two."""
-    usual = [[r for r in rejectors if type(r) is kind] for kind in (WithinDistance, NormalAngle)]
-    if type(kernel) is InlierMixture and [len(found) for found in usual] == [1, 1]:
-        (within,), (angle,) = usual
-        if isinstance(within, WithinDistance) and isinstance(angle, NormalAngle):
-            return _in_one_pass(pairs, kernel, within, angle, [r for r in rejectors if r not in (within, angle)])
+    within, angle, others = None, None, []
+    for rejector in rejectors:
+        if within is None and type(rejector) is WithinDistance:
+            within = rejector
+        elif angle is None and type(rejector) is NormalAngle:
+            angle = rejector
+        else:
+            others.append(rejector)
+    usual = type(kernel) is InlierMixture and not any(type(r) in (WithinDistance, NormalAngle) for r in others)
+    if usual and isinstance(kernel, InlierMixture) and within is not None and angle is not None:
+        return _in_one_pass(pairs, kernel, within, angle, others)
     gate = product(rejectors, pairs)
     weights = gate * Robust(kernel)(pairs)
     counts = pairs.scan.counts
@@ -67,7 +73,7 @@ def _in_one_pass(
     more = nothing if scan.counts is None else scan.counts, spread, product(others, pairs) if others else nothing
     given = [as_plain(column) for column in (*columns, *more)]
     over_chunks(weigh_rows, len(scan), *given, np.array(limits), CHUNK, weights, sums, chunk=CHUNK)
-    represented, energy, total, squares, used = sums.sum(axis=0).tolist()
+    represented, energy, total, squares, used = np.add.reduce(sums).tolist()
     mean = energy / represented - math.log1p(odds)
     return Weighed(
         weights, -2.0 * kernel.scale**2 * mean, total, squares / total if total > 0.0 else math.nan, int(used)

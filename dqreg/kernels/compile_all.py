@@ -55,7 +55,7 @@ from dqreg.kernels.triangle_tree import TriangleTree
 from dqreg.kernels.weighing import SUMS as WEIGHED
 from dqreg.kernels.weighing import follow_rows, place_rows, slide_rows, weigh_rows
 from dqreg.kernels.weighted_draws import drawn_rows
-from dqreg.kernels.weighted_planes import COLUMNS, OF_PAIRS, STEP, pair_moments, plane_sums, step_sums
+from dqreg.kernels.weighted_planes import COLUMNS, OF_PAIRS, STEP, pair_moments, plane_sums, short_twist, step_sums
 
 FLAT, ONE, NOTHING = np.eye(3), np.zeros(3), np.zeros(0)
 CORNERS = np.eye(3)[None] + np.arange(2.0)[:, None, None]
@@ -117,6 +117,7 @@ def _weights() -> None:
     place_rows(0, 3, rows, np.eye(4), rows, rows, np.zeros((3, 3)), np.zeros(3))
     plane_sums(0, 3, rows, rows, rows, ones, np.zeros((2, 3)), 3, np.zeros((1, COLUMNS)))
     step_sums(0, 3, rows, rows, rows, ones, ONE, 3, np.zeros((1, STEP)))
+    short_twist(np.zeros((1, STEP)), 1e-9, np.zeros(6))
     pair_moments(0, 3, rows, np.eye(4), rows, rows, ones, NOTHING, ones, 3, np.zeros((1, OF_PAIRS)))
     faces, part, sums, known = (
         np.zeros(3, dtype=np.int64),
@@ -125,8 +126,8 @@ def _weights() -> None:
         np.ones((1, 2)),
     )
     square_heights(0, 3, rows, rows, rows, ones, NOTHING, np.zeros(3))
-    across, near, found = faces.reshape(1, 3), np.zeros(3, dtype=bool), np.zeros((1, OF_CREASES))
-    near_creases(0, 3, rows, rows, faces, ones, CORNERS, FLAT, across, ones, 1.0, 1.0, 1.0, 3, near, found)
+    near, found = np.zeros(3, dtype=bool), np.zeros((1, OF_CREASES))
+    near_creases(0, 3, rows, rows, faces, ones, CORNERS, FLAT, FLAT, ones, 1.0, 1.0, 1.0, 3, near, found)
     face_sums(ones, ones, faces, part, sums, FIRST)
     orientation_cells(0, 3, rows, 1, np.zeros(3, dtype=np.int64))
     face_precisions(sums, FIRST, rows, 1, np.zeros((8, 2)), 1.0, 1.0, 1.0, known)

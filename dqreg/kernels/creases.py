@@ -21,7 +21,7 @@ def near_creases(
     weights: FloatArray,
     corners: FloatArray,
     normals: FloatArray,
-    neighbours: IntArray,
+    turns: FloatArray,
     centre: FloatArray,
     lever: float,
     cosine: float,
@@ -34,7 +34,7 @@ def near_creases(
 
     There the normals of the two faces have a lower cosine. The sums are of what the points near creases, and the
     others, tell of the six motions, see `motion_sums`. O(n). Shapes: points and places (n, 3), faces (n,); of all m
-    faces corners (m, 3, 3), normals (m, 3) and the one across each side (m, 3); sums (chunks, 44), zeros.
+    faces corners (m, 3, 3), normals (m, 3) and the cosine across each side (m, 3); sums (chunks, 44), zeros.
     """
     own = sums[first // chunk]
     for i in range(first, last):
@@ -42,10 +42,7 @@ def near_creases(
         if not weight > 0.0 or face < 0:
             continue
         for k in range(3):
-            other, turn = neighbours[face, k], 0.0
-            for a in range(3):
-                turn += normals[face, a] * normals[other, a]
-            if other == face or turn >= cosine:
+            if turns[face, k] >= cosine:
                 continue
             # Off the line of the side, in the plane of the face: the places are on it.
             size, along, away = 0.0, 0.0, 0.0

@@ -12,8 +12,8 @@ from dqreg.kernels.kd_order import heap_boxes, kd_order
 from dqreg.kernels.nearest_points import nearest_points
 from dqreg.kernels.threads import as_plain, aside, over_chunks
 
-# Points a leaf: 4 to 16 are about as fast.
-LEAF = 8
+# Points a leaf: 4 to 16 are about as fast, and where boxes of a curve overlap more of them are.
+LEAF, OF_CURVE = 8, 16
 # Points from which on a tree is built on another thread, so that an interrupt is seen at once.
 MANY = 200_000
 # Queries that one thread answers in one go.
@@ -41,7 +41,7 @@ class PointTree:
         """
         points = as_plain(points)
         if in_order:
-            return PointTree(heap_boxes(points, points, LEAF), points, np.arange(len(points)))
+            return PointTree(heap_boxes(points, points, OF_CURVE), points, np.arange(len(points)), OF_CURVE)
         rows = aside(kd_order, points, LEAF) if len(points) > MANY else kd_order(points, LEAF)
         places = np.take(points, rows, axis=0)
         return PointTree(heap_boxes(places, places, LEAF), places, rows)

@@ -27,8 +27,9 @@ T = TypeVar("T")
 # Rows a range: some milliseconds at most, and far more than handing it over costs.
 CHUNK = 2048
 
+NEVER = float("inf")
 # Until when what is computed may take, by `time.perf_counter`.
-_deadline: ContextVar[float] = ContextVar("deadline", default=np.inf)
+_deadline: ContextVar[float] = ContextVar("deadline", default=NEVER)
 
 _lock = threading.Lock()
 # By process, and by whether they are for stages: a stage may wait for ranges, and ranges wait for nothing.
@@ -55,7 +56,8 @@ def until(deadline: float) -> Iterator[None]:
 
 def ask_clock() -> None:
     """Raise where the deadline has passed."""
-    if time.perf_counter() > _deadline.get():
+    deadline = _deadline.get()
+    if deadline < NEVER and time.perf_counter() > deadline:
         raise TimeUpError
 
 
@@ -66,10 +68,11 @@ def thread_count() -> int:
     return max(min(int(asked), cores), 1) if asked.isdigit() else cores
 
 
-def over_chunks(kernel: Callable[..., Any], total: int, *arguments: Any, chunk: int = CHUNK) -> None:
+def over_chunks(kernel: Callable[..., Any], total: int, *arguments: Any, chunk: int = CHUNK, fewest: int = 2) -> None:
     """Call ``kernel(first, last, *arguments)`` for all rows, a range of ``chunk`` rows at a time, on all threads.
 
-    Within a range the same is done on its own thread: the others have ranges of their own.
+    Within a range the same is done on its own thread: the others have ranges of their own. Fewer whole ranges than the
+    fewest, which take no longer than to hand them over, are done by the caller.
     """
     ask_clock()
     if total <= chunk:
@@ -98,7 +101,7 @@ def over_chunks(kernel: Callable[..., Any], total: int, *arguments: Any, chunk: 
 
     # To hand over a rest that is no whole range would cost more than it saves.
     whole = total // chunk
-    asked = [_submit(work) for _ in range(min(thread_count() - len(_running), whole) - 1 if whole > 1 else 0)]
+    asked = [_submit(work) for _ in range(min(thread_count() - len(_running), whole) - 1 if whole >= fewest else 0)]
     helpers = [helper for helper in asked if helper is not None]
     try:
         work()
@@ -116,8 +119,8 @@ def as_plain(values: FloatArray) -> FloatArray:
     """The array as kernels take it: for another layout, or one that is read only, each would be compiled once more."""
     if type(values) is np.ndarray and values.dtype == np.float64 and values.flags.carray:
         return values
-    plain: FloatArray = np.require(values, np.float64, ["C", "A", "W", "E"])
-    return plain
+    # A copy in any case: `np.require` would ask about it for longer than these few numbers take.
+    return np.array(values, dtype=np.float64, order="C")
 
 
 def aside(kernel: Callable[..., Any], *arguments: Any) -> Any:

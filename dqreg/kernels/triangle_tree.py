@@ -20,13 +20,15 @@ from dqreg.kernels.treelets import BLOCK, boxes_in_order, enclose_children, hang
 from dqreg.kernels.triangle import COLUMNS, pack
 
 # Triangles a leaf at most: on nine CAD parts 2 took 0.7 to 0.95 of the time of 4. Queries that one thread answers in
-# one go, and triangles.
-LEAF, CHUNK, LONG = 2, 500, 16_384
+# one go, those that are worth handing over, in such ranges, and triangles.
+LEAF, CHUNK, WORTH, LONG = 2, 500, 4, 16_384
 # Triangles of a small tree on average, of up to so many triangles and of more: the top is cut by areas, which takes
 # longer and makes the better boxes. Queries took 0.9 to 1.05 of the time of cutting by areas down to the leaves.
 SHARES, FEW = (4, 8), 50_000
 # Bits of each coordinate's cell, and of a mark beside it: the two halves of most rectangles have one box.
 CELL_BITS, MARK_BITS = 19, 6
+# No guesses.
+NONE = np.zeros(0, dtype=np.int64)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,12 +77,12 @@ class TriangleTree:
         that are equally near to rounding.
         """
         count = len(queries)
-        points, normals = np.zeros((count, 3)), np.zeros((count, 3))
+        points, normals = np.zeros((2, count, 3))
         distances, found = np.zeros(count), np.zeros(count, dtype=np.int64)
-        none = np.zeros(0, dtype=np.int64)
         tree = self.nodes, self.links, self.packed, self.faces, self.slots, self.leaves, self.normals
-        asked = as_plain(queries), none if guesses is None else guesses, float(bound), self.size
-        over_chunks(closest_places, count, *tree, *asked, points, normals, distances, found, chunk=CHUNK)
+        asked = as_plain(queries), NONE if guesses is None else guesses, float(bound), self.size
+        results = points, normals, distances, found
+        over_chunks(closest_places, count, *tree, *asked, *results, chunk=CHUNK, fewest=WORTH)
         return points, normals, distances, found
 
     def distances(self, rotations: FloatArray, shifts: FloatArray, points: FloatArray, bound: float) -> FloatArray:
@@ -88,7 +90,7 @@ class TriangleTree:
         found = np.zeros((len(rotations), len(points)))
         tree = self.nodes, self.links, self.packed, self.faces, self.leaves, self.normals
         asked = *map(as_plain, (rotations, shifts, points)), float(bound)
-        over_chunks(pose_distances, found.size, *tree, *asked, found.reshape(-1), chunk=CHUNK)
+        over_chunks(pose_distances, found.size, *tree, *asked, found.reshape(-1), chunk=CHUNK, fewest=WORTH)
         return found
 
 

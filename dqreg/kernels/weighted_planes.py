@@ -6,6 +6,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.kernels.compiled import compiled
+from dqreg.kernels.newton_steps import symmetric_axes
 from dqreg.kernels.pose_forms import SUMS, add_pair
 
 # Columns of the sums: those of `form_of_sums`, and after them the sums of weights, of points and of their feet, and the
@@ -115,6 +116,52 @@ def step_sums(
         found[28] += 1.0
     for k in range(STEP):
         total[k] += found[k]
+
+
+@compiled
+def short_twist(sums: FloatArray, flat: float, step: FloatArray) -> float:
+    """Write the short motion about the origin, (6,), of least cost by `step_sums`, (k, 29); returns the cost there.
+
+    NaN where the motion that is held the least is so by less than a share of the most. Rotations and translations are
+    brought to one unit first.
+    """
+    a, slope, axes = np.zeros((6, 6)), np.zeros(6), np.zeros((6, 6))
+    at, square = 0, 0.0
+    for k in range(7):
+        for m in range(k, 7):
+            value = 0.0
+            for c in range(len(sums)):
+                value += sums[c, at]
+            at += 1
+            if m < 6:
+                a[k, m] = a[m, k] = value
+            elif k < 6:
+                slope[k] = value
+            else:
+                square = value
+    turned, shifted = a[0, 0] + a[1, 1] + a[2, 2], a[3, 3] + a[4, 4] + a[5, 5]
+    unit = np.sqrt(shifted / turned) if turned > 0.0 and shifted > 0.0 else 1.0
+    for k in range(6):
+        for m in range(6):
+            a[k, m] *= (unit if k < 3 else 1.0) * (unit if m < 3 else 1.0)
+    symmetric_axes(a, axes)
+    least, most = np.inf, 0.0
+    for k in range(6):
+        least, most = min(least, a[k, k]), max(most, a[k, k])
+    if not least > flat * most:
+        return np.nan
+    for i in range(6):
+        step[i] = 0.0
+    for k in range(6):
+        pull = 0.0
+        for i in range(6):
+            pull += axes[i, k] * slope[i] * (unit if i < 3 else 1.0)
+        for i in range(6):
+            step[i] -= axes[i, k] * pull / a[k, k]
+    for i in range(6):
+        step[i] *= unit if i < 3 else 1.0
+        square += slope[i] * step[i]
+    return square
 
 
 @compiled

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg._records import replaced
 from dqreg.geometry import MeshSurface, PointCloud, Surface
 from dqreg.geometry.morton import distinct_in_order
 from dqreg.geometry.normals import sample_rows
@@ -82,7 +83,7 @@ def uncertainty_of(fit: Fit, *, by_rims: bool = True) -> Uncertainty:
         known, share = fit.information, fit.followed
         scatter = None if known.scatter is None else known.scatter / share**2
         rims = slide_of(fit).by_rims if by_rims else np.nan
-        known = dataclasses.replace(known, sigma=known.sigma / share, scatter=scatter, by_rims=rims)
+        known = replaced(known, sigma=known.sigma / share, scatter=scatter, by_rims=rims)
         return Uncertainty.of(known, fit.problem.units[1])
 
     return fit.once("uncertainty", uncertainty)
@@ -98,7 +99,7 @@ def evidence_of(
 ) -> Evidence:
     """All that the verdict on a fit is made of; see `Evidence` for the meaning of each number."""
     measured = fit.once("measured", lambda: _measured(fit, uncertainty.covariance))
-    return dataclasses.replace(
+    return replaced(
         measured,
         directions=uncertainty.directions,
         carriers=tuple(fit.information.carriers.tolist()) if uncertainty.directions else (),
@@ -114,7 +115,7 @@ def _measured(fit: Fit, covariance: FloatArray) -> Evidence:
     """What the fit and its covariance tell alone."""
     drift, drift_rad, drift_along = max(_drift(fit), (*second_pose(fit), STILL))
     looked_through, seen_alike = looked_through_at(fit, by_rays=have_planes_alone(fit))
-    return dataclasses.replace(
+    return replaced(
         between_clouds(fit, covariance),
         status=status_of(fit),
         max_distance=fit.settings.max_distance,
@@ -182,20 +183,30 @@ def _is_partial(fit: Fit) -> bool:
     points, weights = np.take(fit.run.pairs.moved, rows, axis=0), fit.run.weights[rows]
     if not weights.any():
         return False
-    arms = points - weights @ points / weights.sum()
-    spread = float(weights @ row_dots(arms, arms) / weights.sum())
+    total = float(weights.sum())
+    arms = points - weights @ points / total
+    spread = float(weights @ row_dots(arms, arms)) / total
     whole = float((fit.problem.target.spreads**2).sum())
     return bool(
         spread < PARTIAL**2 * whole
-        or (is_flat(points[weights > 0.0]) and not any(motion.is_free for motion in uncertainty_of(fit).directions))
+        or (
+            is_flat(arms if (kept := weights > 0.0).all() else arms[kept])
+            and not any(motion.is_free for motion in uncertainty_of(fit).directions)
+        )
     )
 
 
 def verdict_on(fit: Fit, evidence: Evidence) -> Verdict:
     """The verdict; what the second try has asked already is not asked again."""
-    # Other poses are arrays, by which nothing can be looked up.
-    alone = not evidence.alternatives
-    return fit.once(("verdict", evidence), lambda: judge(evidence)) if alone else judge(evidence)
+    # Other poses are arrays, by which nothing is compared; and to hash an evidence takes longer than to compare two.
+    if evidence.alternatives:
+        return judge(evidence)
+    judged: list[tuple[Evidence, Verdict]] = fit.once("verdicts", list)
+    for before, verdict in judged:
+        if before == evidence:
+            return verdict
+    judged.append((evidence, judge(evidence)))
+    return judged[-1][1]
 
 
 def _drift(fit: Fit) -> tuple[float, float, Vector]:
@@ -244,8 +255,8 @@ def without_drift(fit: Fit, start: FloatArray) -> Fit:
         weights *= pairs.scan.counts
     if weights.sum() < STAYS * run.weights.sum():
         return fit
-    moved = dataclasses.replace(fit, run=dataclasses.replace(run, T_target_source=T, pairs=pairs, weights=weights))
+    moved = replaced(fit, run=replaced(run, T_target_source=T, pairs=pairs, weights=weights))
     if slide.loss < HOLDS:
         # What held too little before holds as little now: the verdict refuses it, and it is not asked for again.
-        moved.once("slide", lambda: dataclasses.replace(slide, best=None))
+        moved.once("slide", lambda: replaced(slide, best=None))
     return moved

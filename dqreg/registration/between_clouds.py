@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg._records import replaced
 from dqreg.geometry import PointCloud
 from dqreg.registration.common_faces import overlap_of
 from dqreg.registration.fit import Fit
@@ -36,7 +35,7 @@ def between_clouds(fit: Fit, covariance: FloatArray) -> Evidence:
     strain, deformation, waviness = fit.once("shapes", lambda: overlap.shapes(size))
     faces_apart, opposed_edges = overlap.apart(size, covariance), planes.opposed_edges() if planes else np.nan
     ends_apart, rims_shared, closed_hole = _ends_of_faces(fit, planes, size)
-    return dataclasses.replace(
+    return replaced(
         fit.agreement,
         faces_apart=faces_apart,
         opposed_edges=opposed_edges,

@@ -9,7 +9,7 @@ from dqreg.geometry import Scan, Surface
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.vector_rows import row_dots
 from dqreg.icp import Correspondences, Run, find_correspondences, propagate
-from dqreg.rigid import pose
+from dqreg.rigid import single_pose
 
 # Points that are looked at, evenly over the scan; where the loop has asked about enough of them, those, and of those
 # with a normal of their own.
@@ -37,7 +37,7 @@ def evenly_asked(run: Run, scan: Scan, surface: Surface, width: float, count: in
 
 def _again(asked: Correspondences, surface: Surface, T: FloatArray, width: float) -> Correspondences:
     # The last pose is no farther off than a step: most faces and points are still the closest.
-    moved = pose.apply(T, asked.scan.points) - asked.moved
+    moved = single_pose.apply(T, asked.scan.points) - asked.moved
     farthest = float(np.sqrt(row_dots(moved, moved).max(initial=0.0)))
     if farthest <= STILL * width:
         return asked

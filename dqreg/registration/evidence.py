@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray, median
+from dqreg._arrays import BoolArray, FloatArray, IntArray, median, root_mean_square, share_of
+from dqreg._records import replaced
 from dqreg.geometry import CloudSurface, Scan, Surface
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.scan_measures import THINNED
@@ -78,14 +78,13 @@ def agreement_of(
     # Between the points of two clouds, tangent planes are guesses.
     if is_part:
         asked_of, sparse = (on, False) if has_border else (close & ~alone, len(scan) < SPARSE)
-        clutter, strays = has_border or bool(around.elsewhere.any()), float(np.mean(alone))
+        clutter, strays = has_border or bool(around.elsewhere.any()), share_of(alone)
         fit = functools.partial(strain_of, clutter=clutter, strays=strays > SOME_STRAYS, faults=not axis)
         shape = _shape_of(pairs, asked_of, noise, size, fit, clutter=clutter, sparse=sparse)
         # Neighbours of a sparse scan tell faces from outliers no better than chance; their heights do.
         off = off if has_border else max(off, displaced_of(pairs, close, width, noise, surface))
-    counted = _counted(run, surface, pairs, close, max_distance, has_border=has_border)
-    return dataclasses.replace(
-        counted,
+    return replaced(
+        _counted(run, surface, pairs, close, max_distance, has_border=has_border),
         patches=patches,
         patches_off=off,
         strays=local.strays,
@@ -116,7 +115,7 @@ def agreement_in_time(
     close = _within_border(pairs, *border) if has_border else pairs.distances <= near
     counted = _counted(run, surface, pairs, close, max_distance, has_border=has_border)
     least = scan.spacing if has_border else smallest_kernel_scale(scan, surface)
-    return dataclasses.replace(counted, expected=max(noise_on(scan, surface), least))
+    return replaced(counted, expected=max(noise_on(scan, surface), least))
 
 
 def _counted(
@@ -141,11 +140,11 @@ def _counted(
         patches_off=0.0,
         strays=0.0,
         normals_apart=0.0,
-        width=float(np.sqrt(np.mean(aside**2))) if len(aside) else run.mixture.scale,
+        width=root_mean_square(aside) if len(aside) else run.mixture.scale,
         expected=0.0,
         places=places_of(np.take(pairs.moved, here[sample_rows(len(here), COUNTED)], axis=0)),
-        share_on=float(np.mean(on)),
-        share_other=float(np.mean(~on)),
+        share_on=share_of(on),
+        share_other=share_of(~on),
         looking_away=pairs.looking_away(max_distance),
     )
 
@@ -158,7 +157,7 @@ def _close(
     if not has_border:
         around = surroundings_of(pairs, width, near, surface.diagonal)
         return (pairs.distances <= near) & (on | ~around.elsewhere), around
-    around = Surroundings(np.zeros(len(on), dtype=bool), float(np.mean(on)), float(np.mean(~on)), 0.0, np.nan)
+    around = Surroundings(np.zeros(len(on), dtype=bool), share_of(on), share_of(~on), 0.0, np.nan)
     return _within_border(pairs, surface, scale, width, near), around
 
 
@@ -201,8 +200,8 @@ def _shape_of(
     strain = fit(*columns)
     if sparse and not strain.is_strained:
         value, along = stretch_of(*columns)
-        strain = dataclasses.replace(strain, value=value, sigma=0.0, along=(along[0], along[1], along[2]))
-    width = float(np.sqrt(np.mean(columns[2] ** 2))) if len(rows) else 0.0
+        strain = replaced(strain, value=value, sigma=0.0, along=(along[0], along[1], along[2]))
+    width = root_mean_square(columns[2]) if len(rows) else 0.0
     deformation = 0.0
     if not clutter and may_be_deformed(width, noise, size):
         deformation = deformation_of(*columns, size, ON_A_PART)
@@ -223,5 +222,5 @@ def _usual_scale(aside: FloatArray, surface: Surface) -> float:
 
 
 def _random_ratio(pairs: Correspondences, on: BoolArray, surface: Surface) -> float:
-    rms = float(np.sqrt(np.mean(pairs.distances[on] ** 2))) if on.any() else 0.0
-    return random_ratio(pairs.moved, float(np.mean(on)), rms, surface)
+    rms = root_mean_square(pairs.distances[on]) if on.any() else 0.0
+    return random_ratio(pairs.moved, share_of(on), rms, surface)

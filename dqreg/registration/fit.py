@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, median, product
+from dqreg._records import replaced
 from dqreg.geometry import CloudSurface, Mesh, Surface, prepare_scan
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.vector_rows import nonzero_rows, row_dots
@@ -157,7 +158,7 @@ class Fit:
             prior=self.constraints.information(T),
         )
         # What is said of the motions names points in the caller's frame.
-        return dataclasses.replace(information, centre=self.target.origin)
+        return replaced(information, centre=self.target.origin)
 
     @property
     def followed(self) -> float:
@@ -208,7 +209,7 @@ class Fit:
         """The fit where the time is up before it could be judged: little more is asked of its pose."""
         if not self.found:
             return self
-        found = dataclasses.replace(self, run=dataclasses.replace(self.run, status="time limit"))
+        found = replaced(self, run=replaced(self.run, status="time limit"))
         found._known.update({name: value for name, value in self._known.items() if name in OF_THE_POSE})
         return found
 
@@ -216,10 +217,8 @@ class Fit:
         weights = np.where(kept, mixture.weight(pairs.distances), 0.0)
         if pairs.scan.counts is not None:
             weights *= pairs.scan.counts
-        run = dataclasses.replace(
-            self.run, T_target_source=pairs.T_target_source, pairs=pairs, weights=weights, mixture=mixture
-        )
-        return dataclasses.replace(self, run=run)
+        run = replaced(self.run, T_target_source=pairs.T_target_source, pairs=pairs, weights=weights, mixture=mixture)
+        return replaced(self, run=run)
 
     def resumed(
         self,
@@ -238,7 +237,7 @@ class Fit:
             self.problem,
             prepared or self.prepared,
             start,
-            dataclasses.replace(settings or self.settings, first_kernel_scale=kernel_scale),
+            replaced(settings or self.settings, first_kernel_scale=kernel_scale),
             self.constraints,
             target=target or self.target,
             before=self.run.history,
@@ -261,9 +260,9 @@ def coarse_to_fine(
     limit where that ended the loop.
     """
     observe = problem.watch.watching(problem.observer(problem.options.observe))
-    settings = dataclasses.replace(settings, deadline=problem.watch.deadline)
+    settings = replaced(settings, deadline=problem.watch.deadline)
     run = align_coarse_to_fine(prepared.scan, prepared.surface, start, settings, observe, first=len(before) + 1)
-    run = dataclasses.replace(
+    run = replaced(
         run,
         T_target_source=constraints.project(run.T_target_source),
         status=problem.watch.status(run.status),
@@ -277,7 +276,7 @@ def run_icp(icp: Icp, sides: SourceAndTarget, start: FloatArray, observe: Observ
     scan, T = prepare_scan(sides.source.cloud), sides.to_centred(start)
     run = icp.run(scan, sides.target.surface, T, sides.observer(observe))
     history = tuple(sides.in_caller_frames(record) for record in run.history)
-    return dataclasses.replace(run, T_target_source=sides.to_caller(run.T_target_source), history=history)
+    return replaced(run, T_target_source=sides.to_caller(run.T_target_source), history=history)
 
 
 def own_normals(surface: Surface, pairs: Correspondences) -> FloatArray | None:

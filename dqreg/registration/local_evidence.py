@@ -6,7 +6,8 @@ import dataclasses
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, median, quantile
+from dqreg._arrays import BoolArray, median, quantile, root_mean_square
+from dqreg._records import replaced
 from dqreg.geometry import CloudSurface, Scan, Surface
 from dqreg.geometry.vector_rows import nonzero_rows, row_dots
 from dqreg.icp import Alignment, Correspondences, smallest_kernel_scale
@@ -50,7 +51,7 @@ class LocalEvidence:
         if scan.fitted is not None and len(pairs.scan) < len(scan):
             fitted = fitted_pairs(run, scan, scan.fitted, surface, run.mixture.scale)
         local = LocalEvidence.of(fitted, width)
-        local = dataclasses.replace(local, noise=max(min(local.noise, noise_on(scan, surface)), floor))
+        local = replaced(local, noise=max(min(local.noise, noise_on(scan, surface)), floor))
         is_apart = local.normals_apart > NORMALS_APART
         if isinstance(surface, CloudSurface):
             # Normals that were given are witnesses themselves.
@@ -63,19 +64,19 @@ class LocalEvidence:
         apart = apart_in_cells(scan.points, surface._points, pairs.T_target_source, width)
         if not apart <= HARDLY:
             return self
-        return dataclasses.replace(self, normals_apart=float(np.fmax(apart, pairs.looking_away(width))))
+        return replaced(self, normals_apart=float(np.fmax(apart, pairs.looking_away(width))))
 
     def _on_target(self, pairs: Correspondences, width: float, *, is_apart: bool) -> LocalEvidence:
         """The same where points are rougher than their noise, or normals apart, and the feet tell why."""
         on = pairs.distances <= width
         aside = pairs.point_to_plane[on]
-        is_rough = len(aside) > 0 and float(np.sqrt(np.mean(aside**2))) > MISFIT * self.noise
+        is_rough = len(aside) > 0 and root_mean_square(aside) > MISFIT * self.noise
         if not (is_apart or is_rough):
             return self
         usual = GAUSSIAN_MEDIAN * median(np.abs(aside))
         again = Neighbourhoods.of(pairs.moved, pairs.closest.points, pairs.closest.normals, on, usual)
         apart = float(np.fmin(self.normals_apart, again.apart)) if is_apart else self.normals_apart
-        return dataclasses.replace(self, normals_apart=apart, noise=float(np.fmax(self.noise, again.noise)))
+        return replaced(self, normals_apart=apart, noise=float(np.fmax(self.noise, again.noise)))
 
     @staticmethod
     def of(pairs: Correspondences, width: float) -> LocalEvidence:

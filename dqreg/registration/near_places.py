@@ -95,10 +95,12 @@ def _periods(fit: Fit) -> FloatArray:
 
     They take longer to find than all else that is asked of a part, and no scan that shows its ends fits one period on.
     """
-    part = fit.problem.target.geometry
-    if not isinstance(part, Mesh) or _shows_the_ends(fit, part):
-        return np.zeros((0, 4, 4))
-    return fit.problem.target.near_periods
+    target, none = fit.problem.target, np.zeros((0, 4, 4))
+    # Of most parts it is known soon that they have none.
+    known = vars(target).get("near_periods")
+    if not isinstance(target.geometry, Mesh) or (known is not None and not len(known)):
+        return none
+    return none if _shows_the_ends(fit, target.geometry) else target.near_periods
 
 
 def _shows_the_ends(fit: Fit, part: Mesh) -> bool:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
+from dqreg._records import replaced
 from dqreg.geometry import MeshSurface
 from dqreg.icp.rejectors import beyond_boundary
 from dqreg.kernels.threads import TimeUpError, until
@@ -160,20 +160,20 @@ def second_try(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
         fit = in_doubt_on_all_points(fit)
         known = best_known(fit, start, search)
         if is_doubtful(known.fit):
-            known = dataclasses.replace(known, fit=without_slide(known.fit, MAY_HOLD)[0])
+            known = replaced(known, fit=without_slide(known.fit, MAY_HOLD)[0])
         if known.fit is not fit or (not is_given and isinstance(fit.prepared.surface, MeshSurface)):
             # A search sees a sample: few points may tell its pose from a nearly symmetric one that it missed.
             best, near = best_near_symmetric(known.fit, search.kernel_scale)
-            known = dataclasses.replace(known, fit=best)
+            known = replaced(known, fit=best)
         best, turned = best_on_ring(known.fit, start.T_target_source if is_given else None, search.kernel_scale)
-        known = dataclasses.replace(known, fit=on_best_sides(best), turned=turned)
+        known = replaced(known, fit=on_best_sides(best), turned=turned)
         if is_given:
             meant, copies = meant_copy(known.fit, start.T_target_source, search.kernel_scale)
-            known, near = dataclasses.replace(known, fit=meant), np.concatenate([near, copies])
+            known, near = replaced(known, fit=meant), np.concatenate([near, copies])
         near = but_on_the_way(known.fit, near, search.kernel_scale if fit.problem.options.method == "auto" else None)
     if is_given:
-        known = dataclasses.replace(known, fit=without_drift(known.fit, start.T_target_source))
-    return dataclasses.replace(known, others=np.concatenate([known.others, near]))
+        known = replaced(known, fit=without_drift(known.fit, start.T_target_source))
+    return replaced(known, others=np.concatenate([known.others, near]))
 
 
 def registration_of(

@@ -71,7 +71,7 @@ class SourceAndTarget:
 
     def in_caller_frames(self, record: Iteration) -> Iteration:
         """A record of the loop with its pose between the caller's frames."""
-        return dataclasses.replace(record, T_target_source=self.to_caller(record.T_target_source))
+        return record.at(self.to_caller(record.T_target_source))
 
     def observer(self, observe: Callable[[Iteration], object] | None) -> Callable[[Iteration], object] | None:
         """The caller's observer as one of the loop."""

@@ -101,8 +101,10 @@ def best_on_ring(fit: Fit, start: FloatArray | None, kernel_scale: float) -> tup
 
 def _not_meant(fit: Fit, start: FloatArray | None) -> FloatArray:
     """Turns of the ring that two clouds show, (k, 4, 4), unless an initial pose tells a pose from all of them."""
+    if not isinstance(fit.prepared.surface, CloudSurface):
+        return NO_POSES
     off = np.inf if start is None else pose.angle_between(fit.T_target_source, start)
-    if not isinstance(fit.prepared.surface, CloudSurface) or off < np.pi / TEETH[-1]:
+    if off < np.pi / TEETH[-1]:
         return NO_POSES
     turns = ring_maps(fit)
     # As many as there are steps but one.

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, bounds
+from dqreg._arrays import BoolArray, share_of
 from dqreg.geometry import Surface
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
@@ -41,8 +41,8 @@ def surroundings_of(pairs: Correspondences, width: float, near: float, size: flo
     """
     on = pairs.distances <= width
     nowhere = np.zeros(len(on), dtype=bool)
-    if np.mean(on) >= 1.0 - SOME_OFF:
-        return Surroundings(nowhere, float(np.mean(on)), 0.0, 0.0, math.nan)
+    if (share_on := share_of(on)) >= 1.0 - SOME_OFF:
+        return Surroundings(nowhere, share_on, 0.0, 0.0, math.nan)
     rows = sample_rows(len(on), SEGMENTED)
     points, distances = pairs.moved[rows], pairs.distances[rows]
     segments = segments_of(points, pairs.closest.normals[rows], distances, width, size)
@@ -53,7 +53,7 @@ def surroundings_of(pairs: Correspondences, width: float, near: float, size: flo
     if far.any():
         elsewhere = ~on & far[known][NeighbourTree(points[known]).nearest(pairs.moved, 1)[0][:, 0]]
     faces = segments.on & (segments.labels >= 0)
-    shares = (float(np.mean(side)) for side in (segments.on, segments.other, segments.contradicting, faces))
+    shares = (share_of(side) for side in (segments.on, segments.other, segments.contradicting, faces))
     return Surroundings(elsewhere, *shares)
 
 
@@ -62,7 +62,7 @@ def displaced_of(pairs: Correspondences, close: BoolArray, width: float, noise: 
 
     0 for a scan larger than the part, of which other objects may be as even.
     """
-    if float(np.linalg.norm(np.subtract(*bounds(pairs.scan.points)))) > SCENE * surface.diagonal:
+    if pairs.scan.diagonal > SCENE * surface.diagonal:
         return 0.0
     noise = max(noise, LEAST_NOISE * surface.diagonal)
     off = pairs.distances[close] > max(TOGETHER * noise, width)

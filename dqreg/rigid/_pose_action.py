@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray, product
+from dqreg.rigid import single_pose
 from dqreg.rigid._operands import as_lines, as_planes, as_poses, as_triples, require_meeting
 
 
@@ -37,12 +38,7 @@ def apply(T_target_source: ArrayLike, points_source: ArrayLike) -> FloatArray:
     if T.ndim > 2:
         require_meeting(poses=T.shape[:-2], points=points.shape[:-1])
         return _times(T, points) + T[..., :3, 3]
-    # A contiguous 3x3 and three column sums in place: twice as fast on a million points as `P @ R.T + t`.
-    turn = np.ascontiguousarray(T[:3, :3].T)
-    moved = product(points, turn) if points.ndim == 2 else points @ turn
-    for axis in range(3):
-        moved[..., axis] += T[axis, 3]
-    return moved
+    return single_pose.apply(T, points)
 
 
 def rotate(T_target_source: ArrayLike, directions_source: ArrayLike) -> FloatArray:

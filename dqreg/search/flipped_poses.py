@@ -33,6 +33,8 @@ CLEARLY, FITTED = 2.5, 6.0 / FIRST[0]
 # the steps have come to rest. They have where the second one on more points moves none of them that far: on one ring,
 # of which few faces hold the rotation, they had 16 widths to go.
 SURELY, MOVES = 2.0, 0.5
+# Times that number, of a fifth of the points and fewer: what so few say all the others say too.
+FEW_SURELY = 2.0
 # First and last kernel scale of the refinement, in sizes.
 WIDE, NARROW = 6e-3, 1e-3
 # Points, steps and first kernel scale of mirrors that may leave little of a part in place.
@@ -62,7 +64,8 @@ def flipped_poses(
     poses, scores = _refined(T_target_source, flips, scan, surface, limit, floor, FIRST, asked=asked)
     kept = _not_clearly_worse(scores, 0)
     if len(kept) and asked is not None:
-        kept = kept[~_told_apart(poses[1 + kept], scores.width, surface, limit, *asked)]
+        clear = scores.distinguishable(0, FEW_SURELY * SURELY)[1 + kept]
+        kept = kept[~_told_apart(poses[1 + kept], clear, scores.width, surface, limit, *asked)]
     flips = flips[kept]
     if not len(flips):
         return []
@@ -138,19 +141,32 @@ def _not_clearly_worse(scores: PoseScores, best: int) -> IntArray:
 
 
 def _told_apart(
-    poses: Poses, width: float, surface: Surface, limit: float, points: FloatArray, distances: FloatArray
+    poses: Poses,
+    clear: BoolArray,
+    width: float,
+    surface: Surface,
+    limit: float,
+    points: FloatArray,
+    distances: FloatArray,
 ) -> BoolArray:
-    """Which poses points tell for sure from the one that puts them at some distances, (n,); see `PoseScores`."""
+    """Which poses points tell for sure from the one that puts them at some distances, (n,); see `PoseScores`.
+
+    Where few points have told a pose clearly before, few are asked first: as a rule they say it again.
+    """
     some, last = points[sample_rows(len(points), LAST[0])], np.array([NARROW * surface.diagonal])
     before = refine(poses, OrientedPoints.on_faces(some), surface, last)
     poses = refine(before, OrientedPoints.on_faces(some), surface, last)
     told: BoolArray = np.abs(poses.apply(some) - before.apply(some)).max(axis=(1, 2)) <= MOVES * width
+    known = np.zeros(len(poses), dtype=bool)
     # Only those that have come to rest are asked about.
-    if (rests := np.flatnonzero(told)).size:
-        there = np.maximum(distances_at(poses[rests], points, surface, limit) - MOVES * width, 0.0)
-        scores = likely_by(np.concatenate([distances[None], there]), width, limit)
-        told[rests] = scores.distinguishable(0, SURELY)[1:]
-    return told
+    few = told & clear & (len(points) > 2 * LAST[0]), sample_rows(len(points), LAST[0]), FEW_SURELY * SURELY
+    for which, asked, surely in (few, (told, slice(None), SURELY)):
+        if not (rests := np.flatnonzero(which & ~known)).size:
+            continue
+        there = np.maximum(distances_at(poses[rests], points[asked], surface, limit) - MOVES * width, 0.0)
+        scores = likely_by(np.concatenate([distances[None, asked], there]), width, limit)
+        known[rests] = scores.distinguishable(0, surely)[1:]
+    return told & known
 
 
 def _worth_refining(T_target_source: FloatArray, flips: FloatArray, scan: Scan, surface: Surface) -> FloatArray:

@@ -32,9 +32,9 @@ class Motion:
             # The foot of the centre; NumPy's cross product takes ten times as long.
             foot = np.array([v * z - w * y, w * x - u * z, u * y - v * x]) / (rotation @ rotation)
             vector, point = rotation, centre + foot
-        x, y, z = (vector / np.linalg.norm(vector)).tolist()
-        if max(x, y, z, key=abs) < 0.0:
-            x, y, z = -x, -y, -z
+        x, y, z = vector.tolist()
+        size = math.copysign(math.hypot(x, y, z), max(x, y, z, key=abs))
+        x, y, z = x / size, y / size, z / size
         return Motion(kind, (x, y, z), _vector(point))
 
     @property

@@ -46,7 +46,7 @@ def least_cost(form: QuadraticForm, start: FloatArray) -> tuple[FloatArray, floa
     from dqreg.kernels.pose_forms import least_cost_pose
     from dqreg.kernels.threads import as_plain
 
-    origins, T = np.stack([form.origin_source, form.origin_target]), np.zeros((4, 4))
+    origins, T = np.array([form.origin_source, form.origin_target]), np.zeros((4, 4))
     limits = STEPS, NOTHING, NOISE, LONGEST_RAD, FLAT
     cost = least_cost_pose(as_plain(form.matrix), as_plain(origins), as_plain(start), *limits, T)
     return T, cost

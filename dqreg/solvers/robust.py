@@ -28,6 +28,8 @@ EVEN, WIDEST = 0.5, 0.5
 TINY = float(np.finfo(float).tiny)
 # What squares of distances are multiplied with at most: infinity times zero is no number.
 STEEPEST = -1e300
+# One over the density of a half-normal distance of standard deviation 1 at zero.
+HALF_NORMAL = math.sqrt(math.pi / 2.0)
 # Standard deviation of a Gaussian over the median of its distances from zero.
 GAUSSIAN_MEDIAN = 1.4826
 
@@ -139,7 +141,7 @@ class GemanMcClure:
 
 def odds_of(scale: float, inlier_fraction: float, limit: float) -> float:
     """Density of outliers over that of an inlier at distance zero (a half-normal)."""
-    return (1.0 - inlier_fraction) / limit * scale * math.sqrt(math.pi / 2.0) / inlier_fraction
+    return (1.0 - inlier_fraction) / limit * scale * HALF_NORMAL / inlier_fraction
 
 
 @dataclasses.dataclass(frozen=True)
@@ -194,19 +196,20 @@ class InlierMixture:
         """Scale and inlier fraction after EM rounds on distances within the limit."""
         scale, fraction = max(self.scale, TINY), self.inlier_fraction
         squares, weights, beside = distances**2, np.zeros(len(distances)), np.zeros(len(distances))
+        count, least = len(distances), max(floor, TINY)
         for _ in range(rounds):
             # As `weight` has it but for rounding, where the numbers stand already.
             np.multiply(squares, max(-0.5 / scale / scale, STEEPEST), out=weights)
             np.exp(weights, out=weights)
-            np.add(weights, odds_of(scale, fraction, self.limit), out=beside)
+            np.add(weights, (1.0 - fraction) / self.limit * scale * HALF_NORMAL / fraction, out=beside)
             np.divide(weights, beside, out=weights)
-            total = float(weights.sum())
+            total = float(np.add.reduce(weights))
             if total == 0.0:
                 break
-            before = scale, fraction
-            scale = max(math.sqrt(float(weights @ squares) / total), floor, TINY)
-            fraction = min(max(total / len(distances), LEAST_FRACTION), 1.0 - LEAST_FRACTION)
-            if abs(scale - before[0]) <= STILL * scale and abs(fraction - before[1]) <= STILL * fraction:
+            was_scale, was_fraction = scale, fraction
+            scale = max(math.sqrt(float(weights @ squares) / total), least)
+            fraction = min(max(total / count, LEAST_FRACTION), 1.0 - LEAST_FRACTION)
+            if abs(scale - was_scale) <= STILL * scale and abs(fraction - was_fraction) <= STILL * fraction:
                 break
         return InlierMixture(scale, fraction, self.limit)
 

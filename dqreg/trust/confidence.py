@@ -98,7 +98,9 @@ def probability(figures: dict[str, float]) -> float:
     >>> 0.0 < probability({"inliers": 3.0}) < 1.0
     True
     """
-    logit = OFFSET + sum(WEIGHTS.get(name, 0.0) * value for name, value in figures.items())
+    logit = OFFSET
+    for name, value in figures.items():
+        logit += WEIGHTS.get(name, 0.0) * value
     return 1.0 / (1.0 + math.exp(-max(-30.0, min(30.0, logit))))
 
 
@@ -115,4 +117,7 @@ def figures_taken() -> Iterator[list[tuple[float, ...]]]:
 
 def _log(value: float, low: float, high: float) -> float:
     # A motion that is free, or a number that is missing, is the worst there is.
-    return high if math.isnan(value) else min(max(math.log10(max(value, 1e-300)), low), high)
+    if math.isnan(value):
+        return high
+    found = math.log10(value) if value > 1e-300 else -300.0
+    return low if found < low else high if found > high else found

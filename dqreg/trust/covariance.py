@@ -106,7 +106,7 @@ def observe_directions(information: Information, units: str | None = None) -> tu
     directions = []
     for value, vector, is_free, carriers in zip(information.values, vectors.T, free, information.carriers, strict=True):
         share = FREE_ROTATION if is_free else CONSTRAINED_ROTATION
-        kind: Kind = "rotation" if np.linalg.norm(vector[:3]) >= share else "translation"
+        kind: Kind = "rotation" if math.hypot(*vector[:3].tolist()) >= share else "translation"
         motion = Motion.of(vector[:3] / information.lever, vector[3:], information.centre, kind)
         told = motion.words_in(units)
         sigma, words = np.nan, f"unconstrained: {told}"

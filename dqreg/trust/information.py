@@ -8,6 +8,7 @@ import math
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, dot
+from dqreg._records import replaced
 from dqreg.solvers.quadratic import ROWS
 from dqreg.solvers.row_sums import MotionSums
 from dqreg.solvers.sandwich import patch_starts, scatter_of_sums
@@ -199,7 +200,7 @@ def information_of(
         return held
     outer = basis @ motions
     alone = basis @ by_prior * np.sqrt(variance / (total * values[~held.free & denied]))
-    return dataclasses.replace(held, scatter=outer @ scatter @ outer.T + alone @ alone.T)
+    return replaced(held, scatter=outer @ scatter @ outer.T + alone @ alone.T)
 
 
 def _tilt(values: FloatArray, said: FloatArray, vectors: FloatArray, weights: FloatArray) -> FloatArray:

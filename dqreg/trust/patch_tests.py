@@ -85,8 +85,9 @@ def patches_off(
         | (np.count_nonzero(d > ON * width, axis=1) >= PATCH // 2)
     )
     off = np.zeros(count, dtype=bool)
-    off[some] = (np.abs(_medians(a[some])) > OFF * width) | (_medians(d[some]) > ON * width)
-    counted = close.mean(axis=1) >= 0.5
+    if len(some):
+        off[some] = (np.abs(_medians(a[some])) > OFF * width) | (_medians(d[some]) > ON * width)
+    counted = 2 * np.count_nonzero(close, axis=1) >= PATCH
     doubtful = np.flatnonzero(off & counted)
     if len(doubtful) and not near.all():
         patches = points[whole].reshape(count, PATCH, 3)[doubtful]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Literal
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Literal
 
 from dqreg._arrays import FloatArray
 from dqreg._records import lock
@@ -122,7 +123,7 @@ class Verdict:
     level: Level  # What to do with the pose: use it, look at it, throw it away
     reasons: tuple[Reason, ...]  # Sentences, the weightiest first; each has a `code`
     checks: tuple[Check, ...] = dataclasses.field(
-        default=(), repr=False
+        default_factory=tuple, repr=False
     )  # Every question with its figure; none where nothing was found, or of a file of old
     # Probability that the pose is right, see `dqreg.trust.confidence`; NaN where it is not known
     confidence: float = dataclasses.field(default=math.nan, compare=False)
@@ -130,6 +131,24 @@ class Verdict:
     def __post_init__(self) -> None:
         reasons = tuple(reason if isinstance(reason, Reason) else Reason(reason) for reason in self.reasons)
         object.__setattr__(self, "reasons", reasons)
+        if callable(self.checks):
+            # In tracking nobody reads thirty questions a frame.
+            vars(self)["_checks"] = vars(self).pop("checks")
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> tuple[Check, ...]:
+            if name != "checks" or "_checks" not in vars(self):
+                raise AttributeError(name)
+            vars(self)["checks"] = vars(self)["_checks"]()
+            return vars(self)["checks"]
+
+    @staticmethod
+    def asking(
+        level: Level, reasons: tuple[Reason, ...], checks: Callable[[], tuple[Check, ...]], confidence: float
+    ) -> Verdict:
+        """A verdict whose checks are made when they are first read, by a function that can be pickled."""
+        return Verdict(level, reasons, checks, confidence)  # type: ignore[arg-type]
 
     @property
     def codes(self) -> tuple[str, ...]:

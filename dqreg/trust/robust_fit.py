@@ -17,6 +17,7 @@ STILL = 0.02
 SINGULAR = 3e-9
 # Strains and motions expected beforehand, in extents of the scan: what the faces do not show stays at zero.
 USUAL = 0.2
+TINY = float(np.finfo(float).tiny)
 
 
 def unexplained(displaced: FloatArray, motions: FloatArray, weights: FloatArray) -> float:
@@ -50,14 +51,15 @@ def robust_fit(
     fitted: FloatArray = np.zeros(len(rows))
     weights, was_small, left = first, False, residuals
     for _ in range(rounds):
-        variance = dot(weights, left**2) / float(weights.sum()) + np.finfo(float).tiny
+        variance = dot(weights, left**2) / float(weights.sum()) + TINY
         weighed = rows * weights
         information = product(weighed, rows.T)
         solved = np.linalg.solve(information + known_before(information, variance, lever), weighed @ residuals)
         step, fitted = solved - fitted, np.asarray(solved, dtype=np.float64)
-        if was_small and is_small(fitted):
+        now_small = is_small(fitted)
+        if was_small and now_small:
             break
-        was_small = is_small(fitted)
+        was_small = now_small
         left = residuals - fitted @ rows
         weights = weights_of(left)
         if step @ information @ step <= STILL**2 * variance:
@@ -75,7 +77,8 @@ def known_before(information: FloatArray, variance: float, lever: float) -> Floa
 
 def weights_of(residuals: FloatArray) -> FloatArray:
     """Tukey's biweight of residuals, (n,), from their own median."""
-    limit = TUKEY * GAUSSIAN_MEDIAN * median(np.abs(residuals)) + np.finfo(float).tiny
+    aside = np.abs(residuals)
+    limit = TUKEY * GAUSSIAN_MEDIAN * median(aside) + TINY
     # Beyond the limit nothing counts, and exact data would overflow.
-    inner = np.minimum(np.abs(residuals), limit) / limit
+    inner = np.minimum(aside, limit) / limit
     return np.asarray((1.0 - inner**2) ** 2)

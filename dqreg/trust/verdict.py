@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 from dqreg.trust.checks import checks_of
 from dqreg.trust.confidence import confidence_of
@@ -40,10 +41,14 @@ def judge(evidence: Evidence) -> Verdict:
     together = confidence if not doubts and math.isfinite(evidence.size) else math.nan
     if together < UNLIKELY:
         doubts, level = (Reason(_unlikely(together), "low_confidence"),), "suspect"
-    checks = (*checks_of(evidence, {doubt.code for doubt in doubts}), _together(together))
+    checks = functools.partial(_checks, evidence, frozenset(doubt.code for doubt in doubts), together)
     doubts = (*_causes(evidence), *doubts) if doubts else doubts
     reasons = doubts or (Reason(_summary(evidence), "accepted"), *_remarks(evidence))
-    return Verdict(level, reasons, checks, confidence)
+    return Verdict.asking(level, reasons, checks, confidence)
+
+
+def _checks(evidence: Evidence, against: Collection[str], together: float) -> tuple[Check, ...]:
+    return (*checks_of(evidence, against), _together(together))
 
 
 def _causes(evidence: Evidence) -> Iterator[Reason]:

@@ -36,7 +36,11 @@ def test_neighbours_and_closedness_are_those_of_the_topology(
         # Each edge is met an even number of times.
         mesh = Mesh(mesh.vertices, np.concatenate([mesh.faces, mesh.faces[:, ::-1]]))
         assert mesh.is_closed
-    np.testing.assert_array_equal(mesh._fans.find(np.arange(len(mesh.faces))).neighbours, mesh.face_neighbours)
+    fans, every = mesh._fans.find(np.arange(len(mesh.faces))), np.arange(len(mesh.faces))
+    np.testing.assert_array_equal(fans.neighbours, mesh.face_neighbours)
+    turns = np.einsum("fa,fka->fk", mesh.face_normals, mesh.face_normals[mesh.face_neighbours])
+    turns[mesh.face_neighbours == every[:, None]] = 2.0
+    np.testing.assert_allclose(fans.turns, turns, atol=1e-15)
     assert mesh.is_closed == (mesh.topology.open_sides == 0)
 
 

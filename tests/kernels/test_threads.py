@@ -59,6 +59,10 @@ def test_helpers_are_asked_for_whole_ranges_alone(monkeypatch: pytest.MonkeyPatc
     threads.over_chunks(lambda first, last: seen.extend(range(first, last)), total, chunk=8)
     assert len(asked) == helpers
     assert seen == list(range(total))
+    asked.clear()
+    threads.over_chunks(lambda first, last: seen.extend(range(first, last)), total, chunk=8, fewest=4)
+    assert len(asked) == (helpers if total >= 32 else 0)
+    assert seen == 2 * list(range(total))
 
 
 def test_a_helper_that_never_begins_holds_no_array(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from dqreg.geometry import Mesh, MeshSurface, PointCloud, prepare_scan, sample_mesh
 from dqreg.icp import smallest_kernel_scale
 from dqreg.rigid import pose
+from dqreg.search import flipped_poses as module
 from dqreg.search.flipped_poses import (
     FIRST,
     _not_clearly_worse,
@@ -15,6 +18,8 @@ from dqreg.search.flipped_poses import (
     gain_of_mirror,
 )
 from dqreg.search.near_symmetry import near_flips, near_mirrors
+from dqreg.search.poses import Poses
+from dqreg.search.scoring import distances_at
 from dqreg.synth.parts import block, bracket
 from dqreg.trust.limits import MIRRORED
 
@@ -89,15 +94,30 @@ def test_points_that_are_asked_drop_a_flip_where_twice_as_many_see_the_feature_a
     points = sample_mesh(BLOCK, 40_000, np.random.default_rng(1)).points
     apart = SURFACE.closest(pose.apply(FLIPS[0], points)).distances
     same, feature = points[apart <= 1e-6 * BLOCK.diagonal][:1_000], points[np.argsort(-apart)]
-    lengths = 0.05 * BLOCK.diagonal, 0.3 * NOISE
+    assert [told(np.concatenate([same, feature[:count]])) for count in (0, 4, 5, 8, 30)] == [False] * 3 + [True] * 2
 
-    def told(count: int) -> bool:
-        scan = scan_of(np.concatenate([same, feature[:count]]))
-        poses, scores = _refined(np.eye(4), FLIPS[:1], scan, SURFACE, *lengths, FIRST)
-        asked = scan.points, SURFACE.closest(scan.points).distances
-        return bool(_told_apart(poses[np.array([1])], scores.width, SURFACE, lengths[0], *asked)[0])
 
-    assert [told(count) for count in (0, 4, 5, 8, 30)] == [False, False, False, True, True]
+@pytest.mark.parametrize(("clear", "counts"), [(True, [1_000]), (False, [5_000])])
+def test_what_a_fifth_of_the_points_said_before_it_says_again(
+    monkeypatch: pytest.MonkeyPatch, clear: bool, counts: list[int]
+) -> None:
+    asked: list[int] = []
+
+    def counting(poses: Poses, some: np.ndarray, *others: Any) -> np.ndarray:
+        asked.append(len(some))
+        return distances_at(poses, some, *others)
+
+    monkeypatch.setattr(module, "distances_at", counting)
+    assert told(sample_mesh(BLOCK, 40_000, np.random.default_rng(1)).points[:5_000], clear=clear)
+    assert asked == counts
+
+
+def told(points: np.ndarray, *, clear: bool = False) -> bool:
+    """Whether points tell the first flip for sure from the truth, which few points may have told clearly before."""
+    scan, limit = scan_of(points), 0.05 * BLOCK.diagonal
+    poses, scores = _refined(np.eye(4), FLIPS[:1], scan, SURFACE, limit, 0.3 * NOISE, FIRST)
+    asked = scan.points, SURFACE.closest(scan.points).distances
+    return bool(_told_apart(poses[np.array([1])], np.array([clear]), scores.width, SURFACE, limit, *asked)[0])
 
 
 def test_points_that_are_asked_drop_nothing_that_would_be_named() -> None:

@@ -2,10 +2,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import pickle
 
 import pytest
 
 from dqreg.trust import judge
+from dqreg.trust import verdict as verdicts
 from dqreg.trust.checks import QUESTIONS
 from dqreg.trust.doubts import DOUBTS
 from dqreg.trust.limits import ROUGH
@@ -55,3 +57,19 @@ def test_nothing_found_has_no_checks_and_a_later_doubt_keeps_them() -> None:
     assert judge(dataclasses.replace(GOOD, found=False)).checks == ()
     verdict = judge(GOOD)
     assert verdict.doubted(verdict.reasons[0]).checks == verdict.checks
+
+
+def test_the_questions_are_answered_once_they_are_read_and_go_along_with_a_copy(monkeypatch) -> None:
+    asked: list[object] = []
+    monkeypatch.setattr(verdicts, "checks_of", lambda evidence, against: asked.append(against) or ())
+    verdict = judge(GOOD)
+    copies = pickle.loads(pickle.dumps(verdict)), dataclasses.replace(verdict, level="suspect")
+    assert asked == [frozenset()]  # To copy the fields reads them.
+    assert len(verdict.checks) == 1
+    assert verdict.checks is verdict.checks
+    assert len(asked) == 1
+    assert copies[1].checks is verdict.checks
+    # What was not asked is NaN, which equals nothing.
+    assert repr(copies[0].checks) == repr(verdict.checks)
+    with pytest.raises(AttributeError):
+        _ = verdict.chekcs
