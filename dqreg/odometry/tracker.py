@@ -18,7 +18,7 @@ from dqreg.odometry.follow import off_at
 from dqreg.odometry.frame import DownsampledFrame, RawFrame, downsample_frame
 from dqreg.odometry.kiss import KissParts, rigid
 from dqreg.odometry.prediction import Prediction
-from dqreg.odometry.rivals import looked_at, placed, similar_shifts
+from dqreg.odometry.rivals import facing, looked_at, placed, similar_shifts
 from dqreg.odometry.self_similarity import View
 from dqreg.odometry.settings import OdometrySettings, Resolved
 from dqreg.odometry.starts import predict
@@ -152,7 +152,6 @@ class Tracker:
         trusted = off <= TRUSTED * lengths.reach or expected is not None or kiss.deviation <= lengths.voxel_size
         # With times it is deskewed once more, and seen then.
         seen = Later(lambda: View.of(frame.dense, lengths.near), beside=frame.back is None)
-        own = None if self._timeline.is_timed else Later(lambda: frame.own.fits)
         aligned, notes = search.find(frame, trust_motion=trusted, near=near), raw.notes
         if frame.back is not None:
             deskewed = Deskewed(frame, aligned).repeated(search, WORTHWHILE * lengths.voxel_size)
@@ -163,10 +162,8 @@ class Tracker:
         measured = expected is not None and expected.information is not None
         spread = expected.spread if expected is not None and measured else deviation
         timed = self._timeline.is_timed
-        if own is not None:
-            own.result()
         first = placed(search, frame, aligned, T_predicted, spread, measured=measured)
-        similar = None if timed or measured else Later(lambda: similar_shifts(search, frame))
+        similar = None if timed or measured else Later(lambda: similar_shifts(search, facing(frame, first.aligned)))
         # Beside its depth image, which a frame without times has by now.
         information = Later(lambda: information_of_place(first, frame.reach), beside=frame.back is not None)
         if frame.back is None:
