@@ -74,6 +74,15 @@ class FrameSearch:
             return aligned
         return self._found(frame.fitted, trust_motion=trust_motion, near=False)
 
+    def find_with_sweep(self, sweep: Sweep, *, near: bool) -> Alignment:
+        """The pose of a frame near the prediction and the motion during its sweep, both from all of its points."""
+        T, scan = self.anchors[0][1], sweep.frame.scan
+        if near:
+            mixture = InlierMixture.starting(0.5 * self.lengths.near, self.lengths.near)
+            return self._follow(scan, T, mixture, 1, sweep=sweep)
+        run = self._coarse(scan.thinned(COARSE), T)
+        return run if run.ended_early else self.settle_sweep(sweep, run)
+
     def _found(self, scan: Scan, *, trust_motion: bool, near: bool) -> Alignment:
         if near and self.settings.method == "plane":
             mixture = InlierMixture.starting(0.5 * self.lengths.near, self.lengths.near)

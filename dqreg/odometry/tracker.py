@@ -152,10 +152,12 @@ class Tracker:
         trusted = off <= TRUSTED * lengths.reach or expected is not None or kiss.deviation <= lengths.voxel_size
         # With times it is deskewed once more, and seen then.
         seen = Later(lambda: View.of(frame.dense, lengths.near), beside=frame.back is None)
-        aligned, notes = search.find(frame, trust_motion=trusted, near=near), raw.notes
-        if frame.back is not None:
-            deskewed = Deskewed(frame, aligned).repeated(search, WORTHWHILE * lengths.voxel_size)
-            frame, aligned, notes = deskewed.frame, deskewed.aligned, notes + deskewed.notes
+        worthwhile = WORTHWHILE * lengths.voxel_size
+        deskewed = Deskewed.at_once(frame, search, worthwhile, near=near) if trusted else None
+        if deskewed is None:
+            deskewed = Deskewed(frame, search.find(frame, trust_motion=trusted, near=near))
+            deskewed = deskewed if frame.back is None else deskewed.repeated(search, worthwhile)
+        frame, aligned, notes = deskewed.frame, deskewed.aligned, raw.notes + deskewed.notes
         # After a frame that was not trusted constant velocity is worth nothing, and before any motion is known, little.
         is_first = expected is None and not self._usual
         deviation = np.inf if self._timeline.missed else kiss.deviation * (FIRST_STEP if is_first else 1.0)
