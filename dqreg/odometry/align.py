@@ -32,7 +32,7 @@ COARSE = 400
 QUICK = AnnealingSchedule("quick", stages=25, iterations=1, rounds=1)
 FINE = AnnealingSchedule("fine", stages=4, iterations=None, rounds=30)
 # Steps a search and searches of either, for planes; and the step, in voxels, from which on all points go on.
-QUICK_STEPS, FINE_STEPS, NEAR_ENOUGH = (2, 25), (6, 20), 0.3
+QUICK_STEPS, FINE_STEPS, NEAR_ENOUGH = (2, 25), (4, 20), 0.3
 # Least scale of the kernel, in voxels: below it the faces that are seen at a grazing angle, whose heights hardly err,
 # would outvote those that are seen from the front.
 LEAST = 0.05
