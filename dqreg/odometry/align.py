@@ -76,7 +76,7 @@ class FrameSearch:
 
     def find_with_sweep(self, sweep: Sweep, *, near: bool) -> Alignment:
         """The pose of a frame near the prediction and the motion during its sweep, both from all of its points."""
-        T, scan = self.anchors[0][1], sweep.frame.scan
+        T, scan = self.anchors[0][1], sweep.scan
         if near:
             mixture = InlierMixture.starting(0.5 * self.lengths.near, self.lengths.near)
             return self._follow(scan, T, mixture, 1, sweep=sweep)
@@ -137,7 +137,7 @@ class FrameSearch:
         """The pose of a frame as above, and the motion during its sweep."""
         near = self.lengths.near
         narrow = InlierMixture(min(before.mixture.scale, 0.5 * near), before.mixture.inlier_fraction, near)
-        T, scan = before.T_target_source, sweep.frame.scan
+        T, scan = before.T_target_source, sweep.scan
         return self._follow(scan, T, narrow, before.next_number, before.pairs, sweep).after(before)
 
     def _fine(self, scan: Scan, run: Alignment, before: Correspondences | None = None) -> Alignment:
