@@ -30,6 +30,8 @@ BLOCKS, ACROSS = 0.1, 0.9
 # of it stands where the frame looked through at most, before the pose is refined and after. Halls of equal columns came
 # to 0.15 and 0.04, furnished ones to 0.09 of the latter and more.
 ALIKE, FEWEST_ALIKE, ROUGHLY, CONTRADICTED = 0.1, 40, 0.2, 0.05
+# Frames of so nearly as many points, one a voxel, are as far apart in the image.
+ALIKE_COUNT = 0.1
 # Cosine of a normal with a step whose face is across it; blur of a line of sight over the step; pixels by which a line
 # of sight may be off: the nearest range around each one counts.
 FACING, BLUR, PIXELS = 0.5, 0.5, 1.5
@@ -139,11 +141,15 @@ class View:
 
     image: DepthImage
     margin: float
+    measured: int = 0  # Points of the frame of which the pixel was measured
 
     @staticmethod
-    def of(points: FloatArray, margin: float) -> View:
-        """From the points of a frame, (n, 3)."""
-        return View(DepthImage.of(points, np.zeros(3)), margin)
+    def of(points: FloatArray, margin: float, before: View | None = None) -> View:
+        """From the points of a frame, (n, 3); their spacing is that of a frame before with about as many."""
+        count = len(points)
+        if before is None or abs(count - before.measured) > ALIKE_COUNT * before.measured:
+            return View(DepthImage.of(points, np.zeros(3)), margin, count)
+        return View(DepthImage.of(points, np.zeros(3), before.image.pixel), margin, before.measured)
 
     def compared(self, points: FloatArray, T: FloatArray) -> tuple[int, int]:
         """Points, moved, that stand where the frame looked through, and those about where it saw something."""

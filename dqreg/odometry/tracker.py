@@ -61,6 +61,8 @@ class Tracker:
         self._first: DownsampledFrame | None = None
         # Frames kept out of the map in a row.
         self._kept_out = 0
+        # What the last frame saw.
+        self._view: View | None = None
         self._timeline, self._link = Timeline(self.settings.history), MapLink()
 
     def _place(self, raw: RawFrame, ratio: float, expected: Prediction | None, *, insert: bool) -> Registration:
@@ -151,7 +153,7 @@ class Tracker:
         near = off <= NEAR * lengths.voxel_size
         trusted = off <= TRUSTED * lengths.reach or expected is not None or kiss.deviation <= lengths.voxel_size
         # With times it is deskewed once more, and seen then.
-        seen = Later(lambda: View.of(frame.dense, lengths.near), beside=frame.back is None)
+        seen = Later(lambda: View.of(frame.dense, lengths.near, self._view), beside=frame.back is None)
         worthwhile = WORTHWHILE * lengths.voxel_size
         deskewed = Deskewed.at_once(frame, search, worthwhile, near=near) if trusted else None
         if deskewed is None:
@@ -171,6 +173,8 @@ class Tracker:
         if frame.back is None:
             information.result()
         place = looked_at(first, search, frame, seen, similar)
+        # For the next frame, which is taken for as dense.
+        self._view = seen.result()
         found = frame_result(
             place, information.result(), frame, self._usual_fraction, notes, self._words(frame), expected
         )
