@@ -59,6 +59,8 @@ class Tracker:
         self._off: deque[float] = deque(maxlen=MEMORY)
         # The first frame, while nobody knows the motion during its sweep.
         self._first: DownsampledFrame | None = None
+        # Whether the motion is what this frame and the first one told together.
+        self._is_under_way = False
         # Frames kept out of the map in a row.
         self._kept_out = 0
         # What the last frame saw.
@@ -88,15 +90,18 @@ class Tracker:
             self._merge(self._map, frame)
             self._first = None if frame.back is None else frame
             return first_frame(self._T_last, raw.notes, self._words(frame))
-        if self._first is not None and frame.back is not None:
-            self._undo_first_sweep(self._first, lengths, frame, ratio)
+        self._is_under_way = (
+            self._first is not None
+            and frame.back is not None
+            and self._undo_first_sweep(self._first, lengths, frame, ratio)
+        )
         frame = frame.without(self._motion)
         return self._register(kiss, self._map, lengths, frame, raw, ratio, expected, insert=insert)
 
     def _undo_first_sweep(
         self, first: DownsampledFrame, lengths: Resolved, frame: DownsampledFrame, ratio: float
-    ) -> None:
-        """Make the map anew of the first frame without the motion during its sweep, which nobody knew then.
+    ) -> bool:
+        """Make the map anew of the first frame without the motion during its sweep; whether that was found.
 
         How the second frame is skewed against it is how its motion differs; half of that more and less than the way
         between the middles of their sweeps is what both motions are.
@@ -106,21 +111,22 @@ class Tracker:
         aligned = search.find(frame, trust_motion=False)
         skewed = Deskewed(frame, aligned).repeated(search, WORTHWHILE * lengths.voxel_size)
         if not skewed.aligned.inlier_fraction >= LOST:
-            return
+            return False
         self._first = None
         half = 0.5 * twist.log(skewed.frame.motion)
         middle = rigid(pose.inverse(self._T_last) @ skewed.aligned.T_target_source @ twist.exp(-half))
         mean = twist.log(middle) / max(ratio, 1.0)
         self._motion = twist.exp(mean + half)
         if off_at(frame.reach, mean - half) <= WORTHWHILE * lengths.voxel_size:
-            return
+            return True
         made = VoxelMap(lengths)
         made.insert(first.without(twist.exp(mean - half)).dense, self._T_last)
         there = dataclasses.replace(search, surface=made.surface)
         straight = there.refine(search.asked(frame.without(self._motion)), predict(self._T_last, self._motion, ratio))
         # Times may be no times.
-        if fits_no_worse(straight, aligned):
+        if fits := fits_no_worse(straight, aligned):
             self._map = made
+        return fits
 
     def _ahead(self, raw: RawFrame) -> RawFrame:
         """A frame downsampled ahead of its turn, beside the frame before, where that decides nothing of it."""
@@ -155,7 +161,9 @@ class Tracker:
         # With times it is deskewed once more, and seen then.
         seen = Later(lambda: View.of(frame.dense, lengths.near, self._view), beside=frame.back is None)
         worthwhile = WORTHWHILE * lengths.voxel_size
-        deskewed = Deskewed.at_once(frame, search, worthwhile, near=near) if trusted else None
+        # A sweep tells its own motion: one step that was as predicted is enough.
+        likely = trusted or (not self._timeline.missed and max(self._off, default=np.inf) <= TRUSTED * lengths.reach)
+        deskewed = Deskewed.at_once(frame, search, worthwhile, near=near) if likely or self._is_under_way else None
         if deskewed is None:
             deskewed = Deskewed(frame, search.find(frame, trust_motion=trusted, near=near))
             deskewed = deskewed if frame.back is None else deskewed.repeated(search, worthwhile)
