@@ -26,8 +26,8 @@ from dqreg.odometry.settings import OdometrySettings, Resolved
 from dqreg.odometry.starts import candidates, screen
 from dqreg.trust.doubts import fraction_fits
 
-# Points of the coarse level.
-COARSE = 400
+# Points of the coarse level, and where all others tell afterwards whether it was right.
+COARSE, FEW = 400, 200
 # The kernel scale falls with every iteration; few suffice from an initial pose that was chosen.
 QUICK = AnnealingSchedule("quick", stages=25, iterations=1, rounds=1)
 FINE = AnnealingSchedule("fine", stages=4, iterations=None, rounds=30)
@@ -43,7 +43,7 @@ BEFORE_SWEEP = 1_000
 # First kernel scale, over the largest distance.
 WIDE = 0.3
 # The last level ends once a step moves the points by less than this fraction of the map's diagonal.
-TOLERANCE, ITERATIONS = 1e-5, 20
+TOLERANCE, ITERATIONS = 3e-5, 20
 # Lattices of rotations: the usual one, and the one for a frame that fits badly, whose limit is in the settings.
 USUAL_DEG, STEP_DEG, RESCUE_STEP_DEG = 40.0, 20.0, 15.0
 # Initial poses of the last attempt that are refined.
@@ -80,7 +80,7 @@ class FrameSearch:
         if near:
             mixture = InlierMixture.starting(0.5 * self.lengths.near, self.lengths.near)
             return self._follow(scan, T, mixture, 1, sweep=sweep)
-        run = self._coarse(scan.thinned(COARSE), T)
+        run = self._coarse(scan.thinned(FEW), T)
         return run if run.ended_early else self.settle_sweep(sweep, run)
 
     def _found(self, scan: Scan, *, trust_motion: bool, near: bool) -> Alignment:

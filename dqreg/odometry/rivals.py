@@ -38,7 +38,7 @@ FACING, FACED = 0.5, 200
 # Normals that agree at least so well belong to one face; a difference of so many standard errors is one.
 AGREE, SIGNIFICANT = 0.7, 3.0
 # Points of the map that are held against the frame's lines of sight, and those in view that say something.
-VIEWED, FEWEST = 8_000, 200
+VIEWED, FEWEST = 4_000, 200
 # Voxels that the refinement of a place one period on may move it, and such places that are named.
 NEAR_CELLS, NAMED = 3.0, 2
 
