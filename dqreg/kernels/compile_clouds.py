@@ -14,7 +14,7 @@ from dqreg.kernels.morton import count_cells, morton_cells, new_places, sorted_r
 from dqreg.kernels.plane_steps import FIGURES, step_on_planes
 from dqreg.kernels.point_tree import LEAF
 from dqreg.kernels.quadric_fits import quadric_residual_rows
-from dqreg.kernels.shift_counts import count_at_shifts, count_on_runs
+from dqreg.kernels.shift_counts import count_at_shifts, count_on_runs, runs_around
 from dqreg.kernels.split_sort import split_sorted_rows
 from dqreg.kernels.sweep_steps import step_on_planes_of_sweep
 from dqreg.kernels.swept_rows import swept_rows
@@ -78,6 +78,7 @@ def keep_maps() -> None:
         0, 0, flat, 1.0, table, keys, cells, sums, kept, 1, 1.0, keys, first.repeat(3), one, flat, flat, one
     )
     grid, steps = np.zeros((1, 2), dtype=np.int32), np.zeros((0, 2), dtype=np.int64)
+    runs_around(np.zeros((1, 1), dtype=np.bool_))
     count_on_runs(steps, keys, first, grid)
     count_at_shifts(0, 0, steps, steps, np.zeros((1, 1), dtype=np.bool_), grid[0])
     figures = np.zeros(FIGURES)

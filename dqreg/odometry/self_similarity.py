@@ -72,7 +72,10 @@ def self_similar_shifts(points: FloatArray, normals: FloatArray, cell: float, le
     occupied[tuple(cells[stands].T)] = True
     share, steps, lowest = _similar(occupied, known)
     shifts = (steps + lowest) * cell
-    kept = np.flatnonzero((np.hypot(*shifts.T) > least) & _is_peak(share, steps))
+    kept = np.flatnonzero(np.hypot(*shifts.T) > least)
+    if not len(kept):
+        return np.zeros((0, 3))
+    kept = kept[_is_peak(share, steps[kept])]
     kept = kept[np.argsort(-share[tuple(steps[kept].T)], kind="stable")]
     found: list[int] = []
     while len(kept) and len(found) < KEPT:
@@ -88,7 +91,7 @@ def _similar(occupied: BoolArray, known: BoolArray) -> tuple[FloatArray, IntArra
     Zero where either is too little. Shapes: (h, w) by shifts in cells from the lowest on, (m, 2) where it is not zero,
     and (2,) the lowest shift.
     """
-    from dqreg.kernels.shift_counts import count_at_shifts, count_on_runs
+    from dqreg.kernels.shift_counts import count_at_shifts, count_on_runs, runs_around
     from dqreg.kernels.threads import over_chunks
 
     cells = np.column_stack(np.nonzero(occupied))
@@ -97,7 +100,7 @@ def _similar(occupied: BoolArray, known: BoolArray) -> tuple[FloatArray, IntArra
     ordered = np.sort(cells, axis=0)
     up, down = occupied.shape - ordered[int(np.ceil(enough)) - 1], ordered[-int(np.ceil(enough))]
     counts = np.zeros(up + down + (1, 2), dtype=np.int32)
-    count_on_runs(cells, _runs(_widened(np.pad(occupied, (0, 1)))), -down, counts)
+    count_on_runs(cells, runs_around(occupied), -down, counts)
     # Ground is counted where enough is met of the least that it may be.
     steps = np.column_stack(np.nonzero(counts[:, :-1] >= SIMILAR * enough))
     met, ground = counts[tuple(steps.T)], np.zeros(len(steps), dtype=np.int32)
@@ -106,13 +109,6 @@ def _similar(occupied: BoolArray, known: BoolArray) -> tuple[FloatArray, IntArra
     share = np.zeros(up + down + 1)
     share[tuple(steps[alike].T)] = met[alike] / ground[alike]
     return share, steps[alike], -down
-
-
-def _runs(marked: BoolArray) -> IntArray:
-    """Runs of marked cells within rows, (k, 3): the row, the first column and the one after the last."""
-    edges = np.diff(np.pad(marked, ((0, 0), (1, 1))).astype(np.int8), axis=1)
-    rows, begins = np.nonzero(edges > 0)
-    return np.column_stack([rows, begins, np.nonzero(edges < 0)[1]])
 
 
 def _widened(grid: BoolArray) -> BoolArray:
