@@ -8,6 +8,7 @@ from dqreg.kernels.cell_matches import planes_in_cells
 from dqreg.kernels.cell_moments import cell_moments, table_of
 from dqreg.kernels.cell_planes import cell_planes
 from dqreg.kernels.close_points import close_points, facing_matches
+from dqreg.kernels.depth_pixels import count_before, directions_from, fill_nearest, least_around
 from dqreg.kernels.edge_planes import edge_plane_rows, with_others_rows
 from dqreg.kernels.majority_planes import majority_plane_rows
 from dqreg.kernels.morton import count_cells, morton_cells, new_places, sorted_rows, take_points
@@ -52,6 +53,15 @@ def fit_neighbourhoods() -> None:
     close_points(0, 0, np.zeros((1, 6)), corners, LEAF, FIRST, corners, corners, motion, 1.0, 1.0, near, far)
     plain, open_all = (corners, corners), np.zeros(3, dtype=np.bool_)
     facing_matches(*plain, motion, near, *plain, open_all, 1.0, 0.0, True, near.copy(), far, far.copy())
+
+
+def look_along_rays() -> None:
+    """Depth images."""
+    image, counts = np.full((1, 1), np.inf), np.zeros(2, dtype=np.int64)
+    directions_from(0, 0, CORNERS, FLAT, ONE, np.zeros((2, 3)), ONE)
+    fill_nearest(np.zeros((2, 0)), np.zeros(0), ONE, 1.0, image, FIRST)
+    least_around(image, image.copy())
+    count_before(CORNERS[:0], FLAT, ONE, ONE, 1.0, image, np.zeros((1, 1), dtype=np.bool_), 1.0, 1.0, counts)
 
 
 def keep_maps() -> None:

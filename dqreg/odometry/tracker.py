@@ -159,7 +159,7 @@ class Tracker:
         near = off <= NEAR * lengths.voxel_size
         trusted = off <= TRUSTED * lengths.reach or expected is not None or kiss.deviation <= lengths.voxel_size
         # With times it is deskewed once more, and seen then.
-        seen = Later(lambda: View.of(frame.dense, lengths.near, self._view), beside=frame.back is None)
+        seen = self._seen(frame, lengths) if frame.back is None else None
         worthwhile = WORTHWHILE * lengths.voxel_size
         # A sweep tells its own motion: one step that was as predicted is enough.
         likely = trusted or (not self._timeline.missed and max(self._off, default=np.inf) <= TRUSTED * lengths.reach)
@@ -168,6 +168,7 @@ class Tracker:
             deskewed = Deskewed(frame, search.find(frame, trust_motion=trusted, near=near))
             deskewed = deskewed if frame.back is None else deskewed.repeated(search, worthwhile)
         frame, aligned, notes = deskewed.frame, deskewed.aligned, raw.notes + deskewed.notes
+        seen = seen or self._seen(frame, lengths)
         # After a frame that was not trusted constant velocity is worth nothing, and before any motion is known, little.
         is_first = expected is None and not self._usual
         deviation = np.inf if self._timeline.missed else kiss.deviation * (FIRST_STEP if is_first else 1.0)
@@ -175,21 +176,24 @@ class Tracker:
         spread = expected.spread if expected is not None and measured else deviation
         timed = self._timeline.is_timed
         first = placed(search, frame, aligned, T_predicted, spread, measured=measured)
-        similar = None if timed or measured else Later(lambda: similar_shifts(search, facing(frame, first.aligned)))
-        # Beside its depth image, which a frame without times has by now.
-        information = Later(lambda: information_of_place(first, frame.reach), beside=frame.back is not None)
-        if frame.back is None:
-            information.result()
+        asked = first.aligned.found and not (timed or measured)
+        # Beside its depth image, which is made without the interpreter.
+        similar = similar_shifts(search, facing(frame, first.aligned)) if asked else None
+        information = information_of_place(first, frame.reach)
         place = looked_at(first, search, frame, seen, similar)
         # For the next frame, which is taken for as dense.
         self._view = seen.result()
         found = frame_result(
-            place, information.result(), frame, self._usual_fraction, notes, self._words(frame), expected
+            place, information, frame, self._usual_fraction, notes, self._words(frame), expected
         )
         fits = self._kept_out >= self.settings.patience or (found.verdict.level != "failed" and self._fits(found))
         result = self._link.linked(found, place, self._timeline.count, fits=fits)
         self._learn(kiss, world, frame, result, T_predicted, trusted=place.is_escaped, insert=insert)
         return result
+
+    def _seen(self, frame: DownsampledFrame, lengths: Resolved) -> Later[View]:
+        before = self._view
+        return Later(lambda: View.of(frame.dense, lengths.near, before))
 
     def _fits(self, result: Registration) -> bool:
         return fraction_fits(result.inlier_fraction, self._usual_fraction)
