@@ -28,8 +28,8 @@ SLOTS = 16
 # A match is kept where no other point can be nearer by more than this many voxels: points of the map are three times as
 # far apart, and the planes of all of them are the same.
 KEPT = 0.03
-# Queries that one thread answers in one go.
-CHUNK = 512
+# Queries that one thread answers in one go, of planes and of nearest points.
+CHUNK, FEWER = 512, 64
 # Number, voxels and blocks; sums of a voxel; plane of a point: see the kernels.
 COUNTS, SUMS, PLANE = 3, (8, 10), 8
 
@@ -180,7 +180,7 @@ class MapSurface:
         )
         found = rows, distances, others, feet, normals, variances
         was = before, others_before, 1.0 - ROUNDING, KEPT * self._size
-        over_chunks(closest_in_voxels, count, as_plain(points), *asked, *was, *found, chunk=CHUNK)
+        over_chunks(closest_in_voxels, count, as_plain(points), *asked, *was, *found, chunk=FEWER)
         return Closest(feet, normals, distances, rows, others, variances)
 
     def planes_at(self, points: FloatArray, before: CellPlanes | None = None) -> CellPlanes:

@@ -12,6 +12,7 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry import Scan
+from dqreg.geometry.vector_rows import nonzero_rows
 from dqreg.rigid import pose
 from dqreg.trust.free_space import DepthImage
 
@@ -37,9 +38,9 @@ ALIKE_COUNT = 0.1
 FACING, BLUR, PIXELS = 0.5, 0.5, 1.5
 
 
-def standing(normals: FloatArray) -> BoolArray:
+def _stand(normals: FloatArray, axes: FloatArray) -> BoolArray:
     """Points of faces across the one that is most common, (n,): what lies in that one fits everywhere."""
-    return np.asarray((np.abs(normals @ _axes(normals)[:, 2]) < STANDS) & normals.any(axis=1))
+    return np.asarray((np.abs(normals @ axes[:, 2]) < STANDS) & nonzero_rows(normals))
 
 
 def behind_faces(points: FloatArray, normals: FloatArray, shift: FloatArray) -> bool:
@@ -59,17 +60,18 @@ def self_similar_shifts(points: FloatArray, normals: FloatArray, cell: float, le
 
     The most similar first. Shapes: points, normals (n, 3), zero where none is known.
     """
-    stands, plane = standing(normals), _axes(normals)[:, :2]
+    axes = _axes(normals)
+    stands, plane = _stand(normals, axes), axes[:, :2]
     if not stands.any():
         return np.zeros((0, 3))
-    flat = points @ plane
-    low = flat.min(axis=0)
-    cell = max(cell, float((flat.max(axis=0) - low).max()) / CELLS)
-    cells = ((flat - low) / cell).astype(np.int64)
-    known = np.zeros(cells.max(axis=0) + 1, dtype=bool)
+    flat = np.ascontiguousarray((points @ plane).T)
+    low, high = flat.min(axis=1), flat.max(axis=1)
+    cell = max(cell, float((high - low).max()) / CELLS)
+    rows, columns = ((flat - low[:, None]) / cell).astype(np.int64)
+    known = np.zeros((rows.max() + 1, columns.max() + 1), dtype=bool)
     occupied = np.zeros_like(known)
-    known[tuple(cells.T)] = True
-    occupied[tuple(cells[stands].T)] = True
+    known[rows, columns] = True
+    occupied[rows[stands], columns[stands]] = True
     share, steps, lowest = _similar(occupied, known)
     shifts = (steps + lowest) * cell
     kept = np.flatnonzero(np.hypot(*shifts.T) > least)
