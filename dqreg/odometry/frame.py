@@ -182,8 +182,9 @@ def downsample_frame(raw: RawFrame, lengths: Resolved) -> DownsampledFrame | Non
     dense, back = np.take(dense, order, axis=0), back[order]
     # In an order that is none: the first along the curve would be the same corner of each voxel.
     mixed = np.arange(len(dense)) * STRIDE % len(dense)
-    rows = mixed[first_of_voxels(np.take(dense, mixed, axis=0), SPARSE * lengths.voxel_size)]
-    rows.sort()
+    chosen = np.zeros(len(dense), dtype=bool)
+    chosen[mixed[first_of_voxels(np.take(dense, mixed, axis=0), SPARSE * lengths.voxel_size)]] = True
+    rows = np.flatnonzero(chosen)
     rows = rows[sample_rows(len(rows), MOST if when is None else MOST_TIMED)]
     if len(rows) < 3:
         return None
@@ -194,6 +195,10 @@ def downsample_frame(raw: RawFrame, lengths: Resolved) -> DownsampledFrame | Non
 def _in_range(raw: RawFrame, lengths: Resolved) -> tuple[FloatArray, FloatArray | None]:
     """Points in range, and their times where the motion is to be undone."""
     points, times = raw.points, raw.times if lengths.deskew else None
+    corner = np.maximum(*map(np.abs, bounds(points))) if len(points) else np.zeros(3)
+    # None is at the sensor.
+    if corner @ corner < lengths.max_range**2 and lengths.min_range == 0.0:
+        return points, times
     squares = np.einsum("ij,ij->i", points, points)
     near = (squares < lengths.max_range**2) & (squares > lengths.min_range**2)
     if near.all():

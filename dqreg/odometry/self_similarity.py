@@ -78,7 +78,7 @@ def self_similar_shifts(points: FloatArray, normals: FloatArray, cell: float, le
     if not len(kept):
         return np.zeros((0, 3))
     kept = kept[_is_peak(share, steps[kept])]
-    kept = kept[np.argsort(-share[tuple(steps[kept].T)], kind="stable")]
+    kept = kept[np.argsort(-share[tuple(steps[kept].T + AROUND)], kind="stable")]
     found: list[int] = []
     while len(kept) and len(found) < KEPT:
         # Of equal ones side by side one is enough.
@@ -90,8 +90,8 @@ def self_similar_shifts(points: FloatArray, normals: FloatArray, cell: float, le
 def _similar(occupied: BoolArray, known: BoolArray) -> tuple[FloatArray, IntArray, IntArray]:
     """How much of what comes to lie on known ground lies on what is occupied, or beside it, shift by shift.
 
-    Zero where either is too little. Shapes: (h, w) by shifts in cells from the lowest on, (m, 2) where it is not zero,
-    and (2,) the lowest shift.
+    Zero where either is too little. Shapes: (h, w) by shifts in cells from the lowest on, in a frame of `AROUND` zeros,
+    (m, 2) where it is not zero, and (2,) the lowest shift.
     """
     from dqreg.kernels.shift_counts import count_at_shifts, count_on_runs, runs_around
     from dqreg.kernels.threads import over_chunks
@@ -108,8 +108,8 @@ def _similar(occupied: BoolArray, known: BoolArray) -> tuple[FloatArray, IntArra
     met, ground = counts[tuple(steps.T)], np.zeros(len(steps), dtype=np.int32)
     over_chunks(count_at_shifts, len(steps), steps - down, cells, _widened(np.pad(known, (0, 1))), ground)
     alike = (ground >= enough) & (met >= SIMILAR * ground)
-    share = np.zeros(up + down + 1)
-    share[tuple(steps[alike].T)] = met[alike] / ground[alike]
+    share = np.zeros(up + down + 1 + 2 * AROUND)
+    share[tuple(steps[alike].T + AROUND)] = met[alike] / ground[alike]
     return share, steps[alike], -down
 
 
@@ -125,11 +125,10 @@ def _widened(grid: BoolArray) -> BoolArray:
 
 
 def _is_peak(share: FloatArray, cells: IntArray) -> BoolArray:
-    """Whether nothing around some cells of a grid, (n, 2), holds more than they do, (n,)."""
-    framed = np.pad(share, AROUND)
-    here, peak = share[tuple(cells.T)], np.ones(len(cells), dtype=bool)
+    """Whether nothing around some cells of a framed grid, (n, 2), holds more than they do, (n,)."""
+    here, peak = share[tuple(cells.T + AROUND)], np.ones(len(cells), dtype=bool)
     for step in np.ndindex(2 * AROUND + 1, 2 * AROUND + 1):
-        peak &= here >= framed[tuple((cells + step).T)]
+        peak &= here >= share[tuple((cells + step).T)]
     return peak
 
 

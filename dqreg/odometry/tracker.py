@@ -11,7 +11,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, as_pose
 from dqreg.kernels.threads import Later
-from dqreg.odometry.align import FrameSearch
+from dqreg.odometry.align import BEFORE_SWEEP, FrameSearch
 from dqreg.odometry.assess import LOST, MapLink, first_frame, frame_result, information_of_place, without_pose
 from dqreg.odometry.deskewing import WORTHWHILE, Deskewed, fits_no_worse
 from dqreg.odometry.follow import off_at
@@ -78,9 +78,9 @@ class Tracker:
             self._motion = rigid(predict(np.eye(4), step, 1.0 / max(ratio, 1.0)))
         with contextlib.nullcontext() if self._map is None else self._map.growing():
             frame = _downsampled(raw, lengths)
-        if frame is None or len(frame.scan) < FEWEST_POINTS:
+        if frame is None or len(frame.rows) < FEWEST_POINTS:
             why = (
-                f"downsampling leaves {0 if frame is None else len(frame.scan)} of {len(raw.points)} points (within "
+                f"downsampling leaves {0 if frame is None else len(frame.rows)} of {len(raw.points)} points (within "
                 f"{lengths.max_range:.4g}, voxels of {lengths.voxel_size:.4g}); {FEWEST_POINTS} are needed"
             )
             return self._failed(why, raw, "too few points")
@@ -122,7 +122,9 @@ class Tracker:
         made = VoxelMap(lengths)
         made.insert(first.without(twist.exp(mean - half)).dense, self._T_last)
         there = dataclasses.replace(search, surface=made.surface)
-        straight = there.refine(search.asked(frame.without(self._motion)), predict(self._T_last, self._motion, ratio))
+        # As few as it is compared with were placed by.
+        scan = search.asked(frame.without(self._motion)).thinned(BEFORE_SWEEP)
+        straight = there.refine(scan, predict(self._T_last, self._motion, ratio))
         # Times may be no times.
         if fits := fits_no_worse(straight, aligned):
             self._map = made
@@ -183,9 +185,7 @@ class Tracker:
         place = looked_at(first, search, frame, seen, similar)
         # For the next frame, which is taken for as dense.
         self._view = seen.result()
-        found = frame_result(
-            place, information, frame, self._usual_fraction, notes, self._words(frame), expected
-        )
+        found = frame_result(place, information, frame, self._usual_fraction, notes, self._words(frame), expected)
         fits = self._kept_out >= self.settings.patience or (found.verdict.level != "failed" and self._fits(found))
         result = self._link.linked(found, place, self._timeline.count, fits=fits)
         self._learn(kiss, world, frame, result, T_predicted, trusted=place.is_escaped, insert=insert)
@@ -249,7 +249,7 @@ class Tracker:
             **({} if self._lengths is None else dataclasses.asdict(self._lengths)),
             "method": self.settings.method,
             "centre": self._T_last[:3, 3].tolist(),
-            "used_points": len(frame.scan),
+            "used_points": len(frame.rows),
             "source_points": len(frame.dense),
             "source_scale": 1.0,
         }

@@ -71,9 +71,9 @@ class DepthImage:
         from dqreg.kernels.depth_pixels import count_before
         from dqreg.kernels.threads import as_plain
 
-        counts, held = np.zeros(2, dtype=np.int64), (float(self.pixel), self.nearest, self.filled)
-        eye = as_plain(self.eye), as_plain(self.low)
-        count_before(as_plain(points), as_plain(self.axes), *eye, *held, float(margin), float(step), counts)
+        counts, limits = np.zeros(2, dtype=np.int64), (float(margin), float(step))
+        points, axes, eye, low = (as_plain(each) for each in (points, self.axes, self.eye, self.low))
+        count_before(points, axes, eye, low, float(self.pixel), self.nearest, self.filled, *limits, counts)
         return int(counts[0]), int(counts[1])
 
 
