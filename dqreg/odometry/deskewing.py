@@ -27,7 +27,7 @@ from dqreg.trust.records import Reason
 
 # The frame is deskewed again while the motion is wrong by this fraction of a voxel at the frame's edge, and so many
 # times at most.
-WORTHWHILE, ROUNDS = 0.2, 5
+WORTHWHILE, ROUNDS = 0.3, 5
 # Share of the correspondences that has to face a motion for it to count: at this share, half of it is believed.
 HELD = 0.03
 # Loss of inliers at which a round is rejected, unless the kernel narrows by as much: a narrower one holds fewer.

@@ -31,7 +31,7 @@ from dqreg.solvers.status import Status
 SHORT = 0.05
 # Share of the correspondences that has to face a motion during the sweep for it to count: at this share, half of it is
 # believed in a step.
-HELD = 0.1
+HELD = 0.05
 # Share of the points that has to meet planes in their cells: 0.13 where 6 rings met one sweep, 0.5 where 16 did.
 FEWEST_IN_CELLS = 1.0 / 3.0
 # A scale that falls by less in all steps of a search is settled.

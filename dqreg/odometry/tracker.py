@@ -63,6 +63,8 @@ class Tracker:
         self._is_under_way = False
         # Frames kept out of the map in a row.
         self._kept_out = 0
+        # Where a frame was like itself nowhere.
+        self._unlike: FloatArray | None = None
         # What the last frame saw.
         self._view: View | None = None
         self._timeline, self._link = Timeline(self.settings.history), MapLink()
@@ -178,7 +180,8 @@ class Tracker:
         spread = expected.spread if expected is not None and measured else deviation
         timed = self._timeline.is_timed
         first = placed(search, frame, aligned, T_predicted, spread, measured=measured)
-        asked = first.aligned.found and not (timed or measured)
+        T = first.aligned.T_target_source
+        asked = first.aligned.found and not (timed or measured or self._is_unlike(frame, T, lengths.reach))
         # Beside its depth image, which is made without the interpreter.
         similar = similar_shifts(search, facing(frame, first.aligned)) if asked else None
         information = information_of_place(first, frame.reach)
@@ -188,8 +191,17 @@ class Tracker:
         found = frame_result(place, information, frame, self._usual_fraction, notes, self._words(frame), expected)
         fits = self._kept_out >= self.settings.patience or (found.verdict.level != "failed" and self._fits(found))
         result = self._link.linked(found, place, self._timeline.count, fits=fits)
+        if similar is not None:
+            self._unlike = None if len(similar) else T
+        if result.verdict.level != "accepted":
+            self._unlike = None
         self._learn(kiss, world, frame, result, T_predicted, trusted=place.is_escaped, insert=insert)
         return result
+
+    def _is_unlike(self, frame: DownsampledFrame, T: FloatArray, reach: float) -> bool:
+        """Whether a frame of all but the same place was like itself nowhere: what it saw is what this one sees."""
+        before = None if self._timeline.missed else self._unlike
+        return before is not None and frame.scan._spread.motion(before, T) <= reach
 
     def _seen(self, frame: DownsampledFrame, lengths: Resolved) -> Later[View]:
         before = self._view
