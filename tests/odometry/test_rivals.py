@@ -97,6 +97,6 @@ def test_a_frame_that_is_like_itself_nowhere_says_so_for_those_beside_it(monkeyp
         assert odometry.register_frame(points).verdict.level == "accepted"
         counts.append(len(asked))
     assert not any(map(len, asked))
-    # Never before there is a map; once where it stands; and again once it has gone on by the largest distance of a pair.
+    # Never before there is a map; once where it stands; again once it has gone on by the largest distance of a pair.
     assert counts[:3] == [0, 1, 1]
     assert 1 < counts[-1] < len(frames)
