@@ -49,13 +49,18 @@ def fill_nearest(
 def least_around(image: FloatArray, found: FloatArray) -> None:
     """Write the least of each pixel and those around it. O(h w)."""
     height, width = image.shape
+    along = np.zeros((height, width))
     for row in range(height):
         for column in range(width):
-            least = np.inf
-            for i in range(max(row - 1, 0), min(row + 2, height)):
-                for j in range(max(column - 1, 0), min(column + 2, width)):
-                    least = min(least, image[i, j])
-            found[row, column] = least
+            along[row, column] = image[row, column]
+        for column in range(width - 1):
+            along[row, column] = min(along[row, column], image[row, column + 1])
+        for column in range(1, width):
+            along[row, column] = min(along[row, column], image[row, column - 1])
+    for row in range(height):
+        above, below = max(row - 1, 0), min(row + 1, height - 1)
+        for column in range(width):
+            found[row, column] = min(along[row, column], along[above, column], along[below, column])
 
 
 @compiled
