@@ -19,7 +19,8 @@ def first_of_voxels(points: FloatArray, size: float) -> IntArray:
     places = 1
     while places < SPARSE * len(points):
         places *= 2
-    table, found, count = np.full(places, -1, dtype=np.int32), np.zeros(len(points), dtype=np.int64), np.zeros(1, dtype=np.int64)
+    table = np.full(places, -1, dtype=np.int32)
+    found, count = np.zeros(len(points), dtype=np.int64), np.zeros(1, dtype=np.int64)
     first_rows(as_plain(points), float(size), table, found, count)
     return found[: count[0]]
 
