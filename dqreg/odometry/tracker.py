@@ -159,18 +159,9 @@ class Tracker:
         # Points farther off than its own can reach cannot be met.
         surface.about(self._T_last[:3, 3], frame.reach + lengths.reach)
         search = FrameSearch(surface, lengths, self.settings, self._usual_fraction, self._anchors(T_predicted))
-        off = max(self._off) if len(self._off) >= FEWEST_STEPS and not self._timeline.missed else np.inf
-        near = off <= NEAR * lengths.voxel_size
-        trusted = off <= TRUSTED * lengths.reach or expected is not None or kiss.deviation <= lengths.voxel_size
         # With times it is deskewed once more, and seen then.
         seen = self._seen(frame, lengths) if frame.back is None else None
-        worthwhile = WORTHWHILE * lengths.voxel_size
-        # A sweep tells its own motion: one step that was as predicted is enough.
-        likely = trusted or (not self._timeline.missed and max(self._off, default=np.inf) <= TRUSTED * lengths.reach)
-        deskewed = Deskewed.at_once(frame, search, worthwhile, near=near) if likely or self._is_under_way else None
-        if deskewed is None:
-            deskewed = Deskewed(frame, search.find(frame, trust_motion=trusted, near=near))
-            deskewed = deskewed if frame.back is None else deskewed.repeated(search, worthwhile)
+        deskewed = self._deskewed(search, frame, trusted=expected is not None or kiss.deviation <= lengths.voxel_size)
         frame, aligned, notes = deskewed.frame, deskewed.aligned, raw.notes + deskewed.notes
         seen = seen or self._seen(frame, lengths)
         # After a frame that was not trusted constant velocity is worth nothing, and before any motion is known, little.
@@ -197,6 +188,21 @@ class Tracker:
             self._unlike = None
         self._learn(kiss, world, frame, result, T_predicted, trusted=place.is_escaped, insert=insert)
         return result
+
+    def _deskewed(self, search: FrameSearch, frame: DownsampledFrame, *, trusted: bool) -> Deskewed:
+        """Where a frame lies, without the motion during its sweep; the prediction may be trusted anyway."""
+        off, lengths = np.inf if self._timeline.missed else max(self._off, default=np.inf), search.lengths
+        # A sweep tells its own motion: one step that was as predicted is enough.
+        likely = trusted or self._is_under_way or off <= TRUSTED * lengths.reach
+        if len(self._off) < FEWEST_STEPS:
+            off = np.inf
+        near, trusted = off <= NEAR * lengths.voxel_size, trusted or off <= TRUSTED * lengths.reach
+        worthwhile = WORTHWHILE * lengths.voxel_size
+        found = Deskewed.at_once(frame, search, worthwhile, near=near) if likely else None
+        if found is not None:
+            return found
+        found = Deskewed(frame, search.find(frame, trust_motion=trusted, near=near))
+        return found if frame.back is None else found.repeated(search, worthwhile)
 
     def _is_unlike(self, frame: DownsampledFrame, T: FloatArray, reach: float) -> bool:
         """Whether a frame of all but the same place was like itself nowhere: what it saw is what this one sees."""
