@@ -37,15 +37,18 @@ def cells_around(
 def _in_block(a: int, b: int, c: int, reach: int, block: int, cells: Voxels, found: IntArray, count: int) -> int:
     """The same in one block, by the place of the cell from its corner."""
     for i in range(max(a - reach, 0) >> 1, (min(a + reach, 7) >> 1) + 1):
+        within_x = (0x0F if 2 * i >= a - reach else 0) | (0xF0 if 2 * i < a + reach else 0)
         for j in range(max(b - reach, 0) >> 1, (min(b + reach, 7) >> 1) + 1):
+            within_xy = within_x & ((0x33 if 2 * j >= b - reach else 0) | (0xCC if 2 * j < b + reach else 0))
             for m in range(max(c - reach, 0) >> 1, (min(c + reach, 7) >> 1) + 1):
                 held = int(cells[block, (i << 4) | (j << 2) | m])
-                if held == 0:
+                bits = held & within_xy & ((0x55 if 2 * m >= c - reach else 0) | (0xAA if 2 * m < c + reach else 0))
+                if bits == 0:
                     continue
                 first = ((held >> CELLS) - 1) * CELLS
                 for s in range(CELLS):
-                    x, y, z = 2 * i + (s >> 2) - a, 2 * j + ((s >> 1) & 1) - b, 2 * m + (s & 1) - c
-                    if (held >> s) & 1 and abs(x) <= reach and abs(y) <= reach and abs(z) <= reach:
-                        found[count, 0], found[count, 1], found[count, 2], found[count, 3] = first + s, x, y, z
+                    if (bits >> s) & 1:
+                        found[count, 0], found[count, 1] = first + s, 2 * i + (s >> 2) - a
+                        found[count, 2], found[count, 3] = 2 * j + ((s >> 1) & 1) - b, 2 * m + (s & 1) - c
                         count += 1
     return count

@@ -251,6 +251,7 @@ STEPS: tuple[Callable[[], None], ...] = (
     _common_planes,
     _many_problems,
     compile_clouds.keep_maps,
+    compile_clouds.look_along_rays,
     _rims,
     _pairs,
     _shared_noise,

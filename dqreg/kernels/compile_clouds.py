@@ -8,13 +8,14 @@ from dqreg.kernels.cell_matches import planes_in_cells
 from dqreg.kernels.cell_moments import cell_moments, table_of
 from dqreg.kernels.cell_planes import cell_planes
 from dqreg.kernels.close_points import close_points, facing_matches
+from dqreg.kernels.depth_pixels import count_before, directions_from, fill_nearest, least_around
 from dqreg.kernels.edge_planes import edge_plane_rows, with_others_rows
 from dqreg.kernels.majority_planes import majority_plane_rows
 from dqreg.kernels.morton import count_cells, morton_cells, new_places, sorted_rows, take_points
 from dqreg.kernels.plane_steps import FIGURES, step_on_planes
 from dqreg.kernels.point_tree import LEAF
 from dqreg.kernels.quadric_fits import quadric_residual_rows
-from dqreg.kernels.shift_counts import count_at_shifts, count_on_runs
+from dqreg.kernels.shift_counts import count_at_shifts, count_on_runs, runs_around
 from dqreg.kernels.split_sort import split_sorted_rows
 from dqreg.kernels.sweep_steps import step_on_planes_of_sweep
 from dqreg.kernels.swept_rows import swept_rows
@@ -54,6 +55,15 @@ def fit_neighbourhoods() -> None:
     facing_matches(*plain, motion, near, *plain, open_all, 1.0, 0.0, True, near.copy(), far, far.copy())
 
 
+def look_along_rays() -> None:
+    """Depth images."""
+    image, counts = np.full((1, 1), np.inf), np.zeros(2, dtype=np.int64)
+    directions_from(0, 0, CORNERS, FLAT, ONE, np.zeros((2, 3)), ONE)
+    fill_nearest(np.zeros((2, 0)), np.zeros(0), ONE, 1.0, image, FIRST)
+    least_around(image, image.copy())
+    count_before(CORNERS[:0], FLAT, ONE, ONE, 1.0, image, np.zeros((1, 1), dtype=np.bool_), 1.0, 1.0, counts)
+
+
 def keep_maps() -> None:
     """The map of the odometry."""
     flat, one, first = np.eye(3), np.zeros(3), np.zeros(1, dtype=np.int64)
@@ -78,6 +88,7 @@ def keep_maps() -> None:
         0, 0, flat, 1.0, table, keys, cells, sums, kept, 1, 1.0, keys, first.repeat(3), one, flat, flat, one
     )
     grid, steps = np.zeros((1, 2), dtype=np.int32), np.zeros((0, 2), dtype=np.int64)
+    runs_around(np.zeros((1, 1), dtype=np.bool_))
     count_on_runs(steps, keys, first, grid)
     count_at_shifts(0, 0, steps, steps, np.zeros((1, 1), dtype=np.bool_), grid[0])
     figures = np.zeros(FIGURES)

@@ -9,6 +9,8 @@ from dqreg._arrays import BoolArray, IntArray
 from dqreg.kernels.compiled import compiled
 
 Counts = NDArray[np.int32]
+# Columns from one marked cell to the next one at which what is beside them no longer touches.
+APART = 4
 
 
 @compiled
@@ -30,6 +32,41 @@ def count_on_runs(cells: IntArray, runs: IntArray, lowest: IntArray, counts: Cou
     for row in range(height):
         for column in range(1, width + 1):
             counts[row, column] += counts[row, column - 1]
+
+
+def runs_around(marked: BoolArray) -> IntArray:
+    """Runs within rows of cells that are marked or beside one that is, (k, 3): row, first column, one after the last.
+
+    As far as to one row and one column after the last ones of the grid.
+    """
+    height, width = marked.shape
+    runs, count = np.zeros(((height + 1) * (width // 2 + 2), 3), dtype=np.int64), np.zeros(1, dtype=np.int64)
+    write_runs(marked, runs, count)
+    return runs[: count[0]]
+
+
+@compiled
+def write_runs(marked: BoolArray, runs: IntArray, count: IntArray) -> None:
+    """Write the runs, row by row, and add their number to a zero. O(h w)."""
+    height, width = marked.shape
+    for row in range(height + 1):
+        # The last marked column so far; runs that touch are one.
+        low, high, begin, last = max(row - 1, 0), min(row + 1, height - 1), 0, -APART
+        for column in range(width):
+            is_marked = False
+            for k in range(low, high + 1):
+                is_marked = is_marked or marked[k, column]
+            if not is_marked:
+                continue
+            if column - last >= APART:
+                if last >= 0:
+                    runs[count[0], 0], runs[count[0], 1], runs[count[0], 2] = row, begin, last + 2
+                    count[0] += 1
+                begin = max(column - 1, 0)
+            last = column
+        if last >= 0:
+            runs[count[0], 0], runs[count[0], 1], runs[count[0], 2] = row, begin, last + 2
+            count[0] += 1
 
 
 @compiled

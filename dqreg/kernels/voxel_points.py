@@ -59,11 +59,11 @@ def admit_points(
             cells[block, place], voxels[voxel, 0], voxels[voxel, 1], links[row, 0] = (voxel + 1) << CELLS, row, 0, -1
             taken = True
         else:
-            taken, other = voxels[voxel, 1] < most, voxels[voxel, 0]
-            while taken and other >= 0:
-                dx, dy, dz = points[other, 0] - x, points[other, 1] - y, points[other, 2] - z
-                taken = np.sqrt(dx * dx + dy * dy + dz * dz) >= apart
-                other = links[other, 0]
+            taken = voxels[voxel, 1] < most
+            if taken and voxels[voxel, 1] <= members.shape[1]:
+                taken = _is_apart(x - a * size, y - b * size, z - c * size, apart, slots, voxel, voxels[voxel, 1])
+            elif taken:
+                taken = _is_apart_of_all(x, y, z, apart, points, links, voxels[voxel, 0])
         cell = _add_to_cell(x / size - a, y / size - b, z / size - c, size, sums, voxel * CELLS)
         cells[block, place] |= 1 << cell
         if not taken:
@@ -80,6 +80,30 @@ def admit_points(
         voxels[voxel, 1] += 1
         links[row, 1] = voxel
         points[row, 0], points[row, 1], points[row, 2] = x, y, z
+
+
+@inside_kernels
+def _is_apart(u: float, v: float, t: float, apart: float, slots: Slots, voxel: int, count: int) -> bool:
+    """Whether a place, from the corner of its voxel on, is so far from all points of the voxel, which are in slots."""
+    for k in range(count):
+        dx, dy, dz = slots[voxel, k, 0] - u, slots[voxel, k, 1] - v, slots[voxel, k, 2] - t
+        if dx * dx + dy * dy + dz * dz < apart * apart:
+            return False
+    return True
+
+
+@inside_kernels
+def _is_apart_of_all(
+    x: float, y: float, z: float, apart: float, points: FloatArray, links: IntArray, first: int
+) -> bool:
+    """The same of a voxel with more points than slots, by its first point."""
+    other = first
+    while other >= 0:
+        dx, dy, dz = points[other, 0] - x, points[other, 1] - y, points[other, 2] - z
+        if dx * dx + dy * dy + dz * dz < apart * apart:
+            return False
+        other = links[other, 0]
+    return True
 
 
 @inside_kernels

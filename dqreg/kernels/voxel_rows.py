@@ -6,7 +6,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.kernels.compiled import compiled
-from dqreg.kernels.voxel_blocks import HALF, A, B, C
+from dqreg.kernels.voxel_blocks import HALF, A, B, C, Voxels
 
 # Places of the table for each point, at least.
 SPARSE = 2
@@ -19,7 +19,8 @@ def first_of_voxels(points: FloatArray, size: float) -> IntArray:
     places = 1
     while places < SPARSE * len(points):
         places *= 2
-    table, found, count = np.full(places, -1), np.zeros(len(points), dtype=np.int64), np.zeros(1, dtype=np.int64)
+    table = np.full(places, -1, dtype=np.int32)
+    found, count = np.zeros(len(points), dtype=np.int64), np.zeros(1, dtype=np.int64)
     first_rows(as_plain(points), float(size), table, found, count)
     return found[: count[0]]
 
@@ -36,7 +37,7 @@ def means_of_voxels(
     places = 1
     while places < SPARSE * len(points):
         places *= 2
-    table, count, cells = np.full(places, -1), np.zeros(1, dtype=np.int64), np.zeros((len(points), 3))
+    table, count, cells = np.full(places, -1, dtype=np.int32), np.zeros(1, dtype=np.int64), np.zeros((len(points), 3))
     sums, when = np.zeros((len(points), 5)), np.zeros(0) if times is None else as_plain(times)
     add_to_voxels(as_plain(points), when, float(size), float(near), table, cells, sums, count)
     found = sums[: count[0]]
@@ -49,7 +50,7 @@ def add_to_voxels(
     times: FloatArray,
     size: float,
     near: float,
-    table: IntArray,
+    table: Voxels,
     cells: FloatArray,
     sums: FloatArray,
     count: IntArray,
@@ -64,10 +65,10 @@ def add_to_voxels(
         a, b, c = np.floor(points[i, 0] / size), np.floor(points[i, 1] / size), np.floor(points[i, 2] / size)
         code = np.uint64(np.int64(a)) * A + np.uint64(np.int64(b)) * B + np.uint64(np.int64(c)) * C
         place = (code ^ (code >> HALF)) & last
-        voxel = table[place]
+        voxel = int(table[place])
         while voxel >= 0 and (cells[voxel, 0] != a or cells[voxel, 1] != b or cells[voxel, 2] != c):
             place = (place + np.uint64(1)) & last
-            voxel = table[place]
+            voxel = int(table[place])
         if voxel < 0:
             voxel = count[0]
             count[0] += 1
@@ -83,21 +84,21 @@ def add_to_voxels(
 
 
 @compiled
-def first_rows(points: FloatArray, size: float, table: IntArray, found: IntArray, count: IntArray) -> None:
+def first_rows(points: FloatArray, size: float, table: Voxels, found: IntArray, count: IntArray) -> None:
     """Write the rows whose voxel no row before has; the table, of a power of two of places, holds them, -1 at first."""
     last = np.uint64(len(table) - 1)
     for i in range(len(points)):
         a, b, c = np.floor(points[i, 0] / size), np.floor(points[i, 1] / size), np.floor(points[i, 2] / size)
         code = np.uint64(np.int64(a)) * A + np.uint64(np.int64(b)) * B + np.uint64(np.int64(c)) * C
         place = (code ^ (code >> HALF)) & last
-        row = table[place]
+        row = int(table[place])
         while row >= 0 and (
             np.floor(points[row, 0] / size) != a
             or np.floor(points[row, 1] / size) != b
             or np.floor(points[row, 2] / size) != c
         ):
             place = (place + np.uint64(1)) & last
-            row = table[place]
+            row = int(table[place])
         if row < 0:
             table[place], found[count[0]] = i, i
             count[0] += 1

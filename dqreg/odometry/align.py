@@ -26,13 +26,13 @@ from dqreg.odometry.settings import OdometrySettings, Resolved
 from dqreg.odometry.starts import candidates, screen
 from dqreg.trust.doubts import fraction_fits
 
-# Points of the coarse level.
-COARSE = 400
+# Points of the coarse level, and where all others tell afterwards whether it was right.
+COARSE, FEW = 400, 200
 # The kernel scale falls with every iteration; few suffice from an initial pose that was chosen.
 QUICK = AnnealingSchedule("quick", stages=25, iterations=1, rounds=1)
 FINE = AnnealingSchedule("fine", stages=4, iterations=None, rounds=30)
 # Steps a search and searches of either, for planes; and the step, in voxels, from which on all points go on.
-QUICK_STEPS, FINE_STEPS, NEAR_ENOUGH = (2, 25), (6, 20), 0.3
+QUICK_STEPS, FINE_STEPS, NEAR_ENOUGH = (2, 25), (4, 20), 0.3
 # Least scale of the kernel, in voxels: below it the faces that are seen at a grazing angle, whose heights hardly err,
 # would outvote those that are seen from the front.
 LEAST = 0.05
@@ -43,7 +43,7 @@ BEFORE_SWEEP = 1_000
 # First kernel scale, over the largest distance.
 WIDE = 0.3
 # The last level ends once a step moves the points by less than this fraction of the map's diagonal.
-TOLERANCE, ITERATIONS = 1e-5, 20
+TOLERANCE, ITERATIONS = 3e-5, 20
 # Lattices of rotations: the usual one, and the one for a frame that fits badly, whose limit is in the settings.
 USUAL_DEG, STEP_DEG, RESCUE_STEP_DEG = 40.0, 20.0, 15.0
 # Initial poses of the last attempt that are refined.
@@ -73,6 +73,15 @@ class FrameSearch:
         if len(scan) < MANY or self.settings.method != "plane" or not aligned.found or is_in_cells(aligned):
             return aligned
         return self._found(frame.fitted, trust_motion=trust_motion, near=False)
+
+    def find_with_sweep(self, sweep: Sweep, *, near: bool) -> Alignment:
+        """The pose of a frame near the prediction and the motion during its sweep, both from all of its points."""
+        T, scan = self.anchors[0][1], sweep.scan
+        if near:
+            mixture = InlierMixture.starting(0.5 * self.lengths.near, self.lengths.near)
+            return self._follow(scan, T, mixture, 1, sweep=sweep)
+        run = self._coarse(scan.thinned(FEW), T)
+        return run if run.ended_early else self.settle_sweep(sweep, run)
 
     def _found(self, scan: Scan, *, trust_motion: bool, near: bool) -> Alignment:
         if near and self.settings.method == "plane":
@@ -128,7 +137,7 @@ class FrameSearch:
         """The pose of a frame as above, and the motion during its sweep."""
         near = self.lengths.near
         narrow = InlierMixture(min(before.mixture.scale, 0.5 * near), before.mixture.inlier_fraction, near)
-        T, scan = before.T_target_source, sweep.frame.scan
+        T, scan = before.T_target_source, sweep.scan
         return self._follow(scan, T, narrow, before.next_number, before.pairs, sweep).after(before)
 
     def _fine(self, scan: Scan, run: Alignment, before: Correspondences | None = None) -> Alignment:

@@ -147,12 +147,16 @@ def information_at(run: Alignment, reach: float, free_axis: FloatArray | None = 
     matches = points, normals, along, weights, reach, centre
     variances = pairs.closest.variances
     noise = weights if variances is None else weights * np.minimum(variances, 1.0)
-    information = _without_spurious(information_of(*matches), (points - centre) / reach, normals, noise)
+    found = information_of(*matches, patchwise=True)
+    information = _without_spurious(found, (points - centre) / reach, normals, noise)
+    if free_axis is None and not information.free.any():
+        return information
     if free_axis is not None:
         information = _without(information, np.concatenate([np.zeros(3), free_axis]))
     twists = information.vectors[:, ~information.free] / np.r_[[reach] * 3, [1.0] * 3][:, None]
     if not twists.shape[1]:
         return information
+    # What is free now was not when the scatter was estimated.
     scatter = information_of(*matches, patchwise=True, allowed=twists).scatter
     return dataclasses.replace(information, scatter=scatter)
 

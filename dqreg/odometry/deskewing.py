@@ -17,7 +17,7 @@ import numpy as np
 from dqreg._arrays import FloatArray, as_float, as_pose, product, require_finite
 from dqreg.errors import InputError
 from dqreg.icp import Alignment
-from dqreg.odometry.align import FrameSearch
+from dqreg.odometry.align import MANY, FrameSearch
 from dqreg.odometry.follow import Sweep, is_in_cells, off_at
 from dqreg.odometry.frame import DownsampledFrame
 from dqreg.odometry.kiss import rigid
@@ -27,7 +27,7 @@ from dqreg.trust.records import Reason
 
 # The frame is deskewed again while the motion is wrong by this fraction of a voxel at the frame's edge, and so many
 # times at most.
-WORTHWHILE, ROUNDS = 0.1, 5
+WORTHWHILE, ROUNDS = 0.3, 5
 # Share of the correspondences that has to face a motion for it to count: at this share, half of it is believed.
 HELD = 0.03
 # Loss of inliers at which a round is rejected, unless the kernel narrows by as much: a narrower one holds fewer.
@@ -98,6 +98,16 @@ class Deskewed:
     frame: DownsampledFrame  # The frame without the motion
     aligned: Alignment  # Where it was placed
     notes: tuple[Reason, ...] = ()
+
+    @staticmethod
+    def at_once(frame: DownsampledFrame, search: FrameSearch, worthwhile: float, *, near: bool) -> Deskewed | None:
+        """A frame near its prediction, pose and motion found at once; None where that does not fit as usual."""
+        if frame.back is None or search.settings.method != "plane" or len(frame.rows) < MANY:
+            return None
+        sweep = Sweep(frame, worthwhile)
+        aligned = search.find_with_sweep(sweep, near=near)
+        fits = aligned.status == "converged" and search.fits(aligned) and is_in_cells(aligned)
+        return Deskewed(sweep.frame, aligned) if fits else None
 
     def repeated(self, search: FrameSearch, worthwhile: float) -> Deskewed:
         """The same with the motion that makes the sweep fit best, until it stays within a length."""

@@ -19,17 +19,19 @@ from dqreg.icp.correspondences import Correspondences, find_correspondences, mov
 from dqreg.icp.history import Iteration
 from dqreg.icp.level import NEAR_ANGLE_RAD, PLACED, STEEPEST
 from dqreg.icp.loop import FEWEST_PAIRS, Run
+from dqreg.kernels.threads import as_plain
 from dqreg.odometry.frame import DownsampledFrame
 from dqreg.odometry.kiss import rigid
 from dqreg.odometry.map_surface import CellPlanes, MapSurface
-from dqreg.rigid import single_pose, twist
+from dqreg.odometry.sweep import swept_by
+from dqreg.rigid import single_pose
 from dqreg.solvers.status import Status
 
 # A step that is so much shorter than the way since the search waits for the next search.
 SHORT = 0.05
 # Share of the correspondences that has to face a motion during the sweep for it to count: at this share, half of it is
 # believed in a step.
-HELD = 0.1
+HELD = 0.05
 # Share of the points that has to meet planes in their cells: 0.13 where 6 rings met one sweep, 0.5 where 16 did.
 FEWEST_IN_CELLS = 1.0 / 3.0
 # A scale that falls by less in all steps of a search is settled.
@@ -65,7 +67,7 @@ def follow(
     """
     lever = math.sqrt(float(np.einsum("ij,ij->", scan.points, scan.points)) / max(len(scan), 1))
     history: list[Iteration] = []
-    mixture = dataclasses.replace(mixture, scale=max(mixture.scale, floor))
+    mixture, spread = dataclasses.replace(mixture, scale=max(mixture.scale, floor)), scan._spread
     last = 0.0
     while True:
         began = time.perf_counter()
@@ -79,7 +81,7 @@ def follow(
         if used < FEWEST_PAIRS:
             return Alignment(T, "no correspondences", tuple(history), pairs, weights, mixture=mixture)
         after = rigid(moved)
-        motion = float(scan._spread.motion(T, after))
+        motion = float(spread.motion(T, after))
         record = Iteration(
             number=first + len(history),
             stage=how.stage,
@@ -100,7 +102,7 @@ def follow(
         # Of two motions the next one can be told.
         to_come = motion * min(motion / last, 1.0) if last > 0.0 else motion
         status: Status | None = "converged" if to_come <= enough and settled else None
-        last, scan = motion, scan if sweep is None else sweep.frame.scan
+        last, scan = motion, scan if sweep is None else sweep.scan
         if status is None and len(history) >= how.searches:
             status = "iteration limit"
         if status is not None:
@@ -112,7 +114,6 @@ def _steps(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Pose after steps on the planes of correspondences, their weights, and figures of the last step."""
     from dqreg.kernels.plane_steps import FIGURES, step_on_planes
-    from dqreg.kernels.threads import as_plain
 
     found, scan, T = pairs.closest, pairs.scan, pairs.T_target_source.copy()
     weights, figures = np.zeros(len(scan)), np.zeros(FIGURES)
@@ -135,25 +136,34 @@ class Sweep:
     """A frame with times, whose motion is found with its pose."""
 
     def __init__(self, frame: DownsampledFrame, worthwhile: float) -> None:
-        self.frame, self.is_still, self._worthwhile = frame, False, worthwhile
+        self.scan, self.is_still, self._frame, self._worthwhile = frame.scan, False, frame, worthwhile
+        assert frame.back is not None
+        self._seen, self._back = np.take(frame.seen, frame.rows, axis=0), as_plain(frame.back[frame.rows])
+        self._step = single_pose.log(frame.motion[:3, :3], frame.motion[:3, 3])
+
+    @property
+    def frame(self) -> DownsampledFrame:
+        """The frame with the motion undone that was found."""
+        found = self._frame.without(single_pose.exp(self._step))
+        vars(found)["scan"] = self.scan
+        return found
 
     def steps(
         self, pairs: Correspondences, mixture: InlierMixture, how: Following, ends: tuple[float, float, float]
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """As without a sweep; the frame is one with the motion undone that was found."""
+        """As without a sweep; the scan is one with the motion undone that was found."""
         from dqreg.kernels.plane_steps import FIGURES
         from dqreg.kernels.sweep_steps import step_on_planes_of_sweep
-        from dqreg.kernels.threads import as_plain
 
-        found, scan, back, T = pairs.closest, pairs.scan, self.frame.scan_back, pairs.T_target_source.copy()
-        assert back is not None
+        found, scan, T = pairs.closest, pairs.scan, pairs.T_target_source.copy()
         weights, figures, change = np.zeros(len(scan)), np.zeros(FIGURES), np.zeros(6)
         limits = np.array([mixture.limit, mixture.scale, mixture.inlier_fraction, ends[0], STEEPEST, *ends[1:], HELD])
-        points, back, feet = as_plain(scan.points), as_plain(back), as_plain(found.points)
-        planes = feet, as_plain(found.normals), as_plain(found.distances)
-        step_on_planes_of_sweep(points, back, *planes, limits, how.steps, T, change, weights, figures)
-        self.is_still = off_at(self.frame.reach, change) <= self._worthwhile
-        self.frame = self.frame.without(rigid(twist.exp(twist.log(self.frame.motion) + change)))
+        planes = as_plain(found.points), as_plain(found.normals), as_plain(found.distances)
+        points = as_plain(scan.points)
+        step_on_planes_of_sweep(points, self._back, *planes, limits, how.steps, T, change, weights, figures)
+        self.is_still = off_at(self._frame.reach, change) <= self._worthwhile
+        self._step = self._step + change
+        self.scan = dataclasses.replace(scan, points=swept_by(self._seen, self._back, self._step))
         return T, weights, figures
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, IntArray, as_float, median
+from dqreg._arrays import FloatArray, IntArray, as_float, bounds, median
 from dqreg.errors import InputError
 from dqreg.files import read_cloud
 from dqreg.files.cloud_data import TimedCloudData
@@ -27,8 +27,8 @@ from dqreg.trust.records import Reason
 
 # Voxels a point, over the map's: of what enters the map, and of what the pose is found from.
 DENSE, SPARSE = 0.5, 1.5
-# Points that the pose is found from at most: beyond, they add time and hardly any accuracy.
-MOST = 3_000
+# Points that the pose is found from at most, without and with times: beyond, they add time and hardly any accuracy.
+MOST, MOST_TIMED = 3_000, 2_400
 # Share of a sweep within which points of a voxel are seen together: what is seen at its beginning and again at its end
 # lies elsewhere.
 TOGETHER = 0.1
@@ -60,8 +60,12 @@ def read_frame(points: Any, timestamps: Any) -> RawFrame:
     values, own_times = _values_of(points)
     timestamps = own_times if timestamps is None else timestamps
     # NaN is not below. Half of the largest number squared would overflow in every length taken of it.
-    x, y, z = np.abs(values).T < LARGEST
-    keep = x & y & z & nonzero_rows(values)
+    keep = nonzero_rows(values)
+    low, high = bounds(values) if len(values) else (np.zeros(3), np.zeros(3))
+    # Which are too large is looked for where one is.
+    if not (np.maximum(np.abs(low), np.abs(high)) < LARGEST).all():
+        x, y, z = np.abs(values).T < LARGEST
+        keep &= x & y & z
     notes = []
     if lost := len(values) - int(np.count_nonzero(keep)):
         words = f"{lost} of {len(values)} returns are NaN, infinite or at the origin, and were left out"
@@ -70,10 +74,11 @@ def read_frame(points: Any, timestamps: Any) -> RawFrame:
     if times is not None:
         if len(times) != len(values):
             raise InputError(f"timestamps must be one a point; got {len(times)} for {len(values)} points")
-        if not np.isfinite(times[keep]).all():
+        seen = times[keep] if lost else times
+        if not np.isfinite(seen).all():
             notes.append(Reason("some times are not finite: the sweep was not deskewed", "not_deskewed"))
             times = None
-        elif keep.any() and not np.ptp(times[keep]) > 0.0:
+        elif len(seen) and not np.ptp(seen) > 0.0:
             notes.append(Reason("all points have one time: the sweep was not deskewed", "not_deskewed"))
             times = None
     if not lost:
@@ -177,9 +182,10 @@ def downsample_frame(raw: RawFrame, lengths: Resolved) -> DownsampledFrame | Non
     dense, back = np.take(dense, order, axis=0), back[order]
     # In an order that is none: the first along the curve would be the same corner of each voxel.
     mixed = np.arange(len(dense)) * STRIDE % len(dense)
-    rows = mixed[first_of_voxels(np.take(dense, mixed, axis=0), SPARSE * lengths.voxel_size)]
-    rows.sort()
-    rows = rows[sample_rows(len(rows), MOST)]
+    chosen = np.zeros(len(dense), dtype=bool)
+    chosen[mixed[first_of_voxels(np.take(dense, mixed, axis=0), SPARSE * lengths.voxel_size)]] = True
+    rows = np.flatnonzero(chosen)
+    rows = rows[sample_rows(len(rows), MOST if when is None else MOST_TIMED)]
     if len(rows) < 3:
         return None
     reach = float(np.linalg.norm(np.take(dense, rows, axis=0), axis=1).max())
@@ -189,6 +195,10 @@ def downsample_frame(raw: RawFrame, lengths: Resolved) -> DownsampledFrame | Non
 def _in_range(raw: RawFrame, lengths: Resolved) -> tuple[FloatArray, FloatArray | None]:
     """Points in range, and their times where the motion is to be undone."""
     points, times = raw.points, raw.times if lengths.deskew else None
+    corner = np.maximum(*map(np.abs, bounds(points))) if len(points) else np.zeros(3)
+    # None is at the sensor.
+    if corner @ corner < lengths.max_range**2 and lengths.min_range == 0.0:
+        return points, times
     squares = np.einsum("ij,ij->i", points, points)
     near = (squares < lengths.max_range**2) & (squares > lengths.min_range**2)
     if near.all():

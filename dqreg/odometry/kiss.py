@@ -16,6 +16,9 @@ from dqreg._arrays import FloatArray
 from dqreg.errors import load_package
 from dqreg.odometry.settings import Resolved
 
+# A rotation is nearly one where its columns are orthonormal to this.
+EYE, NEARLY = np.eye(3), 1e-9
+
 
 def load_kiss(module: str) -> Any:
     """A module of KISS-ICP."""
@@ -32,8 +35,13 @@ def _without_wheel() -> str:
 
 def rigid(T: FloatArray) -> FloatArray:
     """The pose with its rotation made orthogonal to the last digit."""
-    U, _, Vt = np.linalg.svd(T[:3, :3])
-    pose = T.copy()
+    pose, R = T.copy(), T[:3, :3]
+    off = R.T @ R - EYE
+    if np.abs(off).max() < NEARLY:
+        # What is next in the series of the nearest rotation is below the last digit.
+        pose[:3, :3] -= 0.5 * (R @ off)
+        return pose
+    U, _, Vt = np.linalg.svd(R)
     pose[:3, :3] = U @ Vt
     return pose
 

@@ -12,7 +12,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from dqreg._arrays import FloatArray, IntArray
+from dqreg._arrays import FloatArray, IntArray, bounds
 from dqreg.geometry.surface import Closest, Hint
 
 Rows = TypeVar("Rows", bound=NDArray[Any])
@@ -21,13 +21,15 @@ Rows = TypeVar("Rows", bound=NDArray[Any])
 SPARSE = 2
 # What is taken off what no other point is nearer than: more than rounding.
 ROUNDING = 1e-12
+# Rows that room is made for, of each that is needed: what nobody wrote to is no memory yet, and is not copied.
+ROOM = 4
 # Points of a voxel that lie side by side at most.
 SLOTS = 16
 # A match is kept where no other point can be nearer by more than this many voxels: points of the map are three times as
 # far apart, and the planes of all of them are the same.
 KEPT = 0.03
-# Queries that one thread answers in one go.
-CHUNK = 512
+# Queries that one thread answers in one go, of planes and of nearest points.
+CHUNK, FEWER = 512, 64
 # Number, voxels and blocks; sums of a voxel; plane of a point: see the kernels.
 COUNTS, SUMS, PLANE = 3, (8, 10), 8
 
@@ -89,7 +91,8 @@ class MapSurface:
         # Planes know the points that there were.
         self._state += 1
         if len(new := self._points[before : self._counts[0]]):
-            self._low, self._high = np.minimum(self._low, new.min(axis=0)), np.maximum(self._high, new.max(axis=0))
+            low, high = bounds(new)
+            self._low, self._high = np.minimum(self._low, low), np.maximum(self._high, high)
         self.about(np.zeros(3), np.inf)
 
     def _make_room(self, more: int) -> None:
@@ -100,26 +103,27 @@ class MapSurface:
         held = self._counts.tolist()
         if points > len(self._points):
             self._points, self._links = (
-                _longer(self._points, held[0], 2 * points),
-                _longer(self._links, held[0], 2 * points),
+                _longer(self._points, held[0], ROOM * points),
+                _longer(self._links, held[0], ROOM * points),
             )
         if voxels > len(self._voxels):
             self._voxels, self._sums = (
-                _longer(self._voxels, held[1], 2 * voxels),
-                _longer(self._sums, held[1], 2 * voxels),
+                _longer(self._voxels, held[1], ROOM * voxels),
+                _longer(self._sums, held[1], ROOM * voxels),
             )
             self._planes, self._slots = (
-                _longer(self._planes, held[1], 2 * voxels),
-                _longer(self._slots, held[1], 2 * voxels),
+                _longer(self._planes, held[1], ROOM * voxels),
+                _longer(self._slots, held[1], ROOM * voxels),
             )
-            self._members = _longer(self._members, held[1], 2 * voxels)
+            self._members = _longer(self._members, held[1], ROOM * voxels)
         if blocks > len(self._keys):
             self._keys, self._cells = (
-                _longer(self._keys, held[2], 2 * blocks),
-                _longer(self._cells, held[2], 2 * blocks),
+                _longer(self._keys, held[2], ROOM * blocks),
+                _longer(self._cells, held[2], ROOM * blocks),
             )
+        if SPARSE * blocks > len(self._table):
             size = 1
-            while size < SPARSE * len(self._keys):
+            while size < SPARSE * blocks:
                 size *= 2
             self._table = np.zeros(size, dtype=np.int32)
             put_blocks(self._keys, int(self._counts[2]), self._table)
@@ -176,7 +180,7 @@ class MapSurface:
         )
         found = rows, distances, others, feet, normals, variances
         was = before, others_before, 1.0 - ROUNDING, KEPT * self._size
-        over_chunks(closest_in_voxels, count, as_plain(points), *asked, *was, *found, chunk=CHUNK)
+        over_chunks(closest_in_voxels, count, as_plain(points), *asked, *was, *found, chunk=FEWER)
         return Closest(feet, normals, distances, rows, others, variances)
 
     def planes_at(self, points: FloatArray, before: CellPlanes | None = None) -> CellPlanes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import time as clock
 from pathlib import Path
@@ -142,7 +143,9 @@ class Odometry(Tracker):
             If the shapes are wrong.
         """
         began = clock.perf_counter()
-        raw, expected = read_frame(points, timestamps), Prediction.of(prediction, prediction_covariance)
+        with contextlib.nullcontext() if self._map is None else self._map.growing():
+            raw = self._ahead(read_frame(points, timestamps))
+        expected = Prediction.of(prediction, prediction_covariance)
         return self._registered(raw, stamp_of(points) if stamp is None else stamp, expected, began, insert=insert)
 
     def _registered(

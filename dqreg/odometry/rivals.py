@@ -11,7 +11,7 @@ import dataclasses
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray
+from dqreg._arrays import BoolArray, FloatArray, IntArray, product
 from dqreg.geometry import Scan
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp import Alignment
@@ -27,6 +27,8 @@ from dqreg.trust.records import Alternative
 # Share of the correspondences' normals along the weakest direction: halls and streets reach 0.15 and more, a corridor
 # 0.01, which edges and rings alone make. Below the first there may be rivals; below the second nothing holds it.
 WEAK, FREE = 0.15, 0.03
+# Share of a frame's points whose normals the map has to know, for those of its own to be needless.
+MET = 2.0 / 3.0
 # Steps to either side, of the largest distance of a pair each; points that are compared, and the least share of them
 # that the map must hold at both poses.
 STEPS, POINTS, COMMON = 40, 300, 0.2
@@ -36,7 +38,7 @@ FACING, FACED = 0.5, 200
 # Normals that agree at least so well belong to one face; a difference of so many standard errors is one.
 AGREE, SIGNIFICANT = 0.7, 3.0
 # Points of the map that are held against the frame's lines of sight, and those in view that say something.
-VIEWED, FEWEST = 8_000, 200
+VIEWED, FEWEST = 4_000, 200
 # Voxels that the refinement of a place one period on may move it, and such places that are named.
 NEAR_CELLS, NAMED = 3.0, 2
 
@@ -64,7 +66,7 @@ class Placed:
 
 
 def looked_at(
-    place: Placed, search: FrameSearch, frame: DownsampledFrame, seen: Later[View], similar: Later[FloatArray] | None
+    place: Placed, search: FrameSearch, frame: DownsampledFrame, seen: Later[View], similar: FloatArray | None
 ) -> Placed:
     """The same with what speaks against it: what the frame looked through, and places where it is like itself.
 
@@ -80,13 +82,32 @@ def looked_at(
         place = dataclasses.replace(place, looked_through=nearer / (nearer + alike))
     if similar is None or place.rivals:
         return place
-    return dataclasses.replace(place, rivals=_repeated(search, frame.fitted, place.aligned, view, similar.result()))
+    scan, shifts = facing(frame, place.aligned), similar
+    if not any(_could_repeat(scan, view, shift) for shift in shifts):
+        return place
+    # Rare, and worth normals of its own.
+    own = frame.fitted
+    shifts = shifts if scan is own else similar_shifts(search, own)
+    return dataclasses.replace(place, rivals=_repeated(search, own, place.aligned, view, shifts))
 
 
-def similar_shifts(search: FrameSearch, frame: DownsampledFrame) -> FloatArray:
+def facing(frame: DownsampledFrame, aligned: Alignment) -> Scan:
+    """A frame with the normals of the planes that it met, which cost nothing; with its own where too few met any."""
+    met = aligned.pairs.closest.normals
+    if len(met) != len(frame.rows) or np.count_nonzero(met.any(axis=1)) < MET * len(met):
+        return frame.fitted
+    return dataclasses.replace(frame.scan, normals=product(met, aligned.T_target_source[:3, :3]))
+
+
+def similar_shifts(search: FrameSearch, scan: Scan) -> FloatArray:
     """Shifts that put a frame onto itself, (k, 3)."""
-    cell, scan = search.lengths.voxel_size, frame.fitted
-    return self_similar_shifts(scan.points, scan.normals, cell, 0.5 * search.lengths.reach)
+    return self_similar_shifts(scan.points, scan.normals, search.lengths.voxel_size, 0.5 * search.lengths.reach)
+
+
+def _could_repeat(scan: Scan, view: View, shift: FloatArray) -> bool:
+    """Whether a frame could have been seen at the end of a shift as well."""
+    step = pose.from_parts(np.eye(3), shift)
+    return not behind_faces(scan.points, scan.normals, shift) and view.repeats(scan, step, ROUGHLY)
 
 
 def placed(
@@ -163,9 +184,9 @@ def _repeated(
     cell, least, T = search.lengths.voxel_size, 0.5 * search.lengths.reach, aligned.T_target_source
     found: list[Alternative] = []
     for shift in shifts:
-        step = pose.from_parts(np.eye(3), shift)
-        if behind_faces(scan.points, scan.normals, shift) or not view.repeats(scan, step, ROUGHLY):
+        if not _could_repeat(scan, view, shift):
             continue
+        step = pose.from_parts(np.eye(3), shift)
         # Known to a cell: begun farther off, a frame that overlaps by little would slide along what does not hold it.
         run = search.settle(scan, T @ step, aligned)
         if not run.found:

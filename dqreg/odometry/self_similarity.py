@@ -12,6 +12,7 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry import Scan
+from dqreg.geometry.vector_rows import nonzero_rows
 from dqreg.rigid import pose
 from dqreg.trust.free_space import DepthImage
 
@@ -30,14 +31,16 @@ BLOCKS, ACROSS = 0.1, 0.9
 # of it stands where the frame looked through at most, before the pose is refined and after. Halls of equal columns came
 # to 0.15 and 0.04, furnished ones to 0.09 of the latter and more.
 ALIKE, FEWEST_ALIKE, ROUGHLY, CONTRADICTED = 0.1, 40, 0.2, 0.05
+# Frames of so nearly as many points, one a voxel, are as far apart in the image.
+ALIKE_COUNT = 0.1
 # Cosine of a normal with a step whose face is across it; blur of a line of sight over the step; pixels by which a line
 # of sight may be off: the nearest range around each one counts.
 FACING, BLUR, PIXELS = 0.5, 0.5, 1.5
 
 
-def standing(normals: FloatArray) -> BoolArray:
+def _stand(normals: FloatArray, axes: FloatArray) -> BoolArray:
     """Points of faces across the one that is most common, (n,): what lies in that one fits everywhere."""
-    return np.asarray((np.abs(normals @ _axes(normals)[:, 2]) < STANDS) & normals.any(axis=1))
+    return np.asarray((np.abs(normals @ axes[:, 2]) < STANDS) & nonzero_rows(normals))
 
 
 def behind_faces(points: FloatArray, normals: FloatArray, shift: FloatArray) -> bool:
@@ -57,21 +60,25 @@ def self_similar_shifts(points: FloatArray, normals: FloatArray, cell: float, le
 
     The most similar first. Shapes: points, normals (n, 3), zero where none is known.
     """
-    stands, plane = standing(normals), _axes(normals)[:, :2]
+    axes = _axes(normals)
+    stands, plane = _stand(normals, axes), axes[:, :2]
     if not stands.any():
         return np.zeros((0, 3))
-    flat = points @ plane
-    low = flat.min(axis=0)
-    cell = max(cell, float((flat.max(axis=0) - low).max()) / CELLS)
-    cells = ((flat - low) / cell).astype(np.int64)
-    known = np.zeros(cells.max(axis=0) + 1, dtype=bool)
+    flat = np.ascontiguousarray((points @ plane).T)
+    low, high = flat.min(axis=1), flat.max(axis=1)
+    cell = max(cell, float((high - low).max()) / CELLS)
+    rows, columns = ((flat - low[:, None]) / cell).astype(np.int64)
+    known = np.zeros((rows.max() + 1, columns.max() + 1), dtype=bool)
     occupied = np.zeros_like(known)
-    known[tuple(cells.T)] = True
-    occupied[tuple(cells[stands].T)] = True
+    known[rows, columns] = True
+    occupied[rows[stands], columns[stands]] = True
     share, steps, lowest = _similar(occupied, known)
     shifts = (steps + lowest) * cell
-    kept = np.flatnonzero((np.hypot(*shifts.T) > least) & _is_peak(share, steps))
-    kept = kept[np.argsort(-share[tuple(steps[kept].T)], kind="stable")]
+    kept = np.flatnonzero(np.hypot(*shifts.T) > least)
+    if not len(kept):
+        return np.zeros((0, 3))
+    kept = kept[_is_peak(share, steps[kept])]
+    kept = kept[np.argsort(-share[tuple(steps[kept].T + AROUND)], kind="stable")]
     found: list[int] = []
     while len(kept) and len(found) < KEPT:
         # Of equal ones side by side one is enough.
@@ -83,10 +90,10 @@ def self_similar_shifts(points: FloatArray, normals: FloatArray, cell: float, le
 def _similar(occupied: BoolArray, known: BoolArray) -> tuple[FloatArray, IntArray, IntArray]:
     """How much of what comes to lie on known ground lies on what is occupied, or beside it, shift by shift.
 
-    Zero where either is too little. Shapes: (h, w) by shifts in cells from the lowest on, (m, 2) where it is not zero,
-    and (2,) the lowest shift.
+    Zero where either is too little. Shapes: (h, w) by shifts in cells from the lowest on, in a frame of `AROUND` zeros,
+    (m, 2) where it is not zero, and (2,) the lowest shift.
     """
-    from dqreg.kernels.shift_counts import count_at_shifts, count_on_runs
+    from dqreg.kernels.shift_counts import count_at_shifts, count_on_runs, runs_around
     from dqreg.kernels.threads import over_chunks
 
     cells = np.column_stack(np.nonzero(occupied))
@@ -95,22 +102,15 @@ def _similar(occupied: BoolArray, known: BoolArray) -> tuple[FloatArray, IntArra
     ordered = np.sort(cells, axis=0)
     up, down = occupied.shape - ordered[int(np.ceil(enough)) - 1], ordered[-int(np.ceil(enough))]
     counts = np.zeros(up + down + (1, 2), dtype=np.int32)
-    count_on_runs(cells, _runs(_widened(np.pad(occupied, (0, 1)))), -down, counts)
+    count_on_runs(cells, runs_around(occupied), -down, counts)
     # Ground is counted where enough is met of the least that it may be.
     steps = np.column_stack(np.nonzero(counts[:, :-1] >= SIMILAR * enough))
     met, ground = counts[tuple(steps.T)], np.zeros(len(steps), dtype=np.int32)
     over_chunks(count_at_shifts, len(steps), steps - down, cells, _widened(np.pad(known, (0, 1))), ground)
     alike = (ground >= enough) & (met >= SIMILAR * ground)
-    share = np.zeros(up + down + 1)
-    share[tuple(steps[alike].T)] = met[alike] / ground[alike]
+    share = np.zeros(up + down + 1 + 2 * AROUND)
+    share[tuple(steps[alike].T + AROUND)] = met[alike] / ground[alike]
     return share, steps[alike], -down
-
-
-def _runs(marked: BoolArray) -> IntArray:
-    """Runs of marked cells within rows, (k, 3): the row, the first column and the one after the last."""
-    edges = np.diff(np.pad(marked, ((0, 0), (1, 1))).astype(np.int8), axis=1)
-    rows, begins = np.nonzero(edges > 0)
-    return np.column_stack([rows, begins, np.nonzero(edges < 0)[1]])
 
 
 def _widened(grid: BoolArray) -> BoolArray:
@@ -125,11 +125,10 @@ def _widened(grid: BoolArray) -> BoolArray:
 
 
 def _is_peak(share: FloatArray, cells: IntArray) -> BoolArray:
-    """Whether nothing around some cells of a grid, (n, 2), holds more than they do, (n,)."""
-    framed = np.pad(share, AROUND)
-    here, peak = share[tuple(cells.T)], np.ones(len(cells), dtype=bool)
+    """Whether nothing around some cells of a framed grid, (n, 2), holds more than they do, (n,)."""
+    here, peak = share[tuple(cells.T + AROUND)], np.ones(len(cells), dtype=bool)
     for step in np.ndindex(2 * AROUND + 1, 2 * AROUND + 1):
-        peak &= here >= framed[tuple((cells + step).T)]
+        peak &= here >= share[tuple((cells + step).T)]
     return peak
 
 
@@ -139,11 +138,15 @@ class View:
 
     image: DepthImage
     margin: float
+    measured: int = 0  # Points of the frame of which the pixel was measured
 
     @staticmethod
-    def of(points: FloatArray, margin: float) -> View:
-        """From the points of a frame, (n, 3)."""
-        return View(DepthImage.of(points, np.zeros(3)), margin)
+    def of(points: FloatArray, margin: float, before: View | None = None) -> View:
+        """From the points of a frame, (n, 3); their spacing is that of a frame before with about as many."""
+        count = len(points)
+        if before is None or abs(count - before.measured) > ALIKE_COUNT * before.measured:
+            return View(DepthImage.of(points, np.zeros(3)), margin, count)
+        return View(DepthImage.of(points, np.zeros(3), before.image.pixel), margin, before.measured)
 
     def compared(self, points: FloatArray, T: FloatArray) -> tuple[int, int]:
         """Points, moved, that stand where the frame looked through, and those about where it saw something."""

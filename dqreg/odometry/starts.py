@@ -12,7 +12,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.odometry.map_surface import MapSurface
-from dqreg.rigid import twist
+from dqreg.rigid import single_pose, twist
 
 # Points that each pose is judged by; first, all by a few, and the best of them, so many for each that is kept, by all.
 JUDGES, FIRST_JUDGES, SHORTLIST = 150, 30, 10
@@ -52,5 +52,5 @@ def screen(surface: MapSurface, points: FloatArray, poses: FloatArray, cap: floa
 
 def predict(T_last: FloatArray, motion: FloatArray, ratio: float) -> FloatArray:
     """Constant velocity, along one screw."""
-    step = motion if ratio == 1.0 else twist.exp(ratio * twist.log(motion))
+    step = motion if ratio == 1.0 else single_pose.exp(ratio * single_pose.log(motion[:3, :3], motion[:3, 3]))
     return T_last @ step

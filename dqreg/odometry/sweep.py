@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.rigid import twist
+from dqreg.rigid import single_pose
 
 
 def swept(points: FloatArray, back: FloatArray, motion: FloatArray, *, directions: bool = False) -> FloatArray:
@@ -13,12 +13,17 @@ def swept(points: FloatArray, back: FloatArray, motion: FloatArray, *, direction
 
     ``back`` tells the time of each, from -1 at the beginning of the sweep to 0 at its end.
     """
+    step = single_pose.log(motion[:3, :3], motion[:3, 3])
+    if directions:
+        step[3:] = 0.0
+    return swept_by(points, back, step)
+
+
+def swept_by(points: FloatArray, back: FloatArray, step: FloatArray) -> FloatArray:
+    """The same by the twist of the motion, (6,)."""
     from dqreg.kernels.swept_rows import swept_rows
     from dqreg.kernels.threads import as_plain, over_chunks
 
-    step = twist.log(motion)
-    if directions:
-        step[3:] = 0.0
     moved = np.zeros(points.shape)
     over_chunks(swept_rows, len(points), as_plain(points), as_plain(back), step, moved)
     return moved

@@ -11,14 +11,14 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, as_pose
 from dqreg.kernels.threads import Later
-from dqreg.odometry.align import FrameSearch
+from dqreg.odometry.align import BEFORE_SWEEP, FrameSearch
 from dqreg.odometry.assess import LOST, MapLink, first_frame, frame_result, information_of_place, without_pose
 from dqreg.odometry.deskewing import WORTHWHILE, Deskewed, fits_no_worse
 from dqreg.odometry.follow import off_at
 from dqreg.odometry.frame import DownsampledFrame, RawFrame, downsample_frame
 from dqreg.odometry.kiss import KissParts, rigid
 from dqreg.odometry.prediction import Prediction
-from dqreg.odometry.rivals import looked_at, placed, similar_shifts
+from dqreg.odometry.rivals import facing, looked_at, placed, similar_shifts
 from dqreg.odometry.self_similarity import View
 from dqreg.odometry.settings import OdometrySettings, Resolved
 from dqreg.odometry.starts import predict
@@ -59,8 +59,14 @@ class Tracker:
         self._off: deque[float] = deque(maxlen=MEMORY)
         # The first frame, while nobody knows the motion during its sweep.
         self._first: DownsampledFrame | None = None
+        # Whether the motion is what this frame and the first one told together.
+        self._is_under_way = False
         # Frames kept out of the map in a row.
         self._kept_out = 0
+        # Where a frame was like itself nowhere.
+        self._unlike: FloatArray | None = None
+        # What the last frame saw.
+        self._view: View | None = None
         self._timeline, self._link = Timeline(self.settings.history), MapLink()
 
     def _place(self, raw: RawFrame, ratio: float, expected: Prediction | None, *, insert: bool) -> Registration:
@@ -74,9 +80,9 @@ class Tracker:
             self._motion = rigid(predict(np.eye(4), step, 1.0 / max(ratio, 1.0)))
         with contextlib.nullcontext() if self._map is None else self._map.growing():
             frame = _downsampled(raw, lengths)
-        if frame is None or len(frame.scan) < FEWEST_POINTS:
+        if frame is None or len(frame.rows) < FEWEST_POINTS:
             why = (
-                f"downsampling leaves {0 if frame is None else len(frame.scan)} of {len(raw.points)} points (within "
+                f"downsampling leaves {0 if frame is None else len(frame.rows)} of {len(raw.points)} points (within "
                 f"{lengths.max_range:.4g}, voxels of {lengths.voxel_size:.4g}); {FEWEST_POINTS} are needed"
             )
             return self._failed(why, raw, "too few points")
@@ -86,15 +92,18 @@ class Tracker:
             self._merge(self._map, frame)
             self._first = None if frame.back is None else frame
             return first_frame(self._T_last, raw.notes, self._words(frame))
-        if self._first is not None and frame.back is not None:
-            self._undo_first_sweep(self._first, lengths, frame, ratio)
+        self._is_under_way = (
+            self._first is not None
+            and frame.back is not None
+            and self._undo_first_sweep(self._first, lengths, frame, ratio)
+        )
         frame = frame.without(self._motion)
         return self._register(kiss, self._map, lengths, frame, raw, ratio, expected, insert=insert)
 
     def _undo_first_sweep(
         self, first: DownsampledFrame, lengths: Resolved, frame: DownsampledFrame, ratio: float
-    ) -> None:
-        """Make the map anew of the first frame without the motion during its sweep, which nobody knew then.
+    ) -> bool:
+        """Make the map anew of the first frame without the motion during its sweep; whether that was found.
 
         How the second frame is skewed against it is how its motion differs; half of that more and less than the way
         between the middles of their sweeps is what both motions are.
@@ -104,21 +113,24 @@ class Tracker:
         aligned = search.find(frame, trust_motion=False)
         skewed = Deskewed(frame, aligned).repeated(search, WORTHWHILE * lengths.voxel_size)
         if not skewed.aligned.inlier_fraction >= LOST:
-            return
+            return False
         self._first = None
         half = 0.5 * twist.log(skewed.frame.motion)
         middle = rigid(pose.inverse(self._T_last) @ skewed.aligned.T_target_source @ twist.exp(-half))
         mean = twist.log(middle) / max(ratio, 1.0)
         self._motion = twist.exp(mean + half)
         if off_at(frame.reach, mean - half) <= WORTHWHILE * lengths.voxel_size:
-            return
+            return True
         made = VoxelMap(lengths)
         made.insert(first.without(twist.exp(mean - half)).dense, self._T_last)
         there = dataclasses.replace(search, surface=made.surface)
-        straight = there.refine(search.asked(frame.without(self._motion)), predict(self._T_last, self._motion, ratio))
+        # As few as it is compared with were placed by.
+        scan = search.asked(frame.without(self._motion)).thinned(BEFORE_SWEEP)
+        straight = there.refine(scan, predict(self._T_last, self._motion, ratio))
         # Times may be no times.
-        if fits_no_worse(straight, aligned):
+        if fits := fits_no_worse(straight, aligned):
             self._map = made
+        return fits
 
     def _ahead(self, raw: RawFrame) -> RawFrame:
         """A frame downsampled ahead of its turn, beside the frame before, where that decides nothing of it."""
@@ -147,38 +159,59 @@ class Tracker:
         # Points farther off than its own can reach cannot be met.
         surface.about(self._T_last[:3, 3], frame.reach + lengths.reach)
         search = FrameSearch(surface, lengths, self.settings, self._usual_fraction, self._anchors(T_predicted))
-        off = max(self._off) if len(self._off) >= FEWEST_STEPS and not self._timeline.missed else np.inf
-        near = off <= NEAR * lengths.voxel_size
-        trusted = off <= TRUSTED * lengths.reach or expected is not None or kiss.deviation <= lengths.voxel_size
         # With times it is deskewed once more, and seen then.
-        seen = Later(lambda: View.of(frame.dense, lengths.near), beside=frame.back is None)
-        own = None if self._timeline.is_timed else Later(lambda: frame.own.fits)
-        aligned, notes = search.find(frame, trust_motion=trusted, near=near), raw.notes
-        if frame.back is not None:
-            deskewed = Deskewed(frame, aligned).repeated(search, WORTHWHILE * lengths.voxel_size)
-            frame, aligned, notes = deskewed.frame, deskewed.aligned, notes + deskewed.notes
+        seen = self._seen(frame, lengths) if frame.back is None else None
+        deskewed = self._deskewed(search, frame, trusted=expected is not None or kiss.deviation <= lengths.voxel_size)
+        frame, aligned, notes = deskewed.frame, deskewed.aligned, raw.notes + deskewed.notes
+        seen = seen or self._seen(frame, lengths)
         # After a frame that was not trusted constant velocity is worth nothing, and before any motion is known, little.
         is_first = expected is None and not self._usual
         deviation = np.inf if self._timeline.missed else kiss.deviation * (FIRST_STEP if is_first else 1.0)
         measured = expected is not None and expected.information is not None
         spread = expected.spread if expected is not None and measured else deviation
         timed = self._timeline.is_timed
-        if own is not None:
-            own.result()
         first = placed(search, frame, aligned, T_predicted, spread, measured=measured)
-        similar = None if timed or measured else Later(lambda: similar_shifts(search, frame))
-        # Beside its depth image, which a frame without times has by now.
-        information = Later(lambda: information_of_place(first, frame.reach), beside=frame.back is not None)
-        if frame.back is None:
-            information.result()
+        T = first.aligned.T_target_source
+        asked = first.aligned.found and not (timed or measured or self._is_unlike(frame, T, lengths.reach))
+        # Beside its depth image, which is made without the interpreter.
+        similar = similar_shifts(search, facing(frame, first.aligned)) if asked else None
+        information = information_of_place(first, frame.reach)
         place = looked_at(first, search, frame, seen, similar)
-        found = frame_result(
-            place, information.result(), frame, self._usual_fraction, notes, self._words(frame), expected
-        )
+        # For the next frame, which is taken for as dense.
+        self._view = seen.result()
+        found = frame_result(place, information, frame, self._usual_fraction, notes, self._words(frame), expected)
         fits = self._kept_out >= self.settings.patience or (found.verdict.level != "failed" and self._fits(found))
         result = self._link.linked(found, place, self._timeline.count, fits=fits)
+        if similar is not None:
+            self._unlike = None if len(similar) else T
+        if result.verdict.level != "accepted":
+            self._unlike = None
         self._learn(kiss, world, frame, result, T_predicted, trusted=place.is_escaped, insert=insert)
         return result
+
+    def _deskewed(self, search: FrameSearch, frame: DownsampledFrame, *, trusted: bool) -> Deskewed:
+        """Where a frame lies, without the motion during its sweep; the prediction may be trusted anyway."""
+        off, lengths = np.inf if self._timeline.missed else max(self._off, default=np.inf), search.lengths
+        # A sweep tells its own motion: one step that was as predicted is enough.
+        likely = trusted or self._is_under_way or off <= TRUSTED * lengths.reach
+        if len(self._off) < FEWEST_STEPS:
+            off = np.inf
+        near, trusted = off <= NEAR * lengths.voxel_size, trusted or off <= TRUSTED * lengths.reach
+        worthwhile = WORTHWHILE * lengths.voxel_size
+        found = Deskewed.at_once(frame, search, worthwhile, near=near) if likely else None
+        if found is not None:
+            return found
+        found = Deskewed(frame, search.find(frame, trust_motion=trusted, near=near))
+        return found if frame.back is None else found.repeated(search, worthwhile)
+
+    def _is_unlike(self, frame: DownsampledFrame, T: FloatArray, reach: float) -> bool:
+        """Whether a frame of all but the same place was like itself nowhere: what it saw is what this one sees."""
+        before = None if self._timeline.missed else self._unlike
+        return before is not None and frame.scan._spread.motion(before, T) <= reach
+
+    def _seen(self, frame: DownsampledFrame, lengths: Resolved) -> Later[View]:
+        before = self._view
+        return Later(lambda: View.of(frame.dense, lengths.near, before))
 
     def _fits(self, result: Registration) -> bool:
         return fraction_fits(result.inlier_fraction, self._usual_fraction)
@@ -234,7 +267,7 @@ class Tracker:
             **({} if self._lengths is None else dataclasses.asdict(self._lengths)),
             "method": self.settings.method,
             "centre": self._T_last[:3, 3].tolist(),
-            "used_points": len(frame.scan),
+            "used_points": len(frame.rows),
             "source_points": len(frame.dense),
             "source_scale": 1.0,
         }

@@ -53,6 +53,9 @@ class VoxelMap:
     @contextlib.contextmanager
     def growing(self) -> Iterator[None]:
         """Add what was inserted beside what is done meanwhile, without the map."""
+        if self._waiting is None:
+            yield
+            return
         added = Later(self._add_waiting)
         try:
             yield

@@ -7,7 +7,8 @@ import pytest
 
 from dqreg.compare.trust import drives
 from dqreg.compare.trust.kinds import KINDS
-from dqreg.odometry import Odometry
+from dqreg.odometry import Odometry, tracker
+from dqreg.synth.many_views import street_drive
 
 # Poses along x; frames of a simulated LiDAR of 32 rings in a corridor 4 m wide with pilasters every 5 m.
 PITCH, DEPTH = 5.0, 0.25
@@ -83,3 +84,19 @@ def test_a_first_step_that_stuck_at_the_start_is_not_accepted(kind, seed):
     right = np.linalg.norm(result.T_target_source[:3, 3] - drive.poses[1][:3, 3]) < drive.allowed
     assert right or result.verdict.level != "accepted"
     assert right or result.alternatives
+
+
+def test_a_frame_that_is_like_itself_nowhere_says_so_for_those_beside_it(monkeypatch):
+    # Counted: how often a frame is looked at for shifts onto itself, along a street, 0.8 a frame.
+    asked = []
+    plain = tracker.similar_shifts
+    monkeypatch.setattr(tracker, "similar_shifts", lambda *given: asked.append(plain(*given)) or asked[-1])
+    frames = street_drive(5, rings=32, rng=np.random.default_rng(20)).scans
+    odometry, counts = Odometry(), []
+    for points in (frames[0], frames[1], frames[1], *frames[2:]):
+        assert odometry.register_frame(points).verdict.level == "accepted"
+        counts.append(len(asked))
+    assert not any(map(len, asked))
+    # Never before there is a map; once where it stands; again once it has gone on by the largest distance of a pair.
+    assert counts[:3] == [0, 1, 1]
+    assert 1 < counts[-1] < len(frames)
