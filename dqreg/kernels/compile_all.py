@@ -116,7 +116,7 @@ def _weights() -> None:
     slide_rows(0, 3, rows, np.eye(4), *(rows,) * 3, np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3))
     nearest, numbers = np.zeros((3, 2), dtype=np.int32), np.zeros(3, dtype=np.int64)
     follow_rows(0, 3, rows, rows, nearest, ones, rows, 1.0, numbers, np.zeros(3), np.zeros(3))
-    look_up_rows(0, 3, numbers, rows, rows, ones, numbers, *np.zeros((2, 3, 3)), np.zeros(3), numbers.copy())
+    look_up_rows(0, 3, numbers, rows, rows, ones, numbers, np.eye(3), np.eye(3), np.zeros(3), numbers.copy())
     place_rows(0, 3, rows, np.eye(4), rows, rows, np.zeros((3, 3)), np.zeros(3))
     plane_sums(0, 3, rows, rows, rows, ones, np.zeros((2, 3)), 3, np.zeros((1, COLUMNS)))
     step_sums(0, 3, rows, rows, rows, ones, ONE, 3, np.zeros((1, STEP)))

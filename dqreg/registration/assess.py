@@ -79,7 +79,6 @@ def uncertainty_of(fit: Fit, *, by_rims: bool = True) -> Uncertainty:
 
     def uncertainty() -> Uncertainty:
         # The pose errs by so much more as residuals follow less of a displacement.
-        fit.begin_followed()
         known, share = fit.information, fit.followed
         scatter = None if known.scatter is None else known.scatter / share**2
         rims = slide_of(fit).by_rims if by_rims else np.nan

@@ -168,11 +168,6 @@ class Fit:
         """
         return self.once("followed", self._followed)
 
-    def begin_followed(self) -> None:
-        """Make it beside the caller."""
-        if isinstance(self.prepared.surface, CloudSurface):
-            self.begin("followed", self._followed)
-
     def _followed(self) -> float:
         surface, pairs = self.prepared.surface, self.run.pairs
         if not isinstance(surface, CloudSurface):
