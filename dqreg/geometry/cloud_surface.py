@@ -155,9 +155,9 @@ class CloudSurface:
         return self._answer(rows[:, 0], distances[:, 0], others, rows.astype(np.int32))
 
     def _closest_near(self, points: FloatArray, places: FloatArray, before: Closest) -> Closest | None:
-        if before.others is None or before.candidates is None:
+        if before.others is None or before._candidates is None:
             return None
-        candidates = before.candidates
+        candidates = before._candidates
         rows, distances, others = followed(points, places, candidates, before.others, self._points)
         asked = np.flatnonzero(distances >= others)
         if len(asked):
@@ -222,7 +222,8 @@ class CloudSurface:
         given = np.ascontiguousarray(rows), *held
         over_chunks(look_up_rows, count, *given, points, normals, variances, elements, chunk=CHUNK)
         # Each kernel would make a copy of a column among others.
-        return Closest(points, normals, np.ascontiguousarray(distances), elements, others, variances, candidates)
+        found = Closest(points, normals, np.ascontiguousarray(distances), elements, others, variances)
+        return found._with(candidates)
 
 
 def followed(
