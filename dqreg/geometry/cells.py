@@ -27,6 +27,8 @@ MOST = 8.0
 FEWEST, LINE = 8.0, 0.02
 # Blocks of eight cells that one thread goes over at a time.
 BLOCKS = 256
+# Edges, each twice the one before, of the cells that are asked for planes.
+LEVELS = 3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,7 +62,30 @@ class Cells:
         return float((counts**2).mean() / counts.mean() / (counts.mean() + 1.0))
 
     def planes(self) -> tuple[PlaneFits, BoolArray]:
-        """Planes at the means where neighbouring cells make one, and which of these means lie on a rim, (m,)."""
+        """Planes at the means where neighbouring cells make one, and which of these means lie on a rim, (m,).
+
+        Where they are too few, those of cells of twice the edge are asked, so many times.
+        """
+        found, rims = np.zeros((len(self.codes), 6)), np.zeros(len(self.codes), dtype=bool)
+        cells, asked, parents = self, np.ones(len(self.codes), dtype=bool), np.arange(len(self.codes))
+        for level in range(LEVELS):
+            fits, on_rim, starts = cells._planes(asked)
+            if not level:
+                found, rims, missing = fits, on_rim, np.arange(len(fits))
+            else:
+                found[missing, :5], rims[missing] = fits[parents, :5], on_rim[parents]
+            left = ~np.isfinite(found[missing, 0])
+            missing = missing[left]
+            if not len(missing) or level == LEVELS - 1:
+                break
+            parents = np.searchsorted(starts, parents[left], side="right") - 1
+            cells = cells._joined(starts)
+            asked = np.zeros(len(cells.codes), dtype=bool)
+            asked[parents] = True
+        return PlaneFits(found[:, :3].copy(), found[:, 3], found[:, 4], NEIGHBOURS, found[:, 5]), rims
+
+    def _planes(self, asked: BoolArray) -> tuple[FloatArray, BoolArray, IntArray]:
+        """The same of some of the cells by these alone, see `cell_planes`, and where each block of eight begins."""
         from dqreg.kernels.cell_moments import table_of
         from dqreg.kernels.cell_planes import cell_planes
         from dqreg.kernels.threads import over_chunks
@@ -73,8 +98,18 @@ class Cells:
         found, rims = np.zeros((len(self.codes), 6)), np.zeros(len(self.codes), dtype=bool)
         given = starts, blocks, table_of(blocks), self.points, weights, scatters
         limits = REACH * self.size, FEWEST, LINE, ONE_SIDED, LINED
-        over_chunks(cell_planes, len(blocks), *given, *limits, found, rims, chunk=BLOCKS)
-        return PlaneFits(found[:, :3].copy(), found[:, 3], found[:, 4], NEIGHBOURS, found[:, 5]), rims
+        over_chunks(cell_planes, len(blocks), *given, *limits, asked, found, rims, chunk=BLOCKS)
+        return found, rims, starts
+
+    def _joined(self, starts: IntArray) -> Cells:
+        """Cells of twice the edge, given where each block of eight begins."""
+        from dqreg.kernels.cell_moments import joined_moments
+
+        firsts = starts[:-1]
+        moments = joined_moments(starts, self.counts, self.points, self.scatters)
+        counts, means, scatters = (np.ascontiguousarray(x) for x in (moments[:, 0], moments[:, 1:4], moments[:, 4:]))
+        codes = self.codes[firsts] >> np.uint64(3)
+        return Cells(2.0 * self.size, codes, self.order, self.starts[firsts], counts, means, scatters)
 
 
 class CellSurface(CloudSurface):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.errors import InputError
@@ -19,6 +20,9 @@ from dqreg.geometry.surface import Closest, Hint
 ROUNDING = 1e-12
 # Queries that are followed in one go.
 CHUNK = 16_384
+# Nearest points of a query that are kept of derived clouds: with two the tree is asked again for a third of the queries
+# at each step. Open3D's takes half as long again for four, which is more than that saves.
+CANDIDATES, OF_OPEN3D = 4, 2
 
 
 class CloudSurface:
@@ -66,6 +70,7 @@ class CloudSurface:
             # Two clouds are prepared beside each other, and `cached_property` of Python 3.11 has one lock for all.
             vars(self)["_tree"] = NeighbourTree(self._points)
         self._search: KdTree | NeighbourTree = self._tree if derived else KdTree(self._points)
+        self._kept = CANDIDATES if derived else OF_OPEN3D
         low, high = cloud._ends
         self.centre: FloatArray = 0.5 * (low + high)
         self.diagonal = float(np.linalg.norm(high - low))
@@ -90,13 +95,16 @@ class CloudSurface:
 
     def _planes_at(self, rows: IntArray) -> tuple[FloatArray, FloatArray]:
         """Normals, (m, 3), and their variances, (m,)."""
+        self._fit_at(rows)
+        return np.take(self._normals, rows, axis=0), self._variances[rows]
+
+    def _fit_at(self, rows: IntArray) -> None:
         # Fitted on demand: a registration touches a part of a large cloud. The fit at a point depends on
         # the cloud alone, so threads that meet here write the same; a normal is there before it is called known.
         missing = rows[~self._known[rows]]
         if len(missing):
             missing = np.flatnonzero(np.bincount(missing, minlength=len(self._known)))
             self._enter(missing, self._fitted_around(missing))
-        return np.take(self._normals, rows, axis=0), self._variances[rows]
 
     def _enter(self, rows: IntArray, fits: PlaneFits) -> None:
         # A point whose neighbours lie on a line has no normal: zero gives no direction and passes no angle test.
@@ -122,8 +130,8 @@ class CloudSurface:
     def closest(self, points: FloatArray, hint: Hint | None = None, within: float = np.inf) -> Closest:
         """Nearest cloud point for each query.
 
-        A query that moved by m since the hint has no other point nearer than ``others - m``; while the old match is
-        nearer than that, it is the match still, and the KD-tree is not asked.
+        A query that moved by m since the hint has no point but its candidates nearer than ``others - m``; while one of
+        these is nearer than that, it is the match, and the KD-tree is not asked.
 
         Parameters
         ----------
@@ -143,20 +151,27 @@ class CloudSurface:
         known = None if hint is None else self._closest_near(points, *hint)
         if known is not None:
             return known
-        indices, distances = self._search.nearest(points, 2)
-        others = distances[:, 1] if distances.shape[1] > 1 else np.full(len(points), np.inf)
-        return self._answer(indices[:, 0], distances[:, 0], others)
+        rows, distances = self._search.nearest(points, self._kept)
+        others = self._beyond(distances)
+        return self._answer(rows[:, 0], distances[:, 0], others, rows.astype(np.int32))
 
     def _closest_near(self, points: FloatArray, places: FloatArray, before: Closest) -> Closest | None:
-        if before.others is None:
+        if before.others is None or before._candidates is None:
             return None
-        distances, others = followed(points, places, before.points, before.others)
-        rows = self._ranks[before.elements]
+        candidates = before._candidates
+        rows, distances, others = followed(points, places, candidates, before.others, self._points)
         asked = np.flatnonzero(distances >= others)
-        indices, found = self._search.nearest(np.take(points, asked, axis=0), 2)
-        if found.shape[1] > 1:
-            rows[asked], distances[asked], others[asked] = indices[:, 0], found[:, 0], found[:, 1]
-        return self._answer(rows, distances, others)
+        if len(asked):
+            found, away = self._search.nearest(np.take(points, asked, axis=0), self._kept)
+            candidates = candidates.copy()
+            candidates[asked], rows[asked] = found, found[:, 0]
+            distances[asked], others[asked] = away[:, 0], self._beyond(away)
+        return self._answer(rows, distances, others, candidates)
+
+    def _beyond(self, distances: FloatArray) -> FloatArray:
+        """What no point but so many nearest ones, (n, k) distances, is nearer than, (n,)."""
+        is_all = distances.shape[1] == len(self._points)
+        return np.full(len(distances), np.inf) if is_all else distances[:, -1].copy()
 
     def on_rim(self, closest: Closest) -> BoolArray:
         """Whether the matches of some queries are boundary points of the cloud.
@@ -194,24 +209,41 @@ class CloudSurface:
         ranks[self.order] = np.arange(len(self.order))
         return ranks
 
-    def _answer(self, rows: IntArray, distances: FloatArray, others: FloatArray) -> Closest:
-        points = np.take(self._points, rows, axis=0)
-        normals, variances = self._planes_at(rows)
+    def _answer(
+        self, rows: IntArray, distances: FloatArray, others: FloatArray, candidates: NDArray[np.int32]
+    ) -> Closest:
+        from dqreg.kernels.follow_rows import look_up_rows
+        from dqreg.kernels.threads import over_chunks
+
+        self._fit_at(rows)
+        count = len(rows)
+        points, normals = np.zeros((2, count, 3))
+        variances, elements = np.zeros(count), np.zeros(count, dtype=np.int64)
+        held = self._points, self._normals, self._variances, self.order
+        given = np.ascontiguousarray(rows), *held
+        over_chunks(look_up_rows, count, *given, points, normals, variances, elements, chunk=CHUNK)
         # Each kernel would make a copy of a column among others.
-        return Closest(points, normals, np.ascontiguousarray(distances), self.order[rows], others, variances)
+        found = Closest(points, normals, np.ascontiguousarray(distances), elements, others, variances)
+        return found._with(candidates)
 
 
 def followed(
-    points: FloatArray, places: FloatArray, feet: FloatArray, others: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Distances of queries from what was nearest to them at other places, and what no other point is nearer than, (n,).
+    points: FloatArray,
+    places: FloatArray,
+    candidates: NDArray[np.int32],
+    others: FloatArray,
+    cloud: FloatArray,
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Nearest candidates of queries, how far they are, and what no other point is nearer than, (n,).
 
-    Shapes: (n, 3) but for what no other was nearer than there, (n,).
+    Given where they were, (n, 3), the candidates that were nearest there, (n, k) rows of the cloud, (m, 3), and what no
+    other was nearer than, (n,).
     """
+    from dqreg.kernels.follow_rows import follow_rows
     from dqreg.kernels.threads import as_plain, over_chunks
-    from dqreg.kernels.weighing import follow_rows
 
-    distances, bounds = np.zeros(len(points)), np.zeros(len(points))
-    given = [as_plain(x) for x in (points, places, feet, others)]
-    over_chunks(follow_rows, len(points), *given, 1.0 - ROUNDING, distances, bounds, chunk=CHUNK)
-    return distances, bounds
+    count = len(points)
+    rows, distances, bounds = np.zeros(count, dtype=np.int64), np.zeros(count), np.zeros(count)
+    given = as_plain(points), as_plain(places), candidates, as_plain(others), cloud
+    over_chunks(follow_rows, count, *given, 1.0 - ROUNDING, rows, distances, bounds, chunk=CHUNK)
+    return rows, distances, bounds

@@ -6,6 +6,7 @@ import dataclasses
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dqreg._arrays import FloatArray, IntArray
 
@@ -25,7 +26,8 @@ class Closest:
     elements : ndarray of int, (n,)
         Which cloud point or which face it is.
     others : ndarray, (n,), optional
-        Lower bound of the distance to the second-nearest point of a cloud; None where it is not known.
+        Lower bound of the distance to all points of a cloud but the closest one, and the candidates where there are
+        some; None where it is not known.
     variances : ndarray, (n,), optional
         Variance of each normal, rad^2, see `PlaneFits.variances`; None where the normals are exact.
     """
@@ -36,12 +38,20 @@ class Closest:
     elements: IntArray
     others: FloatArray | None = None
     variances: FloatArray | None = None
+    # (n, k): The nearest points by the surface's own numbers; after a small motion one of them is the closest
+    _candidates: NDArray[np.int32] | None = dataclasses.field(default=None, init=False, repr=False)
 
     def _taken(self, rows: IntArray) -> Closest:
         """Those of some of the queries."""
         others, variances = (None if x is None else x[rows] for x in (self.others, self.variances))
         points, normals = np.take(self.points, rows, axis=0), np.take(self.normals, rows, axis=0)
-        return Closest(points, normals, self.distances[rows], self.elements[rows], others, variances)
+        some = Closest(points, normals, self.distances[rows], self.elements[rows], others, variances)
+        return some if self._candidates is None else some._with(np.take(self._candidates, rows, axis=0))
+
+    def _with(self, candidates: NDArray[np.int32]) -> Closest:
+        """Itself, from now on with candidates."""
+        vars(self)["_candidates"] = candidates
+        return self
 
 
 # Where the same queries stood earlier, (n, 3), and what this surface answered there.

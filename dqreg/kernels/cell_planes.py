@@ -35,6 +35,7 @@ def cell_planes(
     line: float,
     share: float,
     lined: float,
+    asked: BoolArray,
     fits: FloatArray,
     rims: BoolArray,
 ) -> None:
@@ -42,9 +43,9 @@ def cell_planes(
 
     O(1) a cell. A block is eight cells and holds those from its start to the next one's, in Morton order. There is no
     plane of fewer points, nor where the smaller variance is below a share of the larger; a rim is where the mean of the
-    cells is farther off within the plane than a share of the farthest one, and they are no line. Shapes: starts
-    (b + 1,), blocks (b,), means (m, 3), weights (m,), scatters (m, 6), fits (m, 6): normal, residual, lever, distance
-    to the next mean; NaN where there is no plane.
+    cells is farther off within the plane than a share of the farthest one, and they are no line. Cells that are not
+    asked are left as they are. Shapes: starts (b + 1,), blocks (b,), means (m, 3), weights (m,), scatters (m, 6), asked
+    (m,), fits (m, 6): normal, residual, lever, distance to the next mean; NaN where there is no plane.
     """
     near, within = np.zeros(BLOCKS * CELLS, np.int64), np.zeros(BLOCKS * CELLS, np.int64)
     lanes, kept = np.zeros((ROWS, LANES)), np.zeros((KEPT, LANES))
@@ -53,11 +54,15 @@ def cell_planes(
     none = int(np.int64(0))
     waiting = none
     for block in range(first, last):
+        if not asked[starts[block] : starts[block + 1]].any():
+            continue
         count = _cells_around(blocks[block], starts, blocks, table, near)
         for k in range(count):
             for axis in range(3):
                 places[axis, k] = means[near[k], axis]
         for i in range(starts[block], starts[block + 1]):
+            if not asked[i]:
+                continue
             found = _within_reach(means[i, 0], means[i, 1], means[i, 2], count, places, reach, within)
             nearest = _moments(i, found, within, near, places, means, weights, scatters, waiting, lanes, kept)
             fits[i, 5] = np.sqrt(nearest)

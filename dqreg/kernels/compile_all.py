@@ -18,6 +18,7 @@ from dqreg.kernels.creases import near_creases
 from dqreg.kernels.disc_pairs import disc_pair_sums
 from dqreg.kernels.face_fans import fans_of_faces
 from dqreg.kernels.face_scatter import face_precisions, face_sums, orientation_cells, square_heights, times_precisions
+from dqreg.kernels.follow_rows import follow_rows, look_up_rows
 from dqreg.kernels.garbage import not_collected
 from dqreg.kernels.largest_eigenvectors import largest_eigenvectors
 from dqreg.kernels.lopsided import lopsided_rows
@@ -53,7 +54,7 @@ from dqreg.kernels.surrounded import shares_beside, squares_along, surrounded_ro
 from dqreg.kernels.systematic_rows import systematic_rows
 from dqreg.kernels.triangle_tree import TriangleTree
 from dqreg.kernels.weighing import SUMS as WEIGHED
-from dqreg.kernels.weighing import follow_rows, place_rows, slide_rows, weigh_rows
+from dqreg.kernels.weighing import place_rows, slide_rows, weigh_rows
 from dqreg.kernels.weighted_draws import drawn_rows
 from dqreg.kernels.weighted_planes import COLUMNS, OF_PAIRS, STEP, pair_moments, plane_sums, short_twist, step_sums
 
@@ -113,7 +114,9 @@ def _weights() -> None:
     plane_row_columns(0, 3, rows, rows, ones, 1.0, np.zeros((6, 3)))
     strain_row_columns(0, 3, rows, rows, rows, 1.0, np.zeros((9, 3)))
     slide_rows(0, 3, rows, np.eye(4), *(rows,) * 3, np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3))
-    follow_rows(0, 3, *(rows,) * 3, ones, 1.0, np.zeros(3), np.zeros(3))
+    nearest, numbers = np.zeros((3, 2), dtype=np.int32), np.zeros(3, dtype=np.int64)
+    follow_rows(0, 3, rows, rows, nearest, ones, rows, 1.0, numbers, np.zeros(3), np.zeros(3))
+    look_up_rows(0, 3, numbers, rows, rows, ones, numbers, np.eye(3), np.eye(3), np.zeros(3), numbers.copy())
     place_rows(0, 3, rows, np.eye(4), rows, rows, np.zeros((3, 3)), np.zeros(3))
     plane_sums(0, 3, rows, rows, rows, ones, np.zeros((2, 3)), 3, np.zeros((1, COLUMNS)))
     step_sums(0, 3, rows, rows, rows, ones, ONE, 3, np.zeros((1, STEP)))

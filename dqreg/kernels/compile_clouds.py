@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg.kernels.cell_matches import planes_in_cells
-from dqreg.kernels.cell_moments import cell_moments, table_of
+from dqreg.kernels.cell_moments import cell_moments, joined_moments, table_of
 from dqreg.kernels.cell_planes import cell_planes
 from dqreg.kernels.close_points import close_points, facing_matches
 from dqreg.kernels.depth_pixels import count_before, directions_from, fill_nearest, least_around
@@ -39,7 +39,9 @@ def order_points() -> None:
     count_cells(codes)
     cell_moments(CORNERS, codes, FIRST)
     table, edges = table_of(codes[:1]), (1.0,) * 5
-    cell_planes(0, 0, FIRST, codes, table, FLAT, ONE, np.zeros((0, 6)), *edges, np.zeros((0, 6)), np.zeros(0, np.bool_))
+    none, scatters = np.zeros(0, np.bool_), np.zeros((0, 6))
+    joined_moments(FIRST, ONE, FLAT, scatters)
+    cell_planes(0, 0, FIRST, codes, table, FLAT, ONE, scatters, *edges, none, scatters.copy(), none.copy())
 
 
 def fit_neighbourhoods() -> None:

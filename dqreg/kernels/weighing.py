@@ -113,32 +113,6 @@ def slide_rows(
 
 
 @compiled
-def follow_rows(
-    first: int,
-    last: int,
-    points: FloatArray,
-    before: FloatArray,
-    feet: FloatArray,
-    others: FloatArray,
-    shrink: float,
-    distances: FloatArray,
-    bounds: FloatArray,
-) -> None:
-    """Write how far queries are from what was the nearest, and what no other is nearer than, (n,) each. O(n).
-
-    From where they were before, (n, 3), and what no other was nearer than there; bounds are shrunk by a factor.
-    """
-    for i in range(first, last):
-        square, way = 0.0, 0.0
-        for k in range(3):
-            gap, step = points[i, k] - feet[i, k], points[i, k] - before[i, k]
-            square += gap * gap
-            way += step * step
-        distances[i] = math.sqrt(square)
-        bounds[i] = (others[i] - math.sqrt(way)) * shrink
-
-
-@compiled
 def place_rows(
     first: int,
     last: int,

@@ -6,6 +6,7 @@ import pytest
 from dqreg._arrays import FloatArray
 from dqreg.geometry import CloudSurface, Mesh, PointCloud, sample_mesh
 from dqreg.geometry.boundary import STRIP, CloudBoundary
+from dqreg.geometry.morton import morton_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.synth.parts import box, bracket
 
@@ -96,3 +97,15 @@ def test_asking_in_parts_or_twice_or_for_a_row_twice_answers_the_same() -> None:
     rows = np.random.default_rng(4).integers(0, 2000, size=3000)
     np.testing.assert_array_equal(parts.at(rows, up[rows]), once[rows])
     np.testing.assert_array_equal(parts.at(np.arange(2000), up), once)
+
+
+@pytest.mark.parametrize(("lined", "asked"), [(0, 100), (4_000, 100), (800, 500)])
+def test_a_fifth_of_the_sample_decides_where_it_is_clear_that_a_cloud_lies_in_lines(lined: int, asked: int) -> None:
+    # So many of 4,000 points in each of 40 lines far apart, and the others on a sheet beside them, in Morton order.
+    rng = np.random.default_rng(0)
+    lines = np.column_stack([rng.uniform(size=lined), 10.0 * rng.integers(1, 41, size=lined), np.zeros(lined)])
+    points = np.vstack([rng.uniform(size=(4_000 - lined, 3)) * [1.0, 1.0, 0.0], lines])
+    points = points[morton_order(points)]
+    tree = NeighbourTree(points)
+    assert CloudBoundary(tree, points).in_lines == (lined > 2_000)
+    assert np.count_nonzero(tree._around[1] >= 0.0) == asked

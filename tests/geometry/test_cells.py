@@ -5,8 +5,9 @@ import numpy as np
 from hypothesis import given, settings
 
 from dqreg.geometry import CloudSurface, PointCloud
-from dqreg.geometry.cells import MOST, REACH, Cells
+from dqreg.geometry.cells import FEWEST, LEVELS, LINE, MOST, REACH, Cells
 from dqreg.geometry.voxels import VoxelCloud
+from dqreg.kernels.cell_planes import SIDES
 
 
 def sheet(seed: int, count: int) -> np.ndarray:
@@ -30,25 +31,41 @@ def test_cells_hold_the_moments_of_their_points(seed: int, count: int, size: flo
         assert np.allclose(cells.scatters[k], expected, rtol=0.0, atol=1e-10 * size**2 * len(rows))
 
 
-def test_planes_are_those_of_all_cells_within_reach_in_the_blocks_around() -> None:
-    points = sheet(0, 20_000)
-    cells = Cells.of(points, 0.15)
-    fits, _ = cells.planes()
-    blocks = np.floor((points[cells.order[cells.starts]] - points.min(axis=0)) / cells.size).astype(int) // 2
+def plane_around(cells: Cells, blocks: np.ndarray, k: int) -> tuple[np.ndarray, float, float] | None:
+    """Normal, residual and lever through the cells around one of them, by plain sums; None where these make none."""
+    near = np.linalg.norm(cells.points - cells.points[k], axis=1) <= REACH * cells.size
+    near &= np.abs(blocks - blocks[k]).max(axis=1) <= 1
     weights = np.minimum(cells.counts, MOST)
-    assert 0.5 < fits.known.mean() < 1.0
-    for k in np.flatnonzero(fits.known)[::37]:
-        near = np.linalg.norm(cells.points - cells.points[k], axis=1) <= REACH * cells.size
-        near &= np.abs(blocks - blocks[k]).max(axis=1) <= 1
-        w, middles = weights[near], cells.points[near]
-        mean = w @ middles / w.sum()
-        off = middles - mean
-        inner = cells.scatters[near] * (w / cells.counts[near])[:, None]
-        scatter = np.einsum("i,ij,ik->jk", w, off, off) + inner.sum(axis=0)[[[0, 3, 4], [3, 1, 5], [4, 5, 2]]]
-        values, vectors = np.linalg.eigh(scatter)
-        assert abs(vectors[:, 0] @ fits.normals[k]) > 1.0 - 1e-9
-        assert np.isclose(fits.residuals[k], np.sqrt(values[0] / (w.sum() - 3.0)), rtol=1e-6)
-        assert np.isclose(fits.lever[k], 1.0 / (w.sum() / values[1:]).sum(), rtol=1e-6)
+    w, middles = weights[near], cells.points[near]
+    mean = w @ middles / w.sum()
+    off = middles - mean
+    inner = cells.scatters[near] * (w / cells.counts[near])[:, None]
+    scatter = np.einsum("i,ij,ik->jk", w, off, off) + inner.sum(axis=0)[[[0, 3, 4], [3, 1, 5], [4, 5, 2]]]
+    values, vectors = np.linalg.eigh(scatter)
+    if w.sum() < FEWEST or near.sum() <= SIDES or values[1] <= LINE * values[2]:
+        return None
+    return vectors[:, 0], np.sqrt(values[0] / (w.sum() - 3.0)), 1.0 / (w.sum() / values[1:]).sum()
+
+
+def test_planes_are_those_of_all_cells_within_reach_and_of_wider_ones_where_these_make_none() -> None:
+    points = sheet(0, 20_000)
+    cells = [Cells.of(points, 0.15 * 2.0**level) for level in range(LEVELS)]
+    fits, _ = cells[0].planes()
+    low, levels = points.min(axis=0), []
+    blocks = [np.floor((points[one.order[one.starts]] - low) / one.size).astype(int) // 2 for one in cells]
+    for k in range(0, len(cells[0].codes), 7):
+        found, row, level = None, k, 0
+        while found is None and level < LEVELS:
+            row = int(np.searchsorted(cells[level].codes, cells[0].codes[k] >> np.uint64(3 * level)))
+            found = plane_around(cells[level], blocks[level], row)
+            level += 1
+        levels.append(level if found is not None else 0)
+        assert fits.known[k] == (found is not None)
+        if found is not None:
+            assert abs(found[0] @ fits.normals[k]) > 1.0 - 1e-9
+            assert np.isclose(fits.residuals[k], found[1], rtol=1e-6)
+            assert np.isclose(fits.lever[k], found[2], rtol=1e-6)
+    assert set(levels) == set(range(LEVELS + 1))
 
 
 def test_a_cell_of_a_thousand_copies_turns_no_plane() -> None:
@@ -68,17 +85,17 @@ def test_rims_lie_round_a_sheet_and_not_within_it() -> None:
 
 
 def test_where_cells_make_no_plane_their_nearest_ones_do() -> None:
-    # One ring of a LiDAR beside a wall that is dense: cells of the ring see the ring alone.
+    # Some points far apart beside a wall that is dense.
     rng = np.random.default_rng(0)
     wall = rng.uniform(-1.0, 1.0, size=(20_000, 3)) * [1.0, 1.0, 0.0]
-    ring = np.column_stack([np.repeat([2.0, 2.4, 2.8], 300), np.tile(np.linspace(-1.0, 1.0, 300), 3), np.zeros(900)])
-    even = VoxelCloud.of(PointCloud(np.vstack([wall, ring])), 0.1)
+    few = rng.uniform([2.0, -2.5, -0.1], [12.0, 2.5, 0.1], size=(40, 3))
+    even = VoxelCloud.of(PointCloud(np.vstack([wall, few])), 0.1)
     assert even.surface is not None
-    by_cells = Cells.of(np.vstack([wall, ring]), 0.1).planes()[0].known
+    by_cells = Cells.of(np.vstack([wall, few]), 0.1).planes()[0].known
     beside = even.cloud.points[:, 0] > 1.5
     assert by_cells[~beside].mean() > 0.98
     assert not by_cells[beside].any()
-    searched = CloudSurface(even.cloud).normals[beside]
+    searched = CloudSurface(even.cloud).closest(even.cloud.points[beside]).normals
     assert np.allclose(np.abs(even.surface.normals[beside]), np.abs(searched), atol=1e-9)
     assert np.abs(even.surface.normals[~beside, 2]).min() > 1.0 - 1e-9
 

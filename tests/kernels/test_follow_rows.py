@@ -1,0 +1,52 @@
+"""The followed candidates against all points."""
+
+from __future__ import annotations
+
+import hypothesis.strategies as st
+import numpy as np
+from hypothesis import given, settings
+
+from dqreg.kernels.follow_rows import follow_rows, look_up_rows
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.integers(0, 10_000), st.integers(1, 6), st.floats(0.0, 0.5))
+def test_a_candidate_within_the_bound_is_the_nearest_of_all(seed: int, k: int, way: float) -> None:
+    rng = np.random.default_rng(seed)
+    cloud, before = rng.normal(size=(50, 3)), rng.normal(size=(40, 3))
+    away = np.linalg.norm(before[:, None] - cloud, axis=2)
+    nearest = np.argsort(away, axis=1)[:, : k + 1]
+    others = np.take_along_axis(away, nearest[:, k:], axis=1)[:, 0]
+    step = rng.normal(size=(40, 3))
+    points = before + way * step / np.linalg.norm(step, axis=1, keepdims=True)
+    rows, distances, bounds = np.zeros(40, dtype=np.int64), np.zeros(40), np.zeros(40)
+    follow_rows(0, 40, points, before, nearest[:, :k].astype(np.int32), others, cloud, 1.0, rows, distances, bounds)
+    now = np.linalg.norm(points[:, None] - cloud, axis=2)
+    np.testing.assert_allclose(distances, np.take_along_axis(now, nearest[:, :k], axis=1).min(axis=1), rtol=1e-12)
+    np.testing.assert_allclose(bounds, others - way, rtol=0, atol=1e-12)
+    settled = distances < bounds
+    np.testing.assert_array_equal(rows[settled], now.argmin(axis=1)[settled])
+
+
+def test_of_two_candidates_that_are_as_near_none_is_taken() -> None:
+    cloud = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [5.0, 0.0, 0.0]])
+    rows, distances, bounds = np.zeros(2, dtype=np.int64), np.zeros(2), np.zeros(2)
+    points = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]])
+    candidates, others = np.array([[0, 1], [0, 1]], dtype=np.int32), np.full(2, 5.0)
+    follow_rows(0, 2, points, points, candidates, others, cloud, 1.0 - 1e-12, rows, distances, bounds)
+    assert bounds[0] == 0.0
+    assert (rows[1], bounds[1]) == (0, 5.0 * (1.0 - 1e-12))
+
+
+def test_what_stands_at_rows_is_looked_up() -> None:
+    rng = np.random.default_rng(0)
+    cloud, all_normals, all_variances = rng.normal(size=(9, 3)), rng.normal(size=(9, 3)), rng.normal(size=9)
+    order, rows = rng.permutation(9), np.array([3, 3, 8, 0])
+    points, normals, variances, elements = np.zeros((4, 3)), np.zeros((4, 3)), np.zeros(4), np.zeros(4, dtype=np.int64)
+    look_up_rows(1, 4, rows, cloud, all_normals, all_variances, order, points, normals, variances, elements)
+    some = rows[1:]
+    np.testing.assert_array_equal(points[1:], cloud[some])
+    np.testing.assert_array_equal(normals[1:], all_normals[some])
+    np.testing.assert_array_equal(variances[1:], all_variances[some])
+    np.testing.assert_array_equal(elements[1:], order[some])
+    assert not points[0].any()
