@@ -27,8 +27,9 @@ MOST = 8.0
 FEWEST, LINE = 8.0, 0.02
 # Blocks of eight cells that one thread goes over at a time.
 BLOCKS = 256
-# Edges, each twice the one before, of the cells that are asked for planes.
-LEVELS = 3
+# Edges, each twice the one before, of the cells that are asked for planes. With a third a road took 4 % less time, and
+# streets came nearer by 6 %, but the fast effort on the road lost 14 %.
+LEVELS = 2
 
 
 @dataclasses.dataclass(frozen=True)

@@ -75,8 +75,7 @@ class CloudSurface:
         self.centre: FloatArray = 0.5 * (low + high)
         self.diagonal = float(np.linalg.norm(high - low))
         self._viewpoint = cloud.viewpoint
-        self.given = cloud.normals is not None
-        self.oriented = self.given or cloud.viewpoint is not None
+        self.oriented = cloud.normals is not None or cloud.viewpoint is not None
 
     @property
     def normals(self) -> FloatArray:

@@ -48,8 +48,6 @@ class Scan:
         Local plane residual sigma_r of each point; NaN where unknown.
     oriented : bool
         Whether the normals' signs are known (given, or a viewpoint was).
-    given : bool
-        Whether the normals came with the cloud, as witnesses of their own.
     spacing : float
         Median distance between nearest neighbours of the whole cloud.
     noise : float
@@ -65,7 +63,8 @@ class Scan:
     quiet : float, or None
         Noise of the quieter faces, from local quadrics: no curvature of a sparse scan is in it.
     parts : ndarray of uint8, (n,), or None
-        Which of up to eight parts of the cloud in its own order each point stands in; eight for a mean over several.
+        Which of up to eight parts of the cloud, in its own order, each point stands in (views of a scan follow each
+        other); eight for the mean of points of several.
     """
 
     __repr__ = one_line
@@ -82,7 +81,6 @@ class Scan:
     within: FloatArray | None = None
     quiet: float | None = None
     parts: NDArray[np.uint8] | None = None
-    given: bool = False
 
     if not TYPE_CHECKING:
 
@@ -280,8 +278,7 @@ def prepare_scan(
         planes = planes.oriented(points, cloud.viewpoint)
     oriented, total = cloud.normals is not None or cloud.viewpoint is not None, len(points) if total is None else total
     measured = {"oriented": oriented, "spacing": spacing, "noise": noise, "quiet": quiet, "total": total}
-    given = cloud.normals is not None
-    scan = Scan._with(planes, {"points": points, "parts": parts_of(order), "given": given, **measured})
+    scan = Scan._with(planes, {"points": points, "parts": parts_of(order), **measured})
     if cloud.normals is not None:
         scan = dataclasses.replace(scan, normals=np.take(cloud.normals, order, axis=0))
     vars(scan)["diagonal"] = float(np.linalg.norm(np.subtract(*cloud._ends)))

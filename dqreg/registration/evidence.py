@@ -50,10 +50,12 @@ def agreement_of(
     has_border: bool = False,
     pairs: Correspondences | None = None,
     axis: bool = False,
+    given_normals: bool = False,
 ) -> Evidence:
     """Measure it at the end of a run; what needs more than the run is not known yet.
 
-    Pairs are those that `evenly_asked` answers. A strain that is no fault has no axis unless that is asked for.
+    Pairs are those that `evenly_asked` answers. A strain that is no fault has no axis unless that is asked for. Normals
+    that came with a cloud are witnesses of their own.
     """
     mixture = run.mixture
     near = NEAR * max_distance
@@ -68,7 +70,8 @@ def agreement_of(
     scale = mixture.scale if isinstance(surface, CloudSurface) else min(mixture.scale, _usual_scale(aside, surface))
     asked = pairs.scan.points[kept], pairs.distances[kept], pairs.point_to_plane[kept], close[kept]
     patches, off = patches_off(*asked, scale)
-    local = LocalEvidence.at_end(run, scan, surface, pairs, width, has_border=has_border)
+    options = {"has_border": has_border, "given_normals": given_normals}
+    local = LocalEvidence.at_end(run, scan, surface, pairs, width, **options)
     is_part, size = not isinstance(surface, CloudSurface), surface.diagonal
     # Against a part, what differs from point to point is noise: the curvature of its faces is known.
     normals = np.take(pairs.closest.normals, here, axis=0)

@@ -10,7 +10,7 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, median, product
 from dqreg._records import replaced
-from dqreg.geometry import CloudSurface, Mesh, Surface, prepare_scan
+from dqreg.geometry import CloudSurface, Mesh, PointCloud, Surface, prepare_scan
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.vector_rows import nonzero_rows, row_dots
 from dqreg.icp import (
@@ -121,7 +121,9 @@ class Fit:
         asked = self.run, prepared.scan, prepared.surface, reach
         if self.is_late:
             return agreement_in_time(*asked, has_border=self.has_border)
-        return agreement_of(*asked, has_border=self.has_border, pairs=self.evenly_asked(), axis=axis)
+        pairs, clouds = self.evenly_asked(), (self.problem.source.cloud, self.target.geometry)
+        given = any(isinstance(cloud, PointCloud) and cloud.normals is not None for cloud in clouds)
+        return agreement_of(*asked, has_border=self.has_border, pairs=pairs, axis=axis, given_normals=given)
 
     def evenly_asked(self) -> Correspondences:
         """Pairs at the pose of points that were drawn evenly, each of one point."""

@@ -42,7 +42,14 @@ class LocalEvidence:
 
     @staticmethod
     def at_end(
-        run: Alignment, scan: Scan, surface: Surface, pairs: Correspondences, width: float, *, has_border: bool
+        run: Alignment,
+        scan: Scan,
+        surface: Surface,
+        pairs: Correspondences,
+        width: float,
+        *,
+        has_border: bool,
+        given_normals: bool,
     ) -> LocalEvidence:
         """That at the end of a run: where it is against the pose, asked of what it would be on the target."""
         # From cloud to cloud the tangent planes are guesses between points that stand apart.
@@ -54,8 +61,7 @@ class LocalEvidence:
         local = replaced(local, noise=max(min(local.noise, noise_on(scan, surface)), floor))
         is_apart = local.normals_apart > NORMALS_APART
         if isinstance(surface, CloudSurface):
-            # Normals that were given are witnesses themselves.
-            is_asked = is_apart and not (scan.given or surface.given)
+            is_asked = is_apart and not given_normals
             return local._in_cells(scan, surface, pairs, width) if is_asked else local
         return local._on_target(pairs, width, is_apart=is_apart and not pairs.scan.oriented)
 

@@ -32,7 +32,8 @@ def normals_apart(source: PointCloud, target: PointCloud, T: np.ndarray) -> floa
     pairs = find_correspondences(scan, surface, T)
     mixture = InlierMixture(NOISE, 0.9, 0.2 * SIZE)
     run = Alignment(pairs.T_target_source, "converged", (), pairs, mixture.weight(pairs.distances), mixture=mixture)
-    return agreement_of(run, scan, surface, 0.2 * SIZE).normals_apart
+    given = any(cloud.normals is not None for cloud in (source, target))
+    return agreement_of(run, scan, surface, 0.2 * SIZE, given_normals=given).normals_apart
 
 
 def test_faces_on_each_other_agree() -> None:
