@@ -125,3 +125,19 @@ def test_a_larger_block_is_suspect_and_a_part_on_a_table_is_accepted() -> None:
     assert "contradicting_surface" in longer.verdict.codes
     alone = dqreg.register(np.vstack([part, table(10)]), PART, "identity", effort="fast", clutter="none")
     assert alone.verdict.codes == ("clutter",)
+
+
+def test_a_table_that_shows_beneath_a_part_too_long_is_none_of_its_faces() -> None:
+    """The scanned block is 12 shorter than the target and shows no end: rows of the table lie on the target there."""
+    short = faces((88.0, 60.0, 40.0), LOW, 700, 1)
+    short = short[short[:, 0] < LOW[0] + 87.0]
+    around, shown = table(3, 4_000), table(4, 20_000)
+    rng = np.random.default_rng(5)
+    strip = np.column_stack(
+        [rng.uniform(88.0, 100.0, 50) + LOW[0], rng.uniform(LOW[1], HIGH[1], 50), np.full(50, LOW[2])]
+    )
+    found = seen(np.vstack([short, around, strip]))
+    assert found.contradicting[len(short) :].mean() >= 0.8
+    # Where nothing of it lies on the target, the table is another object, however dense its rim.
+    found = seen(np.vstack([short, shown]))
+    assert found.contradicting.mean() <= 0.01
