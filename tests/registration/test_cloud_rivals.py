@@ -60,7 +60,7 @@ def test_between_clouds_a_pose_that_the_start_did_not_mean_is_compared_with_othe
     rng = np.random.default_rng(0)
     part = shapes.draw(shapes.bracket, rng)
     scan, target = (
-        sample_mesh(part, 12_000, rng).points + 5e-4 * part.diagonal * rng.normal(size=(12_000, 3)) for _ in range(2)
+        sample_mesh(part, 6_000, rng).points + 5e-4 * part.diagonal * rng.normal(size=(6_000, 3)) for _ in range(2)
     )
     T = pose.exp(np.r_[np.deg2rad(150.0) * np.array(AXIS) / np.linalg.norm(AXIS), 0.0, 0.0, 0.0])
     moved = pose.apply(pose.inverse(T), scan)
