@@ -189,6 +189,7 @@ class Odometry(Tracker):
         if found.verdict.level == "accepted":
             self._T_last, self._motion, self._first = rigid(found.T_target_source), np.eye(4), None
             self._T_doubtful, self._kept_out, self._timeline.missed, self._link = None, 0, 0, MapLink()
+            self._unlike = None
         return found
 
     def save(self, path: str | Path) -> None:

@@ -15,20 +15,18 @@ from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.registration.evenly_asked import fitted_pairs
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 from dqreg.trust.limits import NORMALS_APART
-from dqreg.trust.neighbourhoods import Neighbourhoods, apart_in_cells
+from dqreg.trust.neighbourhoods import APART_COS, SMOOTH, Neighbourhoods, apart_in_cells
 
 # Standard deviations of the distances, in the scan's own noise, beyond which that is estimated once more and another
 # pose is searched for: of 2,000 right poses none came above 1.4, walls settled on their wrong side to 2.4 and more.
 MISFIT = 2.0
-# Neighbourhoods flatter than this have a normal worth comparing; rougher than that they are no surface at all; both in
-# extents of the neighbourhood.
-SMOOTH, ROUGH = 0.4, 0.4
+# Neighbourhoods rougher than this, in their extent, are no surface at all.
+ROUGH = 0.4
 # A scan whose noise is large against its spacing is rough everywhere: strays are rougher by this factor.
 MORE_THAN_USUAL = 2.5
-# Normals farther apart than this are of different faces.
-APART_RAD = np.deg2rad(35.0)
-# Cells of two clouds that are heard against the normals of their points disagree no more than this: at right poses of
-# noisy parts and depth images 0.002 at most, at wrong ones 0.03 and more.
+# Cells of two clouds that are heard against the normals of their points disagree no more than this. Right poses of
+# noisy parts and depth images came to 0.002, one of two rooms to 0.08; wrong ones to 0.02 and more, some to 0. That
+# none disagrees speaks for no pose: all else that the verdict asks is asked still.
 HARDLY = 0.01
 
 
@@ -104,7 +102,7 @@ class LocalEvidence:
         usual = quantile(flat, 0.3) if len(flat) else 0.0
         return LocalEvidence(
             strays=share((rough > max(ROUGH, MORE_THAN_USUAL * usual)) & ~on, known),
-            normals_apart=share(cosines < np.cos(APART_RAD), compared),
+            normals_apart=share(cosines < APART_COS, compared),
             noise=quantile(residuals[on & known], 0.3) if (on & known).any() else np.inf,
         )
 

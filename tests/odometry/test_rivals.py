@@ -100,3 +100,8 @@ def test_a_frame_that_is_like_itself_nowhere_says_so_for_those_beside_it(monkeyp
     # Never before there is a map; once where it stands; again once it has gone on by the largest distance of a pair.
     assert counts[:3] == [0, 1, 1]
     assert 1 < counts[-1] < len(frames)
+    # A sensor that was carried begins anew, be it set down where it stood.
+    assert odometry.relocalise(frames[-1]).verdict.level == "accepted"
+    before = len(asked)
+    odometry.register_frame(frames[-1])
+    assert len(asked) == before + 1
