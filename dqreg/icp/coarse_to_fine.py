@@ -207,8 +207,10 @@ def _refined(level: Level, run: Alignment, observe: Observer | None) -> tuple[Al
 def _near(level: Level, run: Run | None) -> Level:
     plan = level.plan
     if plan.fine is not None:
-        # Planes need so few steps that extrapolating them costs more than it saves.
-        plan = replaced(plan, estimator=plan.fine, accelerate=False)
+        # Planes of a mesh need so few steps that extrapolating them costs more than it saves; between two clouds each
+        # step is about half of the one before.
+        accelerate = plan.accelerate and isinstance(level.surface, CloudSurface)
+        plan = replaced(plan, estimator=plan.fine, accelerate=accelerate)
     floor = smallest_kernel_scale(_judged_by_inliers(level.scan, run) if run else level.scan, level.surface)
     return replaced(level, plan=plan, floor=floor, near=True)
 

@@ -14,6 +14,7 @@ from dqreg.geometry.mesh_surface import MeshSurface
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.scan import Scan
 from dqreg.geometry.surface import Surface
+from dqreg.icp.acceleration import OF_PLANES, TOLERATED
 from dqreg.icp.correspondences import Correspondences, slid_distances
 from dqreg.icp.estimators import Estimator
 from dqreg.icp.history import Iteration
@@ -180,6 +181,7 @@ class Level:
                 contraction=self.contraction,
             ),
             accelerate=plan.accelerate and iterations > 1,
+            tolerated=OF_PLANES if self.near and plan.fine is not None else TOLERATED,
             stage=schedule.name,
             slides=self._slides(mixture),
         )

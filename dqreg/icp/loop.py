@@ -15,7 +15,7 @@ from dqreg._records import replaced
 from dqreg.errors import DegenerateGeometryError
 from dqreg.geometry.scan import Scan
 from dqreg.geometry.surface import Surface
-from dqreg.icp.acceleration import Anderson
+from dqreg.icp.acceleration import TOLERATED, Anderson
 from dqreg.icp.correspondences import Correspondences, find_correspondences, propagate
 from dqreg.icp.estimators import Estimator, points_and_normals
 from dqreg.icp.history import Iteration
@@ -113,6 +113,7 @@ class Icp:
     rejectors: tuple[Weight, ...] = ()  # Further factors of the weights: distance, normal angle, trimming
     stopping: Stopping = Stopping()  # When to end
     accelerate: bool = True  # Whether Anderson acceleration extrapolates the steps
+    tolerated: float = TOLERATED  # Fraction by which the energy may rise where that makes the steps shorter
     stage: str = "loop"  # Name of this run in the records
     fewest: int = FEWEST_PAIRS  # Correspondences without which there is no pose
     # Way from where they were searched, in diagonals of the surface, on which matches slide on their tangent planes
@@ -133,7 +134,7 @@ class Icp:
         motions: list[float] = []
         slid = 0.0
         spread = scan._spread
-        anderson = Anderson(start, spread.mean, spread.size) if self.accelerate else None
+        anderson = Anderson(start, spread.mean, spread.size, self.tolerated) if self.accelerate else None
         while True:
             began = time.perf_counter()
             pairs = before = find_correspondences(scan, surface, T, before)

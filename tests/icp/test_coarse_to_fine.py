@@ -300,6 +300,25 @@ def test_a_side_that_the_target_lacks_is_not_averaged_with_the_other(seed: int) 
     assert np.abs((corners @ run.T_target_source.T)[:, 2]).max() < 0.1
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_between_clouds_extrapolated_steps_of_planes_end_where_plain_ones_do_and_sooner(seed: int) -> None:
+    # Two noisy samples of one sheet: the truth is the identity. Each plain step is about half of the one before.
+    rng, noise = np.random.default_rng(seed), 0.005
+    one, other = (bumpy_cloud(12_000, 2 * seed + k) + noise * rng.standard_normal((12_000, 3)) for k in (0, 1))
+    scan, target = prepare_scan(PointCloud(one)), CloudSurface(PointCloud(other))
+    start = disturbance(rng, 0.03, 0.02, np.zeros(3))
+    plan = IcpSettings(points_and_normals, 0.2, fine=ESTIMATORS["generalised"], first_kernel_scale=2.0 * noise)
+    runs = [
+        align_coarse_to_fine(scan, target, start, dataclasses.replace(plan, accelerate=extrapolated))
+        for extrapolated in (True, False)
+    ]
+    few, many = (sum(record.points == len(scan) for record in run.history) for run in runs)
+    assert few <= 0.75 * many
+    # A quarter of the noise of one point is about what two samples leave open of their pose.
+    assert max(scan._spread.motion(run.T_target_source, np.eye(4)) for run in runs) < 0.5 * noise
+    assert scan._spread.motion(*(run.T_target_source for run in runs)) < 0.2 * noise
+
+
 def test_between_clouds_an_observer_ends_the_run_wherever_it_stands() -> None:
     rng = np.random.default_rng(0)
     scan, target = (PointCloud(plate(rng, both_sides=both)) for both in (True, False))
