@@ -25,6 +25,8 @@ SOAK = "DQREG_KILLS" in os.environ
 ROWS, WORKERS = (6, 2) if SOAK else (3, 1)
 # Most of them leave no time for anything.
 SENT = [signal.SIGKILL, signal.SIGKILL, signal.SIGKILL, signal.SIGTERM, signal.SIGINT]
+# Signals that may come too late.
+MISSED = 4
 soak = pytest.mark.skipif(not SOAK, reason="long: set DQREG_KILLS")
 
 
@@ -87,7 +89,7 @@ def test_killed_at_random_moments_and_resumed(scene, undisturbed, tmp_path, reco
 def test_a_signal_ends_politely_and_resume_goes_on(scene, undisturbed, tmp_path, number):
     whole, _, _ = undisturbed
     rng, token, out = np.random.default_rng(int(number)), secrets.token_hex(8), tmp_path / "out"
-    code, rounds = 128 + number, 0
+    code, rounds, missed = 128 + number, 0, 0
     while code == 128 + number:
         before = stamps(out) if out.exists() else {}
         with go(scene, out, token) as run:
@@ -111,6 +113,10 @@ def test_a_signal_ends_politely_and_resume_goes_on(scene, undisturbed, tmp_path,
         if code:
             assert "--resume" in errors
             assert "not run" in rest
+        elif rounds == 1 and missed < MISSED:
+            # On a busy machine all was done before the signal came: once more, from the beginning.
+            shutil.rmtree(out)
+            code, rounds, missed = 128 + number, 0, missed + 1
     assert rounds > 1
     assert results(out) == whole
 
