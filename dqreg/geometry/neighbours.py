@@ -26,9 +26,12 @@ class NeighbourTree:
         # Points in Morton order that few queries are asked of need no other order.
         self._tree = PointTree.of(points, in_order=in_order)
 
-    def nearest(self, queries: FloatArray, count: int) -> tuple[IntArray, FloatArray]:
-        """Nearest points of each query, closest first. Shapes: indices (m, k), distances (m, k)."""
-        return self._tree.nearest(queries, min(count, self.size))
+    def nearest(self, queries: FloatArray, count: int, within: float = np.inf) -> tuple[IntArray, FloatArray]:
+        """Nearest points of each query, closest first; the size of the cloud where fewer are within a distance.
+
+        Shapes: indices (m, k), distances (m, k).
+        """
+        return self._tree.nearest(queries, min(count, self.size), within)
 
     def nearest_to(self, rows: IntArray, count: int) -> tuple[IntArray, FloatArray]:
         """The same of some of the points, (m,) rows: in Morton order each begins at its own place."""

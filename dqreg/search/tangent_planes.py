@@ -41,9 +41,10 @@ class TangentPlanes:
         return Mesh(corners.reshape(-1, 3), np.arange(3 * len(points)).reshape(-1, 3))
 
     def closest(self, points: FloatArray, hint: Hint | None = None, within: float = np.inf) -> Closest:
-        """Nearest place of the tangent planes beside the nearest point."""
-        rows, apart = self._cloud._tree.nearest(points, 1)
-        rows, apart = rows[:, 0], apart[:, 0]
+        """Nearest place of the tangent planes beside the nearest point; that or another one where none is within."""
+        reach = float(np.hypot(within, BESIDE * self.spacing))
+        rows, apart = self._cloud._tree.nearest(points, 1, reach)
+        rows, apart = np.minimum(rows[:, 0], len(self._cloud._points) - 1), apart[:, 0]
         places, normals = np.take(self._cloud._points, rows, axis=0), _upward(self._cloud._planes_at(rows)[0])
         aside = np.einsum("ij,ij->i", points - places, normals)
         feet = points - aside[:, None] * normals

@@ -48,3 +48,16 @@ def test_a_block_is_no_other_one_on_its_side() -> None:
     assert not planes.is_symmetry(
         pose.from_parts(np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), np.zeros(3))
     )
+
+
+def test_what_is_within_a_distance_is_found_as_without_it_and_nothing_else_seems_nearer() -> None:
+    planes = cloud_of(Mesh(*box(EDGES)))
+    rng = np.random.default_rng(1)
+    points = rng.uniform(-60.0, 60.0, (3_000, 3))
+    for within in (0.5, 3.0, 20.0):
+        some, whole = planes.closest(points, within=within), planes.closest(points)
+        is_near = whole.distances <= within
+        assert 0 < np.count_nonzero(is_near) < len(points)
+        for name in ("points", "normals", "distances", "elements"):
+            np.testing.assert_array_equal(getattr(some, name)[is_near], getattr(whole, name)[is_near])
+        assert (some.distances[~is_near] >= within).all()
