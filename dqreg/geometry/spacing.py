@@ -7,10 +7,11 @@ import math
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, bounds, dot, median
+from dqreg._arrays import FloatArray, bounds, median
 from dqreg.errors import InputError
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import PlaneFits, sample_rows
+from dqreg.geometry.vector_rows import second_moment
 
 # Enough for a median that is good to one per cent.
 SPACING_SAMPLE = 5_000
@@ -55,10 +56,7 @@ class Spread:
         """Moments of points, (n, 3)."""
         columns = np.ascontiguousarray(points.T)
         mean = columns.mean(axis=1)
-        x, y, z = columns - mean[:, None]
-        # Number by number: BLAS takes three times as long for so few.
-        xx, xy, xz, yy, yz, zz = dot(x, x), dot(x, y), dot(x, z), dot(y, y), dot(y, z), dot(z, z)
-        return Spread(mean, np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) / len(points))
+        return Spread(mean, second_moment(columns - mean[:, None]) / len(points))
 
     @property
     def size(self) -> float:

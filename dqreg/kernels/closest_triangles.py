@@ -7,6 +7,7 @@ import numpy as np
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.kernels.compiled import compiled, inside_kernels
 from dqreg.kernels.triangle import closest_on, height_square
+from dqreg.kernels.triangles_across import walk_across
 
 DEEPEST = 96  # no tree of boxes that fits into memory is deeper
 # Two faces are equally near within this share of a squared distance, or within this square of the size. Then the one
@@ -63,6 +64,7 @@ def closest_places(
     nodes: FloatArray,
     links: IntArray,
     packed: FloatArray,
+    across: IntArray,
     faces: IntArray,
     slots: IntArray,
     leaves: IntArray,
@@ -79,9 +81,10 @@ def closest_places(
     """Write the closest place nearer than ``bound`` for queries first to last: NaN, inf and -1 where there is none.
 
     Guesses are faces to begin with, one a query, or none at all: then each query begins with the face of the one before
-    it. From the box of its guess a search goes on to those beside the boxes above. O(log n) boxes for a query near the
-    surface, half as many as from the first box, and the processor foresees that few are near. All in one function: a
-    call for each query would be a tenth of its time.
+    it. From there it walks across sides while it comes nearer, and from the box of where that ends the search goes on
+    to those beside the boxes above. O(log n) boxes for a query near the surface, half as many as from the first box,
+    and the processor foresees that few are near. All in one function: a call for each query would be a tenth of its
+    time.
     """
     stack, away = np.zeros(DEEPEST, np.int64), np.zeros(DEEPEST)
     floor = ROUNDING * size * size
@@ -93,7 +96,7 @@ def closest_places(
             slot = slots[guesses[i]]
         best, reach, u, v = bound * bound, bound * bound, 0.0, 0.0
         if slot >= 0:
-            d, a, b = closest_on(packed, slot, x, y, z)
+            slot, d, a, b = walk_across(packed, across, slot, x, y, z)
             low = box_above(nodes, links, leaves[U(slot)], SPAN * SPAN * d)
             if d < reach:
                 # What is farther than the guess is not looked at from the first box on.

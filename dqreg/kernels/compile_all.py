@@ -33,7 +33,7 @@ from dqreg.kernels.pair_differences import pair_differences
 from dqreg.kernels.pair_keys import pair_keys
 from dqreg.kernels.pair_poses import pair_poses
 from dqreg.kernels.patch_pairs import binned_agreements, covariance_rows, nearest_others
-from dqreg.kernels.patch_sums import BESIDE, patch_sums
+from dqreg.kernels.patch_sums import BESIDE, joined_sums, patch_sums
 from dqreg.kernels.plane_elimination import eliminate_planes
 from dqreg.kernels.plane_fits import fit_plane_rows
 from dqreg.kernels.plane_gaps import COLUMNS as OF_GAPS
@@ -151,6 +151,7 @@ def _shared_noise() -> None:
     nearest_others(FLAT, np.zeros(3))
     binned_agreements(FLAT, FLAT, ONE, 1.0, np.zeros(2), np.zeros(2))
     patch_sums(0, 0, *(FLAT,) * 3, *(ONE,) * 2, FIRST, np.zeros((1, 3 + BESIDE)))
+    joined_sums(FIRST, np.zeros((1, 2)), 0, 2, np.zeros((1, 2)))
     covariance_rows(0, 0, FLAT, FLAT, 1.0, 1.0, FLAT, FLAT)
 
 

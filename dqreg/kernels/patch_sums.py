@@ -38,3 +38,16 @@ def patch_sums(
             for k in range(3):
                 sums[g, many + 1 + k] += w * points[i, k]
                 sums[g, many + 4 + k] += w * normals[i, k]
+
+
+@compiled
+def joined_sums(places: IntArray, sums: FloatArray, first: int, last: int, found: FloatArray) -> None:
+    """Add columns first to last of the sums of patches, (g, k), those of a larger one from its place to the next.
+
+    O(g k). Shapes: places (m,), ascending, found (m, last - first), zeros.
+    """
+    for m in range(len(places)):
+        end = places[m + 1] if m + 1 < len(places) else len(sums)
+        for g in range(places[m], end):
+            for k in range(last - first):
+                found[m, k] += sums[g, first + k]

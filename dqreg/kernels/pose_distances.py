@@ -8,6 +8,7 @@ from dqreg._arrays import FloatArray, IntArray
 from dqreg.kernels.closest_triangles import DEEPEST, SPAN, U, box_above, box_distance
 from dqreg.kernels.compiled import compiled
 from dqreg.kernels.triangle import closest_on
+from dqreg.kernels.triangles_across import walk_across
 
 
 @compiled
@@ -17,6 +18,7 @@ def pose_distances(
     nodes: FloatArray,
     links: IntArray,
     packed: FloatArray,
+    across: IntArray,
     faces: IntArray,
     leaves: IntArray,
     face_normals: FloatArray,
@@ -42,7 +44,7 @@ def pose_distances(
         z = r[2, 0] * p + r[2, 1] * q + r[2, 2] * s + t[2]
         best, u, v, low = bound * bound, 0.0, 0.0, 0
         if slot >= 0:
-            d, a, b = closest_on(packed, slot, x, y, z)
+            slot, d, a, b = walk_across(packed, across, slot, x, y, z)
             low = box_above(nodes, links, leaves[U(slot)], SPAN * SPAN * d)
             if d < best:
                 best, u, v = d, a, b

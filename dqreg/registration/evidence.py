@@ -67,7 +67,7 @@ def agreement_of(
     alone = isolated(pairs.scan, on, scan if len(scan) <= THINNED else None)
     # Where nothing is left out, as a rule, nothing is copied.
     kept = np.flatnonzero(~(around.elsewhere | alone)) if alone.any() or around.elsewhere.any() else slice(None)
-    scale = mixture.scale if isinstance(surface, CloudSurface) else min(mixture.scale, _usual_scale(aside, surface))
+    scale = mixture.scale if isinstance(surface, CloudSurface) else _usual_scale(aside, surface, mixture.scale)
     asked = pairs.scan.points[kept], pairs.distances[kept], pairs.point_to_plane[kept], close[kept]
     patches, off = patches_off(*asked, scale)
     options = {"has_border": has_border, "given_normals": given_normals}
@@ -218,10 +218,13 @@ def _together(pairs: Correspondences, close: BoolArray, kept: IntArray | slice, 
     return share_together(pairs.moved[kept], off, close[kept])
 
 
-def _usual_scale(aside: FloatArray, surface: Surface) -> float:
+def _usual_scale(aside: FloatArray, surface: Surface, most: float) -> float:
     """Scale of the distances along the normals of most inliers: a sparse scan has a kernel as wide as its spacing."""
-    usual = GAUSSIAN_MEDIAN * median(np.abs(aside)) if len(aside) else np.inf
-    return max(USUAL * usual, LEAST * surface.diagonal)
+    least, far = LEAST * surface.diagonal, np.abs(aside)
+    # Where more than half are beyond what the most stands for, so is their median: that settles it.
+    if least >= most or 2 * np.count_nonzero(far > most / (USUAL * GAUSSIAN_MEDIAN)) > len(far) or not len(far):
+        return most
+    return min(most, max(USUAL * GAUSSIAN_MEDIAN * median(far), least))
 
 
 def _random_ratio(pairs: Correspondences, on: BoolArray, surface: Surface) -> float:

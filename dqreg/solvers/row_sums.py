@@ -129,22 +129,27 @@ class MotionSums:
         """See `PatchSums`; each start is one of this one's."""
         from dqreg.kernels.motion_sums import SQUARES
 
-        sums = self._together(self.sums[:, :SQUARES], starts).T
+        sums = self._joined(starts, 0, SQUARES).T
         return self.basis.T @ sums[:6], sums[6:]
 
     def pulls(self, starts: IntArray) -> tuple[FloatArray, FloatArray]:
         """See `PatchSums`; each start is one of this one's."""
         from dqreg.kernels.motion_sums import NORMALS, PRODUCTS, ROTATIONS, SMOOTH
 
-        sums = np.concatenate([self.sums[:, ROTATIONS:PRODUCTS], self.sums[:, NORMALS : NORMALS + 3]], axis=1)
+        normals = self._joined(starts, NORMALS, NORMALS + 3)
+        sums = np.concatenate([self._joined(starts, ROTATIONS, PRODUCTS), normals], axis=1)
         # Translations displace along the normals: products with them are products with the normals.
-        products = self._together(self.sums[:, PRODUCTS:SMOOTH], starts)
+        products = self._joined(starts, PRODUCTS, SMOOTH)
         along = np.take(products, _PLACES[3:], axis=1).transpose(1, 2, 0)
-        return self.basis.T @ self._together(sums, starts).T, self.basis.T @ along
+        return self.basis.T @ sums.T, self.basis.T @ along
 
-    def _together(self, sums: FloatArray, starts: IntArray) -> FloatArray:
-        joined: FloatArray = np.add.reduceat(sums, np.searchsorted(self.starts, starts), axis=0)
-        return joined
+    def _joined(self, starts: IntArray, first: int, last: int) -> FloatArray:
+        """Some of the columns, of patches with those starts."""
+        from dqreg.kernels.patch_sums import joined_sums
+
+        found = np.zeros((len(starts), last - first))
+        joined_sums(np.searchsorted(self.starts, starts), self.sums, first, last, found)
+        return found
 
 
 # Where the elements of a symmetric matrix stand in its upper triangle, row by row.

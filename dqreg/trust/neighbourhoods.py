@@ -16,7 +16,7 @@ from dqreg._arrays import BoolArray, FloatArray
 from dqreg.geometry.cells import Cells
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import NEIGHBOURS, fit_planes_among, sample_rows
-from dqreg.geometry.vector_rows import nonzero_rows, row_dots
+from dqreg.geometry.vector_rows import nonzero_rows, row_dots, second_moment
 from dqreg.rigid import pose
 
 # Neighbourhoods that are looked at; those flatter than this, in their extent, have a normal worth comparing.
@@ -103,5 +103,5 @@ def is_flat(points: FloatArray) -> bool:
     """Whether points, (n, 3), lie in one plane: a single profile, or one face, is a weak witness of a pose."""
     arms = np.ascontiguousarray(points.T)
     arms -= arms.mean(axis=1, keepdims=True)
-    values = np.linalg.eigvalsh(arms @ arms.T)
+    values = np.linalg.eigvalsh(second_moment(arms))
     return bool(values[0] < FLAT**2 * values[2])

@@ -10,6 +10,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, median, product
 from dqreg.geometry.normals import sample_rows
+from dqreg.geometry.vector_rows import second_moment
 from dqreg.solvers.motion_words import Vector
 from dqreg.solvers.quadratic import ROWS, plane_rows
 from dqreg.solvers.sandwich import scatter_of
@@ -132,15 +133,15 @@ class _Model:
         # The bits of the mean along columns in a quarter of the time.
         middle = np.einsum("ij->j", points) / len(points)
         arms = points - middle
-        _, axes = np.linalg.eigh(arms.T @ arms)
-        lever = float(np.sqrt(np.einsum("ij,ij->", arms, arms) / len(arms)))
+        squares, axes = np.linalg.eigh(second_moment(np.ascontiguousarray(arms.T)) / len(points))
+        lever = math.sqrt(max(float(squares.sum()), 0.0))
         if not lever > 0.0:
             return None
         rows = _rows(points, middle, arms, normals, axes[:, ::-1], lever)
         length = float(np.ptp(arms @ axes[:, 2]))
         # The row is the square of the place along the axis over the lever; a sagitta is over the square of half the
         # length. Of a torsion, the displacement of the ends at the usual distance from the axis.
-        radius = float(np.sqrt(np.mean((arms @ axes[:, :2]) ** 2) * 2.0))
+        radius = math.sqrt(max(float(squares[0] + squares[1]), 0.0))
         return _Model(rows, lever, np.array([0.25 * length, 0.25 * length, 0.5 * radius]) / lever**2)
 
     def is_small(self, fitted: FloatArray, share: float = SMALL) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg.kernels.patch_sums import BESIDE, patch_sums
+from dqreg.kernels.patch_sums import BESIDE, joined_sums, patch_sums
 
 
 def test_patches_hold_what_numpy_sums() -> None:
@@ -17,3 +17,9 @@ def test_patches_hold_what_numpy_sums() -> None:
         patch_sums(first, last, rows, points, normals, residuals, weights, starts, sums)
     columns = np.vstack([rows * residuals, np.ones(90), points.T, normals.T, residuals]) * weights
     np.testing.assert_allclose(sums.T, np.add.reduceat(columns, starts, axis=1), rtol=0, atol=1e-13)
+
+
+def test_patches_of_several_hold_the_sums_of_all_of_them() -> None:
+    sums, places, found = np.random.default_rng(1).normal(size=(9, 5)), np.array([0, 2, 3]), np.zeros((3, 3))
+    joined_sums(places, sums, 1, 4, found)
+    np.testing.assert_allclose(found, np.add.reduceat(sums[:, 1:4], places, axis=0), rtol=0, atol=1e-13)
