@@ -16,7 +16,9 @@ from dqreg.search.pairs import pair_hypotheses
 from dqreg.search.poses import Poses
 from dqreg.search.problem import SearchProblem
 
-# Screening: points for all poses, points for the best of them; reach of the gain in sizes; poses for either.
+# Screening: points for all poses, where there are many, and the share of these that is left; points for those and for
+# the best of them; reach of the gain in sizes; poses for either.
+SCREEN_ALL, SCREEN_LEFT = 20, 0.25
 SCREEN_FEW, SCREEN_MORE, SCREEN_REACH, SHORTLIST = 64, 400, 0.03, 1_500
 # The same reach once the poses are refined roughly.
 REFINED_REACH = 0.02
@@ -144,6 +146,8 @@ STAGES: tuple[tuple[str, Callable[[SearchProblem, Poses], Poses]], ...] = (
 
 
 def _screened(problem: SearchProblem, poses: Poses, most: int) -> Poses:
+    if SCREEN_LEFT * len(poses) > SHORTLIST:
+        poses = poses[problem.order(poses, SCREEN_ALL, SCREEN_REACH, most=int(SCREEN_LEFT * len(poses)))]
     for count, least in ((SCREEN_FEW, 0.0), (SCREEN_MORE, LEAST_GAIN)):
         poses = poses[problem.order(poses, count, SCREEN_REACH, least, SHORTLIST)]
     return problem.distinct(poses, ROUGH_APART, most)
