@@ -116,7 +116,9 @@ class _Part:
         angle_rad, offset = NEAR_APART
         rows = np.argsort(-fraction, kind="stable")
         rows = rows[(fraction[rows] > MOST) & (np.trace(poses.R[rows], axis1=1, axis2=2) < 3.0 - angle_rad**2)]
-        near = poses[rows]
+        # What a motion leaves in place its inverse does: each is followed by that.
+        near, twice = poses[rows] + poses[rows].inverse, np.arange(2 * len(rows)).reshape(2, -1).T.ravel()
+        near = near[twice]
         return near[near.distinct(self.centre, angle_rad, offset * self.surface.diagonal, NEAR_KEPT)].matrices
 
 
