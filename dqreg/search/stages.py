@@ -159,7 +159,8 @@ STAGES: tuple[tuple[str, Callable[[SearchProblem, Poses], Poses]], ...] = (
 
 
 def _screened(problem: SearchProblem, poses: Poses, most: int) -> Poses:
-    if SCREEN_LEFT * len(poses) > SHORTLIST:
+    # Of a scan that shows more than the target hardly any of so few points may be on it.
+    if SCREEN_LEFT * len(poses) > SHORTLIST and problem.occupancy is None:
         poses = poses[problem.order(poses, SCREEN_ALL, SCREEN_REACH, most=int(SCREEN_LEFT * len(poses)))]
     for count, least in ((SCREEN_FEW, 0.0), (SCREEN_MORE, LEAST_GAIN)):
         poses = poses[problem.order(poses, count, SCREEN_REACH, least, SHORTLIST)]
