@@ -116,7 +116,7 @@ class Topology:
         alone = self._uses(np.ones_like(self.forward)) == 1
         return np.flatnonzero(alone[self.edges].ravel() & np.repeat(self.real, 3))
 
-    @property
+    @cached_property
     def uneven_sides(self) -> int:
         """Edges at which an even number of faces meet, but not half of them in each sense."""
         uses, ahead = self._uses(np.ones_like(self.forward)), self._uses(self.forward)

@@ -20,9 +20,10 @@ from dqreg.kernels.face_fans import fans_of_faces
 from dqreg.kernels.face_scatter import face_precisions, face_sums, orientation_cells, square_heights, times_precisions
 from dqreg.kernels.follow_rows import follow_rows, look_up_rows
 from dqreg.kernels.garbage import not_collected
+from dqreg.kernels.held_points import hold_at_corners, hold_from_coarser, take_planes
 from dqreg.kernels.largest_eigenvectors import largest_eigenvectors
 from dqreg.kernels.lopsided import lopsided_rows
-from dqreg.kernels.many_poses import distinct_rows, log_likelihoods, mean_gains
+from dqreg.kernels.many_poses import distinct_rows, log_likelihoods, mean_gains, poses_within
 from dqreg.kernels.mesh_faces import ENDS, MOMENTS, face_columns, solid_faces, surface_moments
 from dqreg.kernels.mesh_sides import number_sides
 from dqreg.kernels.motion_sums import COLUMNS as MOTION_SUMS
@@ -30,7 +31,7 @@ from dqreg.kernels.motion_sums import motion_shares, motion_sums
 from dqreg.kernels.near_rows import near_rows
 from dqreg.kernels.neighbour_differences import neighbour_differences
 from dqreg.kernels.pair_differences import pair_differences
-from dqreg.kernels.pair_keys import pair_keys
+from dqreg.kernels.pair_keys import all_pair_keys, order_of_keys, pair_keys
 from dqreg.kernels.pair_poses import pair_poses
 from dqreg.kernels.patch_pairs import binned_agreements, covariance_rows, nearest_others
 from dqreg.kernels.patch_sums import BESIDE, joined_sums, patch_sums
@@ -193,6 +194,14 @@ def _search() -> None:
     rotations, places = np.eye(3)[None], np.zeros((1, 3))
     drawn_rows(ONE + 1.0, NOTHING, FIRST.copy(), FIRST[:0])
     pair_keys(0, 0, FLAT, FLAT, FIRST[:0], FIRST[:0], 1.0, ONE, ONE, FIRST[:0])
+    table, held = np.zeros((1, 1), dtype=np.int32), np.zeros(1, dtype=np.int32)
+    all_pair_keys(0, 1, places, places, 1.0, ONE, ONE, table)
+    order_of_keys(table, FIRST, held, held.copy())
+    far, grid = np.ones(1, dtype=np.float32), (places, SHAPE)
+    hold_at_corners(*grid, held, far)
+    hold_from_coarser(0, 1, *grid, SHAPE, held.copy(), held, far)
+    take_planes(0, 1, held, places, places, np.zeros((1, 6), dtype=np.float32))
+    poses_within(0, 1, rotations, places, places, SHAPE, far, 1.0, np.zeros(1, dtype=np.bool_))
     sides = 2 * (FLAT, FLAT, FIRST[:0], FIRST[:0])
     agree = np.zeros((2, 0), dtype=np.bool_)
     pair_poses(0, 0, *sides, 1.0, 1.0, np.zeros((2, 0, 3, 3)), np.zeros((2, 0, 3)), agree)

@@ -54,11 +54,24 @@ class InsideKernels(CPUDispatcher):  # type: ignore[misc]
 
 def compiler(version: str) -> dict[str, Any]:
     """What Numba of a version is to compile kernels with: its own passes where ours were not tried with it."""
-    if not FIRST_TRIED <= tuple(int(n) for n in version.split(".")[:2]) <= LAST_TRIED:
+    if not _is_tried(version):
         return {}
     from dqreg.kernels.kernel_compiler import KernelCompiler
 
     return {"pipeline_class": KernelCompiler}
+
+
+def keeping(version: str) -> tuple[Callable[[Any], Any], Callable[..., Any]]:
+    """What makes compiled code of a version of Numba one that can be pickled, and what makes code of that again."""
+    if not _is_tried(version):
+        return CompileResult._reduce, CompileResult._rebuild
+    from dqreg.kernels.kernel_compiler import rebuilt, reduced
+
+    return reduced, rebuilt
+
+
+def _is_tried(version: str) -> bool:
+    return FIRST_TRIED <= tuple(int(n) for n in version.split(".")[:2]) <= LAST_TRIED
 
 
 def _dispatcher(function: Callable[..., Any], **options: bool) -> Any:
@@ -71,6 +84,7 @@ def _dispatcher(function: Callable[..., Any], **options: bool) -> Any:
 
 
 COMPILER = compiler(numba.__version__)
+REDUCE, REBUILD = keeping(numba.__version__)
 
 
 class KeptCode:
@@ -113,7 +127,7 @@ class KeptCode:
             claim(path.parent)
         beside = path.with_name(f"{path.name}.{uuid.uuid4().hex}")
         try:
-            beside.write_bytes(serialize.dumps(code._reduce()))
+            beside.write_bytes(serialize.dumps(REDUCE(code)))
             beside.replace(path)
         except OSError:
             # A full disk costs the next process time and nobody else anything.
@@ -138,7 +152,7 @@ def _kept(file: Path, target_context: Any) -> Any:
     for folder in folders()[0]:
         # A file that is absent, damaged or from elsewhere is one and the same: the code is compiled anew.
         with suppress(Exception):
-            return CompileResult._rebuild(target_context, *pickle.loads((folder / file).read_bytes()))
+            return REBUILD(target_context, *pickle.loads((folder / file).read_bytes()))
     return None
 
 

@@ -1,4 +1,4 @@
-"""How Numba compiles a kernel: by the passes that a kernel needs, and code once, for what Python calls."""
+"""How Numba compiles a kernel, by the passes that it needs and code once, for what Python calls; and how it is kept."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import llvmlite.binding as llvm
 from numba.core import typed_passes as typed
 from numba.core import untyped_passes as untyped
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import CompilerBase
+from numba.core.compiler import CompilerBase, CompileResult
 from numba.core.compiler_machinery import PassManager
 
 from dqreg.kernels.garbage import not_collected
@@ -75,3 +75,63 @@ class InsideLibrary(KernelLibrary):
         super()._finalize_final_module()
         # What the engine was given lives as long as the library.
         self._in_engine, self._final_module = self._final_module, function
+
+
+class KeptLibrary(JITCodeLibrary):  # type: ignore[misc]
+    """Machine code that was kept. What a new kernel would link is read where there is one: a half of the loading."""
+
+    _bitcode = b""
+    _shared_module: Any
+
+    @classmethod
+    def load(cls, codegen: Any, name: str, code: bytes, bitcode: bytes, symbols: frozenset[str]) -> KeptLibrary:
+        """The library of what `reduced` gave."""
+        library = cls(codegen, name)
+        library.enable_object_caching()
+        library._set_compiled_object(code)
+        library._bitcode = bitcode
+        library._finalize_final_module()
+        codegen._engine._defined_symbols |= symbols
+        return library
+
+    def _get_module_for_linking(self) -> Any:
+        if self._shared_module is None:
+            self._shared_module = llvm.parse_bitcode(self._bitcode)
+        return self._shared_module
+
+
+def reduced(code: Any) -> tuple[Any, ...]:
+    """A compiled function as what can be pickled."""
+    module = code.library._get_module_for_linking()
+    symbols = {v.name for of in (module.functions, module.global_variables) for v in of if not v.is_declaration}
+    (name, _, data), *others, environments = code._reduce()
+    # One without constants is for what is not machine code, and to make it again imports a tenth of a second of Numba.
+    environments = tuple(each for each in environments if each.consts)
+    return (name, *data, frozenset(symbols)), *others, environments
+
+
+def rebuilt(context: Any, library: Any, description: Any, environment: Any, *others: Any) -> Any:
+    """The compiled function of that, in a target context; as `CompileResult._rebuild` but for its library."""
+    signature, object_mode, lifted, annotation, begin, environments = others
+    for call in begin:
+        call()
+    loaded = KeptLibrary.load(context.codegen(), *library)
+    for each in environments:
+        context.codegen().set_env(each.env_name, each)
+    return CompileResult(
+        context.typing_context,
+        context,
+        context.get_executable(loaded, description, environment),
+        None,
+        annotation,
+        signature,
+        object_mode,
+        lifted,
+        description,
+        loaded,
+        None,
+        environment,
+        None,
+        begin,
+        environments,
+    )

@@ -91,3 +91,33 @@ def log_likelihoods(
                 break
         for i in range(m):
             row[i] = np.log(share * row[i] + (1.0 - share) * outlier)
+
+
+@compiled
+def poses_within(
+    first: int,
+    last: int,
+    rotations: FloatArray,
+    shifts: FloatArray,
+    points: FloatArray,
+    shape: IntArray,
+    distances: NDArray[np.float32],
+    limit: float,
+    within: NDArray[np.bool_],
+) -> None:
+    """Write whether all points lie nearer than a limit under poses first to last, by the distance of the nearest node.
+
+    Rotations and shifts lead to cells, half a cell further. Outside of the grid nothing is near. O(1) a point and pose.
+    """
+    for k in range(first, last):
+        r, t, i, near = rotations[k], shifts[k], 0, True
+        while near and i < len(points):
+            p, q, s = points[i, 0], points[i, 1], points[i, 2]
+            x = r[0, 0] * p + r[0, 1] * q + r[0, 2] * s + t[0]
+            y = r[1, 0] * p + r[1, 1] * q + r[1, 2] * s + t[1]
+            z = r[2, 0] * p + r[2, 1] * q + r[2, 2] * s + t[2]
+            near = x >= 0.0 and y >= 0.0 and z >= 0.0 and x < shape[0] and y < shape[1] and z < shape[2]
+            if near:
+                near = distances[(np.int64(x) * shape[1] + np.int64(y)) * shape[2] + np.int64(z)] < limit
+            i += 1
+        within[k] = near

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,15 +13,16 @@ from dqreg._arrays import FloatArray
 from dqreg._records import lock
 from dqreg.files.atomic import write_atomically
 from dqreg.icp.history import Iteration
-from dqreg.inspection import Deviations
 from dqreg.registration.aligned import Alignment, after_alignment
 from dqreg.registration.invariants import as_failed, violated_invariant
 from dqreg.registration.problem import SourceAndTarget
 from dqreg.registration.result_json import as_text, read_fields, to_plain
-from dqreg.registration.scan_deviations import scan_deviations
 from dqreg.registration.shown_result import ShownResult
 from dqreg.registration.uncertain_pose import UncertainPose
 from dqreg.trust.records import Alternative, Direction, Verdict
+
+if TYPE_CHECKING:
+    from dqreg.inspection import Deviations
 
 __all__ = ["Alternative", "Direction", "Iteration", "Registration", "Verdict"]
 
@@ -178,6 +179,9 @@ class Registration(UncertainPose, ShownResult):
         """
         found, sides = self._found(), self.inputs
         options = {"tolerance": tolerance, "exclude": exclude, "progress": progress}
+        # What inspects a part takes a tenth of the first registration to import, and few ask for it.
+        from dqreg.registration.scan_deviations import scan_deviations
+
         return scan_deviations(sides, found, self.covariance, self.settings, reach=reach, keep=keep, **options)
 
     def aligned(self, alignment: Alignment, name: str = "alignment") -> Registration:

@@ -12,12 +12,11 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
 
-from dqreg._arrays import FloatArray, IntArray, bounds
+from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds
 from dqreg.geometry import Surface
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.surface import Closest, Hint
@@ -26,10 +25,13 @@ from dqreg.search.poses import Poses
 
 # Single precision: a hundredth of a cell is all that is needed.
 Single = npt.NDArray[np.float32]
+Rows = npt.NDArray[np.int32]
 # Nodes of a grid, and room around the target in sizes.
 NODES, MARGIN = 300_000, 0.05
-# Places looked up in one go: some milliseconds.
-LOOKED_UP = 131_072
+# What the nodes of a grid with cells so many times halved hold is asked of a tree, and handed down.
+HALVINGS = 2
+# Places looked up in one go: some milliseconds; slabs of nodes that are.
+LOOKED_UP, SLABS = 131_072, 8
 
 
 class Grid:
@@ -55,10 +57,15 @@ class Grid:
 
         means = np.zeros(len(poses))
         if len(points):
-            cells = as_plain(poses.R / self.cell), as_plain((poses.t - self.low) / self.cell + 0.5)
-            looked_up = *cells, as_plain(points), self.shape, gains, means
+            looked_up = *self._in_cells(poses), as_plain(points), self.shape, gains, means
             over_chunks(mean_gains, len(poses), *looked_up, chunk=max(LOOKED_UP // len(points), 1))
         return means
+
+    def _in_cells(self, poses: Poses) -> tuple[FloatArray, FloatArray]:
+        """Rotations and shifts that lead to cells, half a cell further, so that cutting off rounds."""
+        from dqreg.kernels.threads import as_plain
+
+        return as_plain(poses.R / self.cell), as_plain((poses.t - self.low) / self.cell + 0.5)
 
     def _flat(self, moved: Single) -> IntArray:
         """Row of the node, of points in cells, (3, ...)."""
@@ -71,17 +78,44 @@ class Grid:
 
 
 class DistanceGrid(Grid):
-    """Distances on a regular grid, looked up at the nearest node."""
+    """Distances to points on a regular grid, looked up at the nearest node: good to a fraction of a cell."""
 
-    def __init__(
-        self, distance: Callable[[FloatArray], FloatArray], low: FloatArray, high: FloatArray, size: float
-    ) -> None:
+    def __init__(self, points: FloatArray, low: FloatArray, high: FloatArray, size: float) -> None:
         room = MARGIN * size
         cell = float(np.prod(high - low + 2.0 * room) / NODES) ** (1.0 / 3.0)
         super().__init__(low - room, high + room, cell)
-        axes = [self.low[k] + self.cell * np.arange(self.shape[k]) for k in range(3)]
-        places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-        self.distances = distance(places).astype(np.float32)
+        self.held, squares = self._held(points)
+        self.distances = self.cell * np.sqrt(squares, dtype=np.float32)
+
+    def _held(self, points: FloatArray) -> tuple[Rows, Single]:
+        """Row of a point about nearest to each node, and the square of its distance in cells, (nodes,)."""
+        from dqreg.kernels.held_points import hold_at_corners, hold_from_coarser
+        from dqreg.kernels.threads import over_chunks
+
+        cells: FloatArray = (points - self.low) / self.cell
+        shapes = [self.shape]
+        for _ in range(HALVINGS):
+            shapes.append(shapes[-1] // 2 + 1)
+        nodes = np.stack(np.unravel_index(np.arange(np.prod(shapes[-1])), shapes[-1]), axis=1)
+        rows, away = NeighbourTree(cells).nearest(np.asarray(nodes * 2.0**HALVINGS, dtype=np.float64), 1)
+        held, squares = rows[:, 0].astype(np.int32), (away[:, 0] ** 2).astype(np.float32)
+        for level in range(HALVINGS - 1, -1, -1):
+            known, shape, scaled = held, shapes[level], cells / 2.0**level
+            held, squares = np.full(np.prod(shape), -1, dtype=np.int32), np.full(np.prod(shape), np.inf, np.float32)
+            hold_at_corners(scaled, shape, held, squares)
+            grids = scaled, shape, shapes[level + 1], known
+            over_chunks(hold_from_coarser, int(shape[0]), *grids, held, squares, chunk=SLABS)
+        return held, squares
+
+    def are_within(self, poses: Poses, points: FloatArray, limit: float) -> BoolArray:
+        """Under which poses, (n,), no point is farther off than the limit, by the distance of its nearest node."""
+        from dqreg.kernels.many_poses import poses_within
+        from dqreg.kernels.threads import as_plain, over_chunks
+
+        found = np.zeros(len(poses), dtype=bool)
+        asked = *self._in_cells(poses), as_plain(points), self.shape, self.distances, float(limit), found
+        over_chunks(poses_within, len(poses), *asked, chunk=max(LOOKED_UP // len(points), 1))
+        return found
 
     def scores(self, poses: Poses, points: FloatArray, reach: float) -> FloatArray:
         """Mean of ``1 - (d / reach)^2`` over the points, 0 beyond the reach, for each pose, (n,)."""
@@ -96,21 +130,11 @@ class Edges:
     points: FloatArray  # (m, 3), m > 0
     tree: NeighbourTree
     grid: DistanceGrid
-    held: npt.NDArray[np.int32]  # (nodes,): Row of the point closest to each node of the grid
 
     @staticmethod
     def of(points: FloatArray, low: FloatArray, high: FloatArray, size: float) -> Edges:
         """Edge points of a target in a box."""
-        tree, held = NeighbourTree(points), np.zeros(0, dtype=np.int32)
-
-        def distances(nodes: FloatArray) -> FloatArray:
-            nonlocal held
-            rows, found = tree.nearest(nodes, 1)
-            held = rows[:, 0].astype(np.int32)
-            return found[:, 0]
-
-        grid = DistanceGrid(distances, low, high, size)
-        return Edges(points, tree, grid, held)
+        return Edges(points, NeighbourTree(points), DistanceGrid(points, low, high, size))
 
     def closest(self, points: FloatArray, *, on_grid: bool) -> tuple[FloatArray, FloatArray]:
         """The closest point at an edge, (n, 3), and its distance, (n,); or that of the nearest node.
@@ -124,7 +148,7 @@ class Edges:
         from dqreg.kernels.threads import as_plain, over_chunks
 
         places, found, grid = np.zeros((len(points), 3)), np.zeros(len(points)), self.grid
-        asked = as_plain(points), as_plain(grid.low), grid.cell, grid.shape, self.held, as_plain(self.points)
+        asked = as_plain(points), as_plain(grid.low), grid.cell, grid.shape, grid.held, as_plain(self.points)
         over_chunks(grid_places, len(points), *asked, places, found)
         return places, found
 
@@ -137,25 +161,20 @@ class PlaneGrid(DistanceGrid):
     """Distances and tangent planes on a regular grid."""
 
     def __init__(self, surface: Surface, even: OrientedPoints, low: FloatArray, high: FloatArray) -> None:
+        from dqreg.kernels.held_points import take_planes
+        from dqreg.kernels.threads import over_chunks
+
+        super().__init__(even.points, low, high, surface.diagonal)
         self.diagonal, self.centre, self.oriented = surface.diagonal, surface.centre, surface.oriented
-        places, normals = even.points, even.directions
-        tree = NeighbourTree(places)
-        planes = np.zeros((0, 6), dtype=np.float32)
-
-        def distances(nodes: FloatArray) -> FloatArray:
-            nonlocal planes
-            rows, found = tree.nearest(nodes, 1)
-            # What lies outside is on no plane: the last row.
-            planes = np.zeros((len(nodes) + 1, 6), dtype=np.float32)
-            planes[:-1, :3], planes[:-1, 3:] = places[rows[:, 0]], normals[rows[:, 0]]
-            distances = found[:, 0]
-            near = np.flatnonzero(distances < EXACT_WITHIN * surface.diagonal)
-            asked = surface.closest(nodes[near])
-            planes[near, :3], planes[near, 3:], distances[near] = asked.points, asked.normals, asked.distances
-            return distances
-
-        super().__init__(distances, low, high, surface.diagonal)
-        self._planes = planes
+        near = np.flatnonzero(self.distances < EXACT_WITHIN * surface.diagonal)
+        nodes = np.stack(np.unravel_index(near, self.shape), axis=1)
+        asked = surface.closest(self.low + self.cell * nodes)
+        # They hold places of their own, after those of the sample.
+        self.held[near], self.distances[near] = len(even) + np.arange(len(near)), asked.distances
+        known = [np.concatenate(columns) for columns in ((even.points, asked.points), (even.directions, asked.normals))]
+        # What lies outside is on no plane: the last row.
+        self._planes = np.zeros((self.count + 1, 6), dtype=np.float32)
+        over_chunks(take_planes, self.count, self.held, *known, self._planes)
 
     def closest(self, points: FloatArray, hint: Hint | None = None, within: float = np.inf) -> Closest:
         """Foot on the tangent plane, its normal, and the distance; infinite outside the grid, (n, 3) each."""

@@ -12,12 +12,12 @@ from functools import cached_property
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, IntArray, bounds
+from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds
 from dqreg.geometry import Mesh, PointCloud, Surface
 from dqreg.kernels.threads import until
 from dqreg.rigid.symmetry import Symmetry
 from dqreg.search.features import even_points, target_features
-from dqreg.search.grids import Edges, PlaneGrid
+from dqreg.search.grids import Edges, PlaneGrid, Rows
 from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
 from dqreg.search.symmetry import find_symmetry
@@ -42,6 +42,8 @@ NORMALS_RAD = 0.45
 DRAWN, USED, COUNTERPARTS = 24_000, 3_000, 30
 # A pair with so many counterparts is common: how many more does not matter.
 COMMON = np.iinfo(np.uint16).max
+# Rows of the table whose pairs one thread finds in one go.
+TABULATED = 32
 # Draws at most where most pairs are too long, in multiples.
 ROUNDS = 12
 
@@ -52,21 +54,15 @@ class PairTable:
 
     points: OrientedPoints  # On faces, then at edges
     # first, second: (n,): The pairs, rows of the points, in the order of their keys
-    first: IntArray
-    second: IntArray
-    keys: IntArray  # (n,): Ascending
+    first: Rows
+    second: Rows
+    starts: IntArray  # (KEYS + 1,): First pair of each key, and the number of all: keys are looked up, not searched
     size: float  # Diagonal of the target
     grid: PlaneGrid  # Distances to the target, and its tangent planes
     edges: Edges | None  # Edges of the target, where there are any
     target: PointCloud | Mesh  # The target
     surface: Surface  # The same
     _lock: threading.Lock = dataclasses.field(default_factory=threading.Lock, repr=False, compare=False)
-
-    @cached_property
-    def starts(self) -> IntArray:
-        """First row of each key, and after the last key the number of rows: keys are looked up, not searched."""
-        found: IntArray = np.searchsorted(self.keys, np.arange(KEYS + 1))
-        return found
 
     @cached_property
     def symmetry(self) -> Symmetry | None:
@@ -88,15 +84,31 @@ class PairTable:
         # A target without a single normal has no oriented points, but it has a size.
         bare = target.vertices if isinstance(target, Mesh) else target.points
         low, high = bounds(points.points if len(points) else bare)
-        first, second = map(np.ascontiguousarray, np.nonzero(~np.eye(len(points), dtype=bool)))
-        keys, usable = pair_keys(points, first, second, surface.diagonal)
-        rows = np.flatnonzero(usable)
-        # Sixteen bits are sorted by counting.
-        rows = rows[np.argsort(keys[rows].astype(np.uint16), kind="stable")]
+        first, second, starts = _pairs_by_key(points, surface.diagonal)
         grid = PlaneGrid(surface, even, low, high)
         known = Edges.of(edges, low, high, surface.diagonal) if len(edges) else None
-        first, second = first[rows], second[rows]
-        return PairTable(points, first, second, keys[rows], surface.diagonal, grid, known, target, surface)
+        return PairTable(points, first, second, starts, surface.diagonal, grid, known, target, surface)
+
+
+def _pairs_by_key(oriented: OrientedPoints, size: float) -> tuple[Rows, Rows, IntArray]:
+    """Rows of all usable pairs by their keys, either of a pair first, and the first of each key."""
+    from dqreg.kernels.pair_keys import all_pair_keys, order_of_keys
+    from dqreg.kernels.threads import as_plain, over_chunks
+
+    count = len(oriented)
+    keys = np.zeros((count, count), dtype=np.int32)
+    columns = as_plain(oriented.points), as_plain(oriented.directions), *_bins(size), keys
+    over_chunks(all_pair_keys, count, *columns, chunk=TABULATED)
+    starts = np.cumsum(np.bincount(keys.ravel() + 1, minlength=KEYS + 1))
+    starts -= starts[0]
+    first, second = np.zeros((2, starts[-1]), dtype=np.int32)
+    order_of_keys(keys, starts.copy(), first, second)
+    return first, second, starts
+
+
+def _bins(size: float) -> tuple[float, FloatArray, FloatArray]:
+    """Length of a bin, limits of lengths and of a cosine, and bounds of the bins of angles."""
+    return LENGTH_BIN * size, np.array([SHORTEST * size, size, np.sqrt(1.0 - LEAST_SINE**2)]), ANGLE_COSINES
 
 
 def pair_keys(oriented: OrientedPoints, i: IntArray, j: IntArray, size: float) -> tuple[IntArray, BoolArray]:
@@ -105,9 +117,8 @@ def pair_keys(oriented: OrientedPoints, i: IntArray, j: IntArray, size: float) -
     from dqreg.kernels.threads import as_plain, over_chunks
 
     keys = np.zeros(len(i), dtype=np.int64)
-    limits = np.array([SHORTEST * size, size, np.sqrt(1.0 - LEAST_SINE**2)])
     points = as_plain(oriented.points), as_plain(oriented.directions)
-    over_chunks(kernels.pair_keys, len(i), *points, i, j, LENGTH_BIN * size, limits, ANGLE_COSINES, keys)
+    over_chunks(kernels.pair_keys, len(i), *points, i, j, *_bins(size), keys)
     return keys, keys >= 0
 
 
@@ -124,7 +135,8 @@ def pair_hypotheses(scan: OrientedPoints, table: PairTable, rng: np.random.Gener
     step = np.arange(len(rows)) - np.repeat(np.cumsum(taken) - taken, taken)
     shift = np.repeat(rng.random(len(rare)), taken)
     counterpart = first[rows] + ((step + shift) * counts[rows] / np.repeat(taken, taken)).astype(np.int64)
-    return _poses_of(scan, table.points, i[rows], j[rows], table.first[counterpart], table.second[counterpart])
+    first, second = (np.take(side, counterpart).astype(np.int64) for side in (table.first, table.second))
+    return _poses_of(scan, table.points, i[rows], j[rows], first, second)
 
 
 def _poses_of(

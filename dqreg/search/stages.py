@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh, PointCloud
 from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.icp.history import Stage
@@ -16,7 +17,9 @@ from dqreg.search.pairs import pair_hypotheses
 from dqreg.search.poses import Poses
 from dqreg.search.problem import SearchProblem
 
-# Screening: points for all poses, points for the best of them; reach of the gain in sizes; poses for either.
+# Screening: points for all poses, where there are many, and the share of these that is left; points for those and for
+# the best of them; reach of the gain in sizes; poses for either.
+SCREEN_ALL, SCREEN_LEFT = 20, 0.25
 SCREEN_FEW, SCREEN_MORE, SCREEN_REACH, SHORTLIST = 64, 400, 0.03, 1_500
 # The same reach once the poses are refined roughly.
 REFINED_REACH = 0.02
@@ -34,8 +37,8 @@ ROUGH_WIDTHS, GRID_WIDTHS, FIT_WIDTHS = (0.03, 0.012, 5), (0.012, 0.008, 2), (0.
 NEAR_GRID_WIDTHS, NEAR_WIDTHS = (0.01, 0.006, 2), (0.005, 0.004, 2)
 # The fine refinement begins at the first width at most, ends at the second at least.
 FINE_WIDTHS = (4e-3, 1e-3)
-# Best poses that are followed by every near symmetry of the part; such poses in all.
-NEAR_OF, NEAR_MOST = 4, 64
+# Best poses that are followed by every near symmetry of the part; such poses in all; and how often at most.
+NEAR_OF, NEAR_MOST, NEAR_ROUNDS = 4, 64, 3
 # Points that score, before and after the fine refinement; the smallest widths of their distances in sizes; and how far
 # behind the best, in mean log-likelihood, a pose is dropped; so many are kept in any case before it.
 SCORED, FINE_SCORED = 600, 4_000
@@ -110,10 +113,22 @@ def refine_on_target(problem: SearchProblem, poses: Poses) -> Poses:
 
 
 def add_near_symmetric(problem: SearchProblem, poses: Poses) -> Poses:
-    """All poses, and the best ones followed by the motions that leave most of the part in place."""
+    """All poses, and the best ones followed by the motions that leave most of the part in place.
+
+    Again where that gave a better one: of the steps of a ring some may be missing, and two of them lead farther.
+    """
     near = problem.table.symmetry.near if problem.table.symmetry else np.zeros((0, 4, 4))
-    if not len(near) or not len(poses):
+    if not len(near):
         return poses
+    angle_rad, offset = FINE_APART[0], FINE_APART[1] * problem.size
+    for _ in range(NEAR_ROUNDS):
+        before, poses = poses.first(1), _followed(problem, poses, near) if len(poses) else poses
+        if not len(poses) or before.beside(poses.first(1), problem.middle, angle_rad, offset).any():
+            break
+    return poses
+
+
+def _followed(problem: SearchProblem, poses: Poses, near: FloatArray) -> Poses:
     more = problem.unknown(poses, FINE_APART).first(max(1, min(NEAR_OF, NEAR_MOST // len(near)))).then(near)
     more = problem.refined(more, problem.sample(NEAR_POINTS), NEAR_GRID_WIDTHS, problem.table.grid)
     more = problem.refined(more, problem.sample(NEAR_POINTS), NEAR_WIDTHS)
@@ -144,6 +159,9 @@ STAGES: tuple[tuple[str, Callable[[SearchProblem, Poses], Poses]], ...] = (
 
 
 def _screened(problem: SearchProblem, poses: Poses, most: int) -> Poses:
+    # Of a scan that shows more than the target hardly any of so few points may be on it.
+    if SCREEN_LEFT * len(poses) > SHORTLIST and problem.occupancy is None:
+        poses = poses[problem.order(poses, SCREEN_ALL, SCREEN_REACH, most=int(SCREEN_LEFT * len(poses)))]
     for count, least in ((SCREEN_FEW, 0.0), (SCREEN_MORE, LEAST_GAIN)):
         poses = poses[problem.order(poses, count, SCREEN_REACH, least, SHORTLIST)]
     return problem.distinct(poses, ROUGH_APART, most)

@@ -54,8 +54,9 @@ def find_symmetry(mesh: Mesh, surface: Surface, grid: PlaneGrid) -> Symmetry:
     is_round = part.same(odd)
     by_order = [about_axis(axis, 2.0 * np.pi / k) for axis in main.T[~is_round] for k in range(2, HIGHEST + 1)]
     turns = np.concatenate([candidates.R, np.array(by_order).reshape(-1, 3, 3)])
-    turns = np.concatenate([turns[part.same(turns)], odd[is_round]])
+    # Many candidates are the identity, which would be checked on all points.
     turns = turns[[k for k in range(len(turns)) if angle_of(turns[k]) > SAME_AXIS_RAD]]
+    turns = np.concatenate([turns[part.same(turns)], odd[is_round]])
     axes = _axes(part, turns)
     round_axes = [axis for axis in axes if axis.order is None]
     others = [R for R in turns if not any(axis.is_kept_by(R) for axis in round_axes)]
@@ -93,19 +94,17 @@ class _Part:
 
     def same(self, turns: FloatArray) -> BoolArray:
         """Which of n rotations about the centre leave the part as it is; few points first."""
-        alive = np.ones(len(turns), dtype=bool)
         arms = self.checks - self.centre
         # No point is nearer than its node, but for the way between them.
         limit, some = SAME * self.surface.diagonal, arms[:: max(1, len(arms) // FIT_POINTS)]
-        known = np.append(self.grid.distances, np.float32(np.inf))
-        for k, R in enumerate(turns):
-            alive[k] = known[self.grid.nodes(some @ R.T + self.centre)].max() < limit + self.grid.cell
+        about = Poses(turns, np.tile(self.centre, (len(turns), 1)))
+        alive = self.grid.are_within(about, some, limit + self.grid.cell)
         for few in (60, 600, len(arms)):
             rows = np.flatnonzero(alive)
             if len(rows):
                 some = arms[:: max(1, len(arms) // few)]
-                moved = some @ turns[rows].transpose(0, 2, 1) + self.centre
-                found = self.surface.closest(moved.reshape(-1, 3)).distances.reshape(len(rows), -1)
+                moved = about[rows].apply(some).reshape(-1, 3)
+                found = self.surface.closest(moved, within=2.0 * limit).distances.reshape(len(rows), -1)
                 alive[rows] = found.max(axis=1) < limit
         return alive
 
@@ -117,7 +116,9 @@ class _Part:
         angle_rad, offset = NEAR_APART
         rows = np.argsort(-fraction, kind="stable")
         rows = rows[(fraction[rows] > MOST) & (np.trace(poses.R[rows], axis1=1, axis2=2) < 3.0 - angle_rad**2)]
-        near = poses[rows]
+        # What a motion leaves in place its inverse does: each is followed by that.
+        near, twice = poses[rows] + poses[rows].inverse, np.arange(2 * len(rows)).reshape(2, -1).T.ravel()
+        near = near[twice]
         return near[near.distinct(self.centre, angle_rad, offset * self.surface.diagonal, NEAR_KEPT)].matrices
 
 

@@ -93,6 +93,26 @@ def test_a_function_inside_kernels_is_kept_for_the_next_kernel_and_has_no_code_o
         (tmp_path / "0.code").unlink()
 
 
+def test_of_what_is_kept_the_code_to_link_is_read_where_a_kernel_links_it(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(compiled, "folders", lambda: ((tmp_path,), tmp_path))
+    monkeypatch.setattr(compiled.KeptCode, "_file", lambda self, *_: Path(f"{names.index(self)}.code"))
+    read: list[bytes] = []
+    parse = kernel_compiler.llvm.parse_bitcode
+    monkeypatch.setattr(kernel_compiler.llvm, "parse_bitcode", lambda code: (read.append(code), parse(code))[1])
+    names: list[Any] = []
+    # Compiled; kept; with the kernel gone, which is compiled anew and links what is inside it, kept, itself.
+    for expected in (0, 0, 1):
+        kernel, inside = kernel_with_a_function_inside()
+        names[:] = [kernel._cache, inside._cache, inside.py_func.__closure__[0].cell_contents._cache]
+        read.clear()
+        assert kernel(3.0) == 10.0 * 17.0 - 10.0
+        assert bool(read) == bool(expected)
+        if not expected and sum(kernel.stats.cache_hits.values()):
+            (tmp_path / "0.code").unlink()
+
+
 def test_a_version_of_numba_that_was_not_tried_compiles_by_its_own_passes(monkeypatch: pytest.MonkeyPatch) -> None:
     assert compiled.compiler("0.59.1") == compiled.compiler("0.69.0rc1") == compiled.compiler("1.0.0") == {}
     assert compiled.compiler("0.60.0") == compiled.compiler("0.68.1") == compiled.COMPILER

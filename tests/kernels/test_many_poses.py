@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dqreg.kernels.many_poses import distinct_rows, log_likelihoods, mean_gains
+from dqreg.kernels.many_poses import distinct_rows, log_likelihoods, mean_gains, poses_within
 from dqreg.rigid import pose
 
 
@@ -21,6 +21,25 @@ def test_means_are_those_looked_up_one_by_one() -> None:
     assert 0 < inside.sum() < inside.size
     rows = np.where(inside, (cells[..., 0] * 5 + cells[..., 1]) * 6 + cells[..., 2], 120)
     np.testing.assert_allclose(means, gains[rows].astype(float).mean(axis=1), rtol=1e-14)
+
+
+def test_poses_are_within_a_limit_where_no_point_is_farther_off() -> None:
+    rng = np.random.default_rng(1)
+    shape = np.array([7, 8, 9])
+    distances = rng.random(7 * 8 * 9).astype(np.float32)
+    points, T = rng.uniform(-1.0, 1.0, size=(3, 3)), pose.random(rng, reach=3.0, shape=(400,))
+    T[:, :3, 3] += 4.0
+    within = np.zeros(400, dtype=bool)
+    asked = T[:, :3, :3].copy(), T[:, :3, 3].copy(), points, shape, distances, 0.8
+    for first, last in ((0, 150), (150, 400)):
+        poses_within(first, last, *asked, within)
+    cells = np.floor(np.stack([pose.apply(each, points) for each in T])).astype(np.int64)
+    inside = ((cells >= 0) & (cells < shape)).all(axis=2)
+    at = np.where(inside, (cells[..., 0] * 8 + cells[..., 1]) * 9 + cells[..., 2], 0)
+    expected = (inside & (distances[at] < 0.8)).all(axis=1)
+    assert 0 < inside.all(axis=1).sum() < 400
+    assert 0 < expected.sum() < inside.all(axis=1).sum()
+    np.testing.assert_array_equal(within, expected)
 
 
 def plain_distinct(T: np.ndarray, chord: float, offset: float, most: int) -> list[int]:

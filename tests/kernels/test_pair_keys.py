@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg.kernels.pair_keys import pair_keys
+from dqreg.kernels.pair_keys import all_pair_keys, order_of_keys, pair_keys
 
 
 def test_keys_are_bins_of_length_and_of_three_angles() -> None:
@@ -24,3 +24,25 @@ def test_keys_are_bins_of_length_and_of_three_angles() -> None:
     expected = (length / 0.05).astype(int) * 512 + one * 64 + other * 8 + between
     assert 0 < usable.sum() < 3_000
     np.testing.assert_array_equal(keys, np.where(usable, expected, -1))
+
+
+def test_all_pairs_stand_in_the_order_of_their_keys() -> None:
+    # Oracle: the keys of single pairs, and a stable sort. Of two equal keys that of the lower row comes first.
+    rng = np.random.default_rng(1)
+    points, directions = rng.uniform(-0.5, 0.5, size=(60, 3)), rng.normal(size=(60, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    bins = 0.05, np.array([0.2, 0.9, 0.95]), np.cos(0.2 * np.arange(1.0, 8.0))
+    i, j = map(np.ascontiguousarray, np.nonzero(~np.eye(60, dtype=bool)))
+    one_by_one, keys = np.zeros(len(i), dtype=np.int64), np.zeros((60, 60), dtype=np.int32)
+    pair_keys(0, len(i), points, directions, i, j, *bins, one_by_one)
+    for first, last in ((20, 60), (0, 20)):
+        all_pair_keys(first, last, points, directions, *bins, keys)
+    np.testing.assert_array_equal(keys[i, j], one_by_one)
+    assert (np.diag(keys) == -1).all()
+    order = np.argsort(one_by_one, kind="stable")
+    order = order[np.count_nonzero(one_by_one < 0) :]
+    starts = np.searchsorted(one_by_one[order], np.arange(18 * 512 + 1))
+    rows, columns = np.zeros((2, len(order)), dtype=np.int32)
+    order_of_keys(keys, starts.copy(), rows, columns)
+    assert 0 < len(order) < len(i)
+    np.testing.assert_array_equal(np.stack([rows, columns]), np.stack([i[order], j[order]]))

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from dqreg.geometry import Mesh, MeshSurface, sample_mesh
-from dqreg.search.features import even_points
-from dqreg.search.grids import DistanceGrid, Edges, OccupancyGrid, PlaneGrid
+from dqreg.geometry.neighbours import NeighbourTree
+from dqreg.search.features import even_points, target_features
+from dqreg.search.grids import HALVINGS, DistanceGrid, Edges, OccupancyGrid, PlaneGrid
 from dqreg.search.poses import Poses
 from dqreg.synth.parts import box, bracket
 
@@ -33,8 +34,7 @@ def test_outside_nothing_is_near():
 
 def test_points_outside_the_grid_count_nothing():
     mesh = Mesh(*box())
-    surface = MeshSurface(mesh)
-    grid = DistanceGrid(lambda p: surface.closest(p).distances, *mesh.bounds, mesh.diagonal)
+    grid = DistanceGrid(mesh.vertices, *mesh.bounds, mesh.diagonal)
     far = np.array([[0.0, 0.0, 1e6]])
     assert grid.scores(Poses(np.eye(3)[None], far), np.zeros((4, 3)), 0.1).tolist() == [0.0]
 
@@ -49,16 +49,31 @@ def test_occupancy_is_one_on_the_scan_and_nothing_far_off():
     assert scores[1] == 0.0
 
 
+def test_distances_of_the_grid_are_those_of_the_nearest_point_to_a_fraction_of_a_cell() -> None:
+    # Oracle: the tree. Nodes hold what coarser ones hand down, which may be another one than the nearest.
+    points = even_points(BRACKET, SURFACE, 20_000).points
+    grid = DistanceGrid(points, *BRACKET.bounds, BRACKET.diagonal)
+    nodes = grid.low + grid.cell * np.stack(np.unravel_index(np.arange(grid.count), grid.shape), axis=1)
+    away = NeighbourTree(points).nearest(nodes, 1)[1][:, 0]
+    held = np.linalg.norm(nodes - points[grid.held], axis=1)
+    np.testing.assert_allclose(grid.distances, held, rtol=1e-5, atol=1e-6 * BRACKET.diagonal)
+    too_far = (held - away) / grid.cell
+    assert too_far.min() > -1e-9
+    assert too_far.max() < 2.0 ** (HALVINGS - 1)
+    assert too_far.mean() < 0.15
+
+
 def test_edges_on_the_grid_are_as_near_as_the_nearest_up_to_a_cell() -> None:
-    # Oracle: the tree. A point is half the diagonal of a cell off its node at most, and so the two edges' distances.
+    # Oracle: the tree. A point is half the diagonal of a cell off its node at most, and so the two edges' distances;
+    # a node may hold an edge that is farther off than the nearest by a cell.
     rng = np.random.default_rng(0)
-    places = rng.uniform(*BRACKET.bounds, size=(500, 3))
+    places = target_features(BRACKET, even_points(BRACKET, SURFACE, 20_000), 1_000)[1]
     edges = Edges.of(places, *BRACKET.bounds, BRACKET.diagonal)
     points = np.concatenate([rng.uniform(*BRACKET.bounds, size=(3_000, 3)), [BRACKET.centre + 2.0 * BRACKET.diagonal]])
     exact, (found, distances) = edges.closest(points, on_grid=False), edges.closest(points, on_grid=True)
     inside = slice(0, -1)
     away = np.linalg.norm(points - found, axis=1)[inside]
     assert (away >= exact[1][inside] - 1e-12).all()
-    assert (away <= exact[1][inside] + np.sqrt(3.0) * edges.grid.cell).all()
+    assert (away <= exact[1][inside] + (1.0 + np.sqrt(3.0)) * edges.grid.cell).all()
     np.testing.assert_allclose(distances[inside], np.maximum(away - edges.grid.cell, 0.0), atol=1e-12)
     assert distances[-1] == np.inf

@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from dqreg.geometry import Mesh, MeshSurface, PointCloud, Surface, prepare_scan, sample_mesh
 from dqreg.icp import ESTIMATORS, IcpSettings
 from dqreg.rigid import pose
+from dqreg.search import stages
 from dqreg.search.pairs import PairTable
 from dqreg.search.poses import Poses
 from dqreg.search.problem import SearchProblem
@@ -74,3 +77,15 @@ def test_so_many_rows_by_falling_gain_are_the_first_of_all() -> None:
     for most in (1, 33, 800, 1_000):
         problem.rng.bit_generator.state = state
         assert problem.order(poses, 64, 0.1, most=most).tolist() == rows[:most].tolist()
+
+
+def test_near_symmetries_are_tried_again_from_a_better_pose(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = problem_of(sample_mesh(PART, 1_000, np.random.default_rng(0)).points)
+    turned = pose.about(pose.exp([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]), PART.centre)
+    symmetry = dataclasses.replace(problem.table.symmetry, near=turned[None])
+    monkeypatch.setitem(problem.table.__dict__, "symmetry", symmetry)
+    better = [np.linalg.matrix_power(turned, k) for k in (1, 2, 2)]
+    monkeypatch.setattr(stages, "_followed", lambda *_: Poses.of(better.pop(0)[None]))
+    found = stages.add_near_symmetric(problem, Poses.of(np.eye(4)[None]))
+    np.testing.assert_allclose(found.matrices[0], np.linalg.matrix_power(turned, 2))
+    assert better == []

@@ -5,6 +5,7 @@ import pytest
 
 from dqreg.geometry import Mesh, MeshSurface
 from dqreg.rigid import pose
+from dqreg.rigid.rotations import angle_of
 from dqreg.rigid.symmetry import Symmetry
 from dqreg.search.features import even_points
 from dqreg.search.grids import PlaneGrid
@@ -113,3 +114,12 @@ def test_a_shift_is_no_symmetry():
     T, shift = np.eye(4), pose.exp([0, 0, 0, 0.4, 0, 0])
     assert found.between(T, shift @ T, 0.01) is None
     assert found.between(T, shift @ found.poses[1] @ T, 0.01) is None
+
+
+def test_with_a_near_symmetry_of_a_ring_goes_its_inverse() -> None:
+    # 31 teeth, two of which differ: more steps nearly fit than are kept.
+    angles, radii = 2.0 * np.pi * np.arange(93) / 93, np.tile([1.0, 1.25, 1.1], 31)
+    radii[[1, 4]] = 1.0, 1.1
+    near = symmetry_of(prism(np.column_stack([radii * np.cos(angles), radii * np.sin(angles)]), 0.3)).near
+    assert len(near) > 10
+    assert all(min(angle_of(T[:3, :3] @ other[:3, :3]) for other in near) < 0.02 for T in near)
