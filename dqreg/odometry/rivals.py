@@ -14,6 +14,7 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray, IntArray, product
 from dqreg.geometry import Scan
 from dqreg.geometry.normals import sample_rows
+from dqreg.geometry.vector_rows import nonzero_rows
 from dqreg.icp import Alignment
 from dqreg.kernels.threads import Later
 from dqreg.odometry.align import FrameSearch
@@ -94,7 +95,7 @@ def looked_at(
 def facing(frame: DownsampledFrame, aligned: Alignment) -> Scan:
     """A frame with the normals of the planes that it met, which cost nothing; with its own where too few met any."""
     met = aligned.pairs.closest.normals
-    if len(met) != len(frame.rows) or np.count_nonzero(met.any(axis=1)) < MET * len(met):
+    if len(met) != len(frame.rows) or np.count_nonzero(nonzero_rows(met)) < MET * len(met):
         return frame.fitted
     return dataclasses.replace(frame.scan, normals=product(met, aligned.T_target_source[:3, :3]))
 
@@ -258,7 +259,7 @@ def _significance(difference: FloatArray) -> float:
 def _weakest(aligned: Alignment) -> tuple[FloatArray, float]:
     """Direction that the fewest correspondences face, and their share."""
     normals = aligned.pairs.closest.normals
-    weights = np.where(normals.any(axis=1), aligned.weights, 0.0)
+    weights = np.where(nonzero_rows(normals), aligned.weights, 0.0)
     values, vectors = np.linalg.eigh((normals * weights[:, None]).T @ normals / max(float(weights.sum()), 1e-300))
     return vectors[:, 0], float(values[0])
 

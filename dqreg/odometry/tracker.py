@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, as_pose
+from dqreg._arrays import FloatArray, as_pose, median
 from dqreg.kernels.threads import Later
 from dqreg.odometry.align import BEFORE_SWEEP, FrameSearch
 from dqreg.odometry.assess import LOST, MapLink, first_frame, frame_result, information_of_place, without_pose
@@ -255,7 +255,7 @@ class Tracker:
 
     @property
     def _usual_fraction(self) -> float:
-        return float(np.median(self._usual)) if self._usual else np.nan
+        return median(np.array(self._usual))
 
     def _merge(self, world: VoxelMap, frame: DownsampledFrame, *, insert: bool = True) -> None:
         if insert:
