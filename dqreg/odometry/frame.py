@@ -25,8 +25,8 @@ from dqreg.odometry.settings import Resolved
 from dqreg.odometry.sweep import swept
 from dqreg.trust.records import Reason
 
-# Voxels a point, over the map's: of what enters the map, and of what the pose is found from.
-DENSE, SPARSE = 0.5, 1.5
+# Voxels a point, over the map's: of what enters the map, without and with times, and of what the pose is found from.
+DENSE, DENSE_TIMED, SPARSE = 0.5, 0.6, 1.5
 # Points that the pose is found from at most, without and with times: beyond, they add time and hardly any accuracy.
 MOST, MOST_TIMED = 3_000, 2_400
 # Share of a sweep within which points of a voxel are seen together: what is seen at its beginning and again at its end
@@ -175,7 +175,7 @@ def downsample_frame(raw: RawFrame, lengths: Resolved) -> DownsampledFrame | Non
     points, times = _in_range(raw, lengths)
     if not len(points):
         return None
-    size = DENSE * lengths.voxel_size
+    size = (DENSE if times is None else DENSE_TIMED) * lengths.voxel_size
     when = None if times is None else (times - times.max()) / np.ptp(times)
     dense, back = means_of_voxels(points, when, size, TOGETHER)
     order = morton_order(dense)
