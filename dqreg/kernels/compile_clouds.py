@@ -23,7 +23,7 @@ from dqreg.kernels.voxel_blocks import put_blocks
 from dqreg.kernels.voxel_nearest import distances_in_voxels
 from dqreg.kernels.voxel_planes import closest_in_voxels
 from dqreg.kernels.voxel_points import CELLS, SUMS, admit_points
-from dqreg.kernels.voxel_rows import first_of_voxels, means_of_voxels
+from dqreg.kernels.voxel_rows import first_of_voxels, means_of_voxels, measured_rows
 
 CORNERS, FLAT, ONE = np.eye(3), np.eye(3), np.zeros(3)
 FIRST = np.zeros(1, dtype=np.int64)
@@ -71,6 +71,7 @@ def keep_maps() -> None:
     flat, one, first = np.eye(3), np.zeros(3), np.zeros(1, dtype=np.int64)
     first_of_voxels(flat, 1.0)
     means_of_voxels(flat, None, 1.0, 1.0)
+    measured_rows(flat, 1.0, np.zeros(3), np.zeros(3))
     swept_rows(0, 0, flat, one, np.zeros(6), flat)
     many, table, cells = (
         np.zeros((3, 2), dtype=np.int64),

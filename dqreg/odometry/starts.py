@@ -75,7 +75,7 @@ class Pace:
 
     def expect(self, T_last: FloatArray, motion: FloatArray, ratio: float) -> tuple[FloatArray, FloatArray]:
         """Pose of the next frame, so many times the last motion on, and the motion during it."""
-        motions = motion, twist.exp(twist.log(motion) + self._change)
+        motions = motion, single_pose.exp(_twist(motion) + self._change)
         self._expected = tuple(predict(T_last, each, ratio) for each in motions)
         velocity, acceleration = map(max, zip(*self._off, strict=True)) if self._off else (0.0, 0.0)
         best = int(acceleration < velocity)
@@ -88,10 +88,14 @@ class Pace:
     def learn(self, spread: Spread, T: FloatArray, before: FloatArray, motion: FloatArray) -> None:
         """Remember how far off either was of a pose, and how the motion has changed."""
         self._off.append(tuple(spread.motion(expected, T) for expected in self._expected))
-        self._change = twist.log(motion) - twist.log(before)
+        self._change = _twist(motion) - _twist(before)
 
 
 def predict(T_last: FloatArray, motion: FloatArray, ratio: float) -> FloatArray:
     """Constant velocity, along one screw."""
-    step = motion if ratio == 1.0 else single_pose.exp(ratio * single_pose.log(motion[:3, :3], motion[:3, 3]))
+    step = motion if ratio == 1.0 else single_pose.exp(ratio * _twist(motion))
     return T_last @ step
+
+
+def _twist(motion: FloatArray) -> FloatArray:
+    return single_pose.log(motion[:3, :3], motion[:3, 3])
