@@ -26,7 +26,7 @@ from dqreg.odometry.sweep import swept
 from dqreg.trust.records import Reason
 
 # Voxels a point, over the map's: of what enters the map, without and with times, and of what the pose is found from.
-DENSE, DENSE_TIMED, SPARSE = 0.5, 0.6, 1.5
+DENSE, DENSE_TIMED, SPARSE = 0.5, 0.7, 1.5
 # Points that the pose is found from at most, without and with times: beyond, they add time and hardly any accuracy.
 MOST, MOST_TIMED = 3_000, 2_400
 # Share of a sweep within which points of a voxel are seen together: what is seen at its beginning and again at its end

@@ -67,7 +67,11 @@ class Placed:
 
 
 def looked_at(
-    place: Placed, search: FrameSearch, frame: DownsampledFrame, seen: Later[View], similar: FloatArray | None
+    place: Placed,
+    search: FrameSearch,
+    frame: DownsampledFrame,
+    seen: Later[View],
+    similar: Later[FloatArray] | None,
 ) -> Placed:
     """The same with what speaks against it: what the frame looked through, and places where it is like itself.
 
@@ -83,7 +87,7 @@ def looked_at(
         place = dataclasses.replace(place, looked_through=nearer / (nearer + alike))
     if similar is None or place.rivals:
         return place
-    scan, shifts = facing(frame, place.aligned), similar
+    scan, shifts = facing(frame, place.aligned), similar.result()
     if not any(_could_repeat(scan, view, shift) for shift in shifts):
         return place
     # Rare, and worth normals of its own.

@@ -180,8 +180,8 @@ class Tracker:
         first = placed(search, frame, aligned, T_predicted, spread, measured=measured)
         T = first.aligned.T_target_source
         asked = first.aligned.found and not (timed or measured or self._is_unlike(frame, T, lengths.reach))
-        # Beside its depth image, which is made without the interpreter.
-        similar = similar_shifts(search, facing(frame, first.aligned)) if asked else None
+        # After the depth image, beside the information.
+        similar = Later(lambda: similar_shifts(search, facing(frame, first.aligned))) if asked else None
         information = information_of_place(first, frame.reach)
         place = looked_at(first, search, frame, seen, similar)
         # For the next frame, which is taken for as dense.
@@ -190,7 +190,7 @@ class Tracker:
         fits = self._kept_out >= self.settings.patience or (found.verdict.level != "failed" and self._fits(found))
         result = self._link.linked(found, place, self._timeline.count, fits=fits)
         if similar is not None:
-            self._unlike = None if len(similar) else T
+            self._unlike = None if len(similar.result()) else T
         if result.verdict.level != "accepted":
             self._unlike = None
         self._learn(kiss, world, frame, result, T_predicted, trusted=place.is_escaped, insert=insert)
