@@ -22,7 +22,7 @@ SPARSE = 2
 # What is taken off what no other point is nearer than: more than rounding.
 ROUNDING = 1e-12
 # Rows that room is made for, of each that is needed: what nobody wrote to is no memory yet, and is not copied.
-ROOM = 4
+ROOM = 8
 # Points of a voxel that lie side by side at most.
 SLOTS = 16
 # A match is kept where no other point can be nearer by more than this many voxels: points of the map are three times as
