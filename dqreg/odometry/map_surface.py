@@ -28,8 +28,8 @@ SLOTS = 16
 # A match is kept where no other point can be nearer by more than this many voxels: points of the map are three times as
 # far apart, and the planes of all of them are the same.
 KEPT = 0.03
-# Queries that one thread answers in one go, of planes and of nearest points.
-CHUNK, FEWER = 512, 64
+# Queries that one thread answers in one go: of planes, of nearest points, and of planes that were asked for before.
+CHUNK, FEWER, ALONE = 512, 64, 8_192
 # Number, voxels and blocks; sums of a voxel; plane of a point: see the kernels.
 COUNTS, SUMS, PLANE = 3, (8, 10), 8
 
@@ -196,7 +196,9 @@ class MapSurface:
         columns = found.asked, found.elements, found.distances, found.points, found.normals, found.variances
         held = self._size, self._table, self._keys, self._cells, self._sums.reshape(-1, SUMS[1])
         planes = self._planes.reshape(-1, PLANE), self._state, self._reach
-        over_chunks(planes_in_cells, len(points), as_plain(points), *held, *planes, *columns, chunk=CHUNK)
+        # Of those that were asked before few lie elsewhere: less than it costs to hand them over.
+        chunk = CHUNK if before is None else ALONE
+        over_chunks(planes_in_cells, len(points), as_plain(points), *held, *planes, *columns, chunk=chunk)
         return found
 
     def distances(self, points: FloatArray, cap: float = np.inf) -> FloatArray:
