@@ -143,6 +143,11 @@ class MapSurface:
         """Of the map, (n, 3), the oldest first."""
         return self._points[: self._counts[0]]
 
+    @property
+    def ends(self) -> FloatArray:
+        """Lowest and highest coordinates of all points, (2, 3); infinite where there are none."""
+        return np.stack([self._low, self._high])
+
     def voxels_of(self, values: FloatArray) -> FloatArray:
         """Of each point the value of the first one of its voxel, (n,)."""
         found: FloatArray = values[self._voxels[self._links[: self._counts[0], 1], 0]]

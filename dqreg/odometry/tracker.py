@@ -107,6 +107,8 @@ class Tracker:
         between the middles of their sweeps is what both motions are.
         """
         assert self._map is not None
+        # A map of one sweep has planes for few of its points: they are made beside.
+        _ = Later(lambda: frame.own.fits)
         search = FrameSearch(self._map.surface, lengths, self.settings, np.nan, [(self._T_last, self._T_last)])
         aligned = search.find(frame, trust_motion=False)
         skewed = Deskewed(frame, aligned).repeated(search, WORTHWHILE * lengths.voxel_size)
