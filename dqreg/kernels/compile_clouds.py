@@ -8,7 +8,7 @@ from dqreg.kernels.cell_matches import planes_in_cells
 from dqreg.kernels.cell_moments import cell_moments, joined_moments, table_of
 from dqreg.kernels.cell_planes import cell_planes
 from dqreg.kernels.close_points import close_points, facing_matches
-from dqreg.kernels.depth_pixels import count_before, directions_from, fill_nearest, least_around
+from dqreg.kernels.depth_pixels import count_before, count_behind, directions_from, fill_nearest, least_around
 from dqreg.kernels.edge_planes import edge_plane_rows, with_others_rows
 from dqreg.kernels.majority_planes import majority_plane_rows
 from dqreg.kernels.morton import count_cells, morton_cells, new_places, sorted_rows, take_points
@@ -23,7 +23,7 @@ from dqreg.kernels.voxel_blocks import put_blocks
 from dqreg.kernels.voxel_nearest import distances_in_voxels
 from dqreg.kernels.voxel_planes import closest_in_voxels
 from dqreg.kernels.voxel_points import CELLS, SUMS, admit_points
-from dqreg.kernels.voxel_rows import first_of_voxels, means_of_voxels
+from dqreg.kernels.voxel_rows import first_of_voxels, means_of_voxels, measured_rows
 
 CORNERS, FLAT, ONE = np.eye(3), np.eye(3), np.zeros(3)
 FIRST = np.zeros(1, dtype=np.int64)
@@ -62,6 +62,7 @@ def look_along_rays() -> None:
     image, counts = np.full((1, 1), np.inf), np.zeros(2, dtype=np.int64)
     directions_from(0, 0, CORNERS, FLAT, ONE, np.zeros((2, 3)), ONE)
     fill_nearest(np.zeros((2, 0)), np.zeros(0), ONE, 1.0, image, FIRST)
+    count_behind(np.zeros(0), image, FIRST, 1.0)
     least_around(image, image.copy())
     count_before(CORNERS[:0], FLAT, ONE, ONE, 1.0, image, np.zeros((1, 1), dtype=np.bool_), 1.0, 1.0, counts)
 
@@ -71,6 +72,7 @@ def keep_maps() -> None:
     flat, one, first = np.eye(3), np.zeros(3), np.zeros(1, dtype=np.int64)
     first_of_voxels(flat, 1.0)
     means_of_voxels(flat, None, 1.0, 1.0)
+    measured_rows(flat, 1.0, np.zeros(3), np.zeros(3))
     swept_rows(0, 0, flat, one, np.zeros(6), flat)
     many, table, cells = (
         np.zeros((3, 2), dtype=np.int64),

@@ -46,6 +46,16 @@ def fill_nearest(
 
 
 @compiled
+def count_behind(ranges: FloatArray, image: FloatArray, at: IntArray, times: float) -> int:
+    """How many points are farther off than so many times the least range in their pixels."""
+    width, count = image.shape[1], 0
+    for i in range(len(ranges)):
+        if ranges[i] > times * image[at[i] // width, at[i] % width]:
+            count += 1
+    return count
+
+
+@compiled
 def least_around(image: FloatArray, found: FloatArray) -> None:
     """Write the least of each pixel and those around it. O(h w)."""
     height, width = image.shape

@@ -7,8 +7,10 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.kernels.compiled import compiled
 
-# Angle below which series are used instead of quotients: their next terms are below the last digit.
-SMALL = 1e-2
+# Angle below which series are used instead of sines: their next terms are below the last digit.
+SMALL = 0.1
+# Of each term of the series of sine over angle to the one before, and of one less cosine.
+P, Q = (1.0 / 6.0, 1.0 / 20.0, 1.0 / 42.0, 1.0 / 72.0), (1.0 / 24.0, 1.0 / 30.0, 1.0 / 56.0, 1.0 / 90.0)
 
 
 @compiled
@@ -29,9 +31,9 @@ def swept_rows(
             c = (at - np.sin(at)) / angle**3
         else:
             square = at * at
-            a = s * (1.0 - square / 6.0 * (1.0 - square / 20.0))
-            b = s * s * (0.5 - square / 24.0 * (1.0 - square / 30.0))
-            c = s * s * s * (1.0 / 6.0 - square / 120.0 * (1.0 - square / 42.0))
+            a = s * (1.0 - square * P[0] * (1.0 - square * P[1] * (1.0 - square * P[2] * (1.0 - square * P[3]))))
+            b = s * s * (0.5 - square * Q[0] * (1.0 - square * Q[1] * (1.0 - square * Q[2] * (1.0 - square * Q[3]))))
+            c = s * s * s * P[0] * (1.0 - square * P[1] * (1.0 - square * P[2] * (1.0 - square * P[3])))
         # w x of: a x + b (w x x + v) + c (w x v), from the inside.
         px, py, pz = wy * vz - wz * vy, wz * vx - wx * vz, wx * vy - wy * vx
         qx, qy, qz = wy * z - wz * y, wz * x - wx * z, wx * y - wy * x

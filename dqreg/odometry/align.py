@@ -129,9 +129,13 @@ class FrameSearch:
             return follow(few, self.surface, start, wide, how, floor=self._floor(few))
         return self._level(few, self.lengths.reach).descend(wide, start, QUICK, None, 1)
 
-    def settle(self, scan: Scan, T_map_frame: FloatArray, before: Alignment) -> Alignment:
-        """The pose of a frame, all but known: from there, where it was found before with its points a little off."""
-        return self._fine(scan, dataclasses.replace(before, T_target_source=T_map_frame), before.pairs)
+    def settle(self, scan: Scan, T_map_frame: FloatArray, before: Alignment, *, anew: bool = False) -> Alignment:
+        """The pose of a frame, all but known: from there, where it was found before with its points a little off.
+
+        Anew: in another map, whose matches are others.
+        """
+        pairs = None if anew else before.pairs
+        return self._fine(scan, dataclasses.replace(before, T_target_source=T_map_frame), pairs)
 
     def settle_sweep(self, sweep: Sweep, before: Alignment) -> Alignment:
         """The pose of a frame as above, and the motion during its sweep."""

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import FloatArray, product
+from dqreg.geometry.vector_rows import nonzero_rows, row_dots
 from dqreg.icp import NO_POSE, Alignment
 from dqreg.odometry.frame import DownsampledFrame
 from dqreg.odometry.kiss import rigid
@@ -15,7 +16,8 @@ from dqreg.odometry.prediction import Prediction, contradiction, held_directions
 from dqreg.odometry.rivals import Placed
 from dqreg.registration.assess import Uncertainty
 from dqreg.registration.result import Registration
-from dqreg.rigid import pose, twist
+from dqreg.rigid import pose, single_pose, twist
+from dqreg.solvers.row_sums import MotionSums
 from dqreg.solvers.status import Status
 from dqreg.trust import Evidence, Information, information_of, judge
 from dqreg.trust.records import Reason, Verdict
@@ -63,7 +65,7 @@ def frame_result(
         return without_pose(reasons, run.status, settings)
     return Registration(
         T_target_source=T,
-        verdict=Verdict(verdict.level, reasons, verdict.checks),
+        verdict=verdict.saying(verdict.level, reasons),
         status=run.status,
         covariance=uncertainty.covariance,
         observability=uncertainty.directions,
@@ -140,9 +142,9 @@ def information_at(run: Alignment, reach: float, free_axis: FloatArray | None = 
     would promise a tenth of a millimetre. So the scatter is estimated from patch to patch.
     """
     T, pairs = run.T_target_source, run.pairs
-    points, normals = pose.apply(T, pairs.scan.points), pairs.closest.normals
-    along = np.einsum("ij,ij->i", points - pairs.closest.points, normals)
-    weights = np.where(normals.any(axis=1), run.weights, 0.0)
+    points, normals = single_pose.apply(T, pairs.scan.points), pairs.closest.normals
+    along = row_dots(points - pairs.closest.points, normals)
+    weights = np.where(nonzero_rows(normals), run.weights, 0.0)
     centre = T[:3, 3]
     matches = points, normals, along, weights, reach, centre
     variances = pairs.closest.variances
@@ -181,12 +183,15 @@ def across_normals(motions: FloatArray, arms: FloatArray, normals: FloatArray, w
 
     All of each motion less what goes along the normal: quadratic forms, from sums over the points.
     """
-    along = np.hstack([np.cross(arms, normals), normals])
-    x, y, z = weights @ arms
-    second = product((arms * weights[:, None]).T, arms)
-    turned = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    whole = np.block([[np.trace(second) * np.eye(3) - second, turned], [turned.T, weights.sum() * np.eye(3)]])
-    across = whole - product((along * weights[:, None]).T, along)
+    none, all_rows = np.zeros(len(arms)), np.zeros(1, dtype=np.int64)
+    along = MotionSums.of(arms, normals, normals, none, weights, np.zeros(3), 1.0, all_rows, np.eye(6)).information()
+    weighed = arms * weights[:, None]
+    x, y, z = np.einsum("ij->j", weighed)
+    second, whole = product(weighed.T, arms), float(weights.sum()) * np.eye(6)
+    whole[:3, :3] = np.trace(second) * np.eye(3) - second
+    whole[:3, 3:] = [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
+    whole[3:, :3] = whole[:3, 3:].T
+    across = whole - along
     return np.asarray(np.einsum("ik,ij,jk->k", motions, across, motions))
 
 

@@ -25,8 +25,8 @@ from dqreg.odometry.settings import Resolved
 from dqreg.odometry.sweep import swept
 from dqreg.trust.records import Reason
 
-# Voxels a point, over the map's: of what enters the map, and of what the pose is found from.
-DENSE, SPARSE = 0.5, 1.5
+# Voxels a point, over the map's: of what enters the map, without and with times, and of what the pose is found from.
+DENSE, DENSE_TIMED, SPARSE = 0.5, 0.7, 1.5
 # Points that the pose is found from at most, without and with times: beyond, they add time and hardly any accuracy.
 MOST, MOST_TIMED = 3_000, 2_400
 # Share of a sweep within which points of a voxel are seen together: what is seen at its beginning and again at its end
@@ -50,6 +50,11 @@ class RawFrame:
     # What it was downsampled to ahead of its turn, with which lengths
     ahead: tuple[Resolved, DownsampledFrame | None] | None = None
 
+    @cached_property
+    def corner(self) -> FloatArray:
+        """Largest size of each coordinate, (3,), of at least one point."""
+        return np.maximum(*map(np.abs, bounds(self.points)))
+
 
 def read_frame(points: Any, timestamps: Any) -> RawFrame:
     """Check a frame and leave out what is no measurement.
@@ -57,17 +62,18 @@ def read_frame(points: Any, timestamps: Any) -> RawFrame:
     >>> read_frame([[1, 2, 3], [0, 0, 0], [float("nan"), 1, 1]], None).notes
     ('2 of 3 returns are NaN, infinite or at the origin, and were left out',)
     """
+    from dqreg.kernels.threads import as_plain
+    from dqreg.kernels.voxel_rows import measured_rows
+
     values, own_times = _values_of(points)
     timestamps = own_times if timestamps is None else timestamps
-    # NaN is not below. Half of the largest number squared would overflow in every length taken of it.
-    keep = nonzero_rows(values)
-    low, high = bounds(values) if len(values) else (np.zeros(3), np.zeros(3))
-    # Which are too large is looked for where one is.
-    if not (np.maximum(np.abs(low), np.abs(high)) < LARGEST).all():
-        x, y, z = np.abs(values).T < LARGEST
-        keep &= x & y & z
+    # Half of the largest number squared would overflow in every length taken of it.
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
     notes = []
-    if lost := len(values) - int(np.count_nonzero(keep)):
+    if lost := len(values) - measured_rows(as_plain(values), LARGEST, low, high):
+        # NaN is not below.
+        x, y, z = np.abs(values).T < LARGEST
+        keep = nonzero_rows(values) & x & y & z
         words = f"{lost} of {len(values)} returns are NaN, infinite or at the origin, and were left out"
         notes.append(Reason(words, "dropped_points"))
     times = None if timestamps is None or np.size(timestamps) == 0 else as_float(timestamps, "timestamps").ravel()
@@ -81,9 +87,11 @@ def read_frame(points: Any, timestamps: Any) -> RawFrame:
         elif len(seen) and not np.ptp(seen) > 0.0:
             notes.append(Reason("all points have one time: the sweep was not deskewed", "not_deskewed"))
             times = None
-    if not lost:
-        return RawFrame(values, times, tuple(notes))
-    return RawFrame(values[keep], None if times is None else times[keep], tuple(notes))
+    if lost:
+        values, times = values[keep], None if times is None else times[keep]
+    found = RawFrame(values, times, tuple(notes))
+    vars(found)["corner"] = np.maximum(np.abs(low), np.abs(high))
+    return found
 
 
 def _values_of(points: Any) -> tuple[FloatArray, FloatArray | None]:
@@ -175,7 +183,7 @@ def downsample_frame(raw: RawFrame, lengths: Resolved) -> DownsampledFrame | Non
     points, times = _in_range(raw, lengths)
     if not len(points):
         return None
-    size = DENSE * lengths.voxel_size
+    size = (DENSE if times is None else DENSE_TIMED) * lengths.voxel_size
     when = None if times is None else (times - times.max()) / np.ptp(times)
     dense, back = means_of_voxels(points, when, size, TOGETHER)
     order = morton_order(dense)
@@ -195,9 +203,10 @@ def downsample_frame(raw: RawFrame, lengths: Resolved) -> DownsampledFrame | Non
 def _in_range(raw: RawFrame, lengths: Resolved) -> tuple[FloatArray, FloatArray | None]:
     """Points in range, and their times where the motion is to be undone."""
     points, times = raw.points, raw.times if lengths.deskew else None
-    corner = np.maximum(*map(np.abs, bounds(points))) if len(points) else np.zeros(3)
+    if not len(points):
+        return points, times
     # None is at the sensor.
-    if corner @ corner < lengths.max_range**2 and lengths.min_range == 0.0:
+    if raw.corner @ raw.corner < lengths.max_range**2 and lengths.min_range == 0.0:
         return points, times
     squares = np.einsum("ij,ij->i", points, points)
     near = (squares < lengths.max_range**2) & (squares > lengths.min_range**2)

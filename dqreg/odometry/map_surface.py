@@ -22,14 +22,14 @@ SPARSE = 2
 # What is taken off what no other point is nearer than: more than rounding.
 ROUNDING = 1e-12
 # Rows that room is made for, of each that is needed: what nobody wrote to is no memory yet, and is not copied.
-ROOM = 4
+ROOM = 8
 # Points of a voxel that lie side by side at most.
 SLOTS = 16
 # A match is kept where no other point can be nearer by more than this many voxels: points of the map are three times as
 # far apart, and the planes of all of them are the same.
 KEPT = 0.03
-# Queries that one thread answers in one go, of planes and of nearest points.
-CHUNK, FEWER = 512, 64
+# Queries that one thread answers in one go: of planes, of nearest points, and of planes that were asked for before.
+CHUNK, FEWER, ALONE = 512, 64, 8_192
 # Number, voxels and blocks; sums of a voxel; plane of a point: see the kernels.
 COUNTS, SUMS, PLANE = 3, (8, 10), 8
 
@@ -143,6 +143,11 @@ class MapSurface:
         """Of the map, (n, 3), the oldest first."""
         return self._points[: self._counts[0]]
 
+    @property
+    def ends(self) -> FloatArray:
+        """Lowest and highest coordinates of all points, (2, 3); infinite where there are none."""
+        return np.stack([self._low, self._high])
+
     def voxels_of(self, values: FloatArray) -> FloatArray:
         """Of each point the value of the first one of its voxel, (n,)."""
         found: FloatArray = values[self._voxels[self._links[: self._counts[0], 1], 0]]
@@ -196,7 +201,9 @@ class MapSurface:
         columns = found.asked, found.elements, found.distances, found.points, found.normals, found.variances
         held = self._size, self._table, self._keys, self._cells, self._sums.reshape(-1, SUMS[1])
         planes = self._planes.reshape(-1, PLANE), self._state, self._reach
-        over_chunks(planes_in_cells, len(points), as_plain(points), *held, *planes, *columns, chunk=CHUNK)
+        # Of those that were asked before few lie elsewhere: less than it costs to hand them over.
+        chunk = CHUNK if before is None else ALONE
+        over_chunks(planes_in_cells, len(points), as_plain(points), *held, *planes, *columns, chunk=chunk)
         return found
 
     def distances(self, points: FloatArray, cap: float = np.inf) -> FloatArray:

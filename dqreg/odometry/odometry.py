@@ -156,7 +156,8 @@ class Odometry(Tracker):
         if doubt is not None:
             result = dataclasses.replace(result, verdict=result.verdict.doubted(doubt))
         self._timeline.add(result.T_target_source, stamp)
-        result = dataclasses.replace(result, timings={"total": clock.perf_counter() - began})
+        # Its own, and nobody has seen it yet: a copy would be checked anew.
+        result.timings["total"] = clock.perf_counter() - began
         return logged(result, f"frame {self._timeline.count}")
 
     def relocalise(self, points: Any, start: Any = None) -> Registration:

@@ -14,6 +14,7 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray, IntArray, product
 from dqreg.geometry import Scan
 from dqreg.geometry.normals import sample_rows
+from dqreg.geometry.vector_rows import nonzero_rows
 from dqreg.icp import Alignment
 from dqreg.kernels.threads import Later
 from dqreg.odometry.align import FrameSearch
@@ -66,7 +67,11 @@ class Placed:
 
 
 def looked_at(
-    place: Placed, search: FrameSearch, frame: DownsampledFrame, seen: Later[View], similar: FloatArray | None
+    place: Placed,
+    search: FrameSearch,
+    frame: DownsampledFrame,
+    seen: Later[View],
+    similar: Later[FloatArray] | None,
 ) -> Placed:
     """The same with what speaks against it: what the frame looked through, and places where it is like itself.
 
@@ -82,7 +87,7 @@ def looked_at(
         place = dataclasses.replace(place, looked_through=nearer / (nearer + alike))
     if similar is None or place.rivals:
         return place
-    scan, shifts = facing(frame, place.aligned), similar
+    scan, shifts = facing(frame, place.aligned), similar.result()
     if not any(_could_repeat(scan, view, shift) for shift in shifts):
         return place
     # Rare, and worth normals of its own.
@@ -94,7 +99,7 @@ def looked_at(
 def facing(frame: DownsampledFrame, aligned: Alignment) -> Scan:
     """A frame with the normals of the planes that it met, which cost nothing; with its own where too few met any."""
     met = aligned.pairs.closest.normals
-    if len(met) != len(frame.rows) or np.count_nonzero(met.any(axis=1)) < MET * len(met):
+    if len(met) != len(frame.rows) or np.count_nonzero(nonzero_rows(met)) < MET * len(met):
         return frame.fitted
     return dataclasses.replace(frame.scan, normals=product(met, aligned.T_target_source[:3, :3]))
 
@@ -258,7 +263,7 @@ def _significance(difference: FloatArray) -> float:
 def _weakest(aligned: Alignment) -> tuple[FloatArray, float]:
     """Direction that the fewest correspondences face, and their share."""
     normals = aligned.pairs.closest.normals
-    weights = np.where(normals.any(axis=1), aligned.weights, 0.0)
+    weights = np.where(nonzero_rows(normals), aligned.weights, 0.0)
     values, vectors = np.linalg.eigh((normals * weights[:, None]).T @ normals / max(float(weights.sum()), 1e-300))
     return vectors[:, 0], float(values[0])
 

@@ -96,7 +96,7 @@ def _similar(occupied: BoolArray, known: BoolArray) -> tuple[FloatArray, IntArra
     from dqreg.kernels.shift_counts import count_at_shifts, count_on_runs, runs_around
     from dqreg.kernels.threads import over_chunks
 
-    cells = np.column_stack(np.nonzero(occupied))
+    cells = np.column_stack(np.divmod(np.flatnonzero(occupied), occupied.shape[1]))
     enough = COMMON * len(cells)
     # As far as that many cells stay within.
     ordered = np.sort(cells, axis=0)
@@ -104,7 +104,8 @@ def _similar(occupied: BoolArray, known: BoolArray) -> tuple[FloatArray, IntArra
     counts = np.zeros(up + down + (1, 2), dtype=np.int32)
     count_on_runs(cells, runs_around(occupied), -down, counts)
     # Ground is counted where enough is met of the least that it may be.
-    steps = np.column_stack(np.nonzero(counts[:, :-1] >= SIMILAR * enough))
+    # The last column is none: zeros. Along two axes NumPy takes four times as long.
+    steps = np.column_stack(np.divmod(np.flatnonzero(counts >= SIMILAR * enough), counts.shape[1]))
     met, ground = counts[tuple(steps.T)], np.zeros(len(steps), dtype=np.int32)
     over_chunks(count_at_shifts, len(steps), steps - down, cells, _widened(np.pad(known, (0, 1))), ground)
     alike = (ground >= enough) & (met >= SIMILAR * ground)

@@ -7,15 +7,19 @@ standing still is near enough for closest points. A lattice of turns is.
 from __future__ import annotations
 
 import functools
+from collections import deque
 
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg.geometry.spacing import Spread
 from dqreg.odometry.map_surface import MapSurface
 from dqreg.rigid import single_pose, twist
 
 # Points that each pose is judged by; first, all by a few, and the best of them, so many for each that is kept, by all.
 JUDGES, FIRST_JUDGES, SHORTLIST = 150, 30, 10
+# Frames over which it is remembered how far predictions were off: who begins near in vain begins again.
+LATELY = 5
 
 
 @functools.cache
@@ -50,7 +54,48 @@ def screen(surface: MapSurface, points: FloatArray, poses: FloatArray, cap: floa
     return poses
 
 
+class Pace:
+    """What has told the last motions best: that they stay as they are, or that they go on to change as they do."""
+
+    def __init__(self) -> None:
+        self._change = np.zeros(6)
+        self._expected: tuple[FloatArray, ...] = ()
+        # How far the points of the last frames were from where either put them, root mean square.
+        self._off: deque[tuple[float, ...]] = deque(maxlen=LATELY)
+
+    @property
+    def steps(self) -> int:
+        """Frames that are remembered."""
+        return len(self._off)
+
+    @property
+    def off(self) -> float:
+        """How far off the better of the two was at most; infinite where nothing is known."""
+        return min(map(max, zip(*self._off, strict=True)), default=np.inf)
+
+    def expect(self, T_last: FloatArray, motion: FloatArray, ratio: float) -> tuple[FloatArray, FloatArray]:
+        """Pose of the next frame, so many times the last motion on, and the motion during it."""
+        motions = motion, single_pose.exp(_twist(motion) + self._change)
+        self._expected = tuple(predict(T_last, each, ratio) for each in motions)
+        velocity, acceleration = map(max, zip(*self._off, strict=True)) if self._off else (0.0, 0.0)
+        best = int(acceleration < velocity)
+        return self._expected[best], motions[best]
+
+    def leave(self, T: FloatArray) -> None:
+        """Leave it to others where the next frame is expected, (4, 4)."""
+        self._expected = T, T
+
+    def learn(self, spread: Spread, T: FloatArray, before: FloatArray, motion: FloatArray) -> None:
+        """Remember how far off either was of a pose, and how the motion has changed."""
+        self._off.append(tuple(spread.motion(expected, T) for expected in self._expected))
+        self._change = _twist(motion) - _twist(before)
+
+
 def predict(T_last: FloatArray, motion: FloatArray, ratio: float) -> FloatArray:
     """Constant velocity, along one screw."""
-    step = motion if ratio == 1.0 else single_pose.exp(ratio * single_pose.log(motion[:3, :3], motion[:3, 3]))
+    step = motion if ratio == 1.0 else single_pose.exp(ratio * _twist(motion))
     return T_last @ step
+
+
+def _twist(motion: FloatArray) -> FloatArray:
+    return single_pose.log(motion[:3, :3], motion[:3, 3])

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, as_pose
+from dqreg._arrays import FloatArray, as_pose, median
 from dqreg.kernels.threads import Later
 from dqreg.odometry.align import BEFORE_SWEEP, FrameSearch
 from dqreg.odometry.assess import LOST, MapLink, first_frame, frame_result, information_of_place, without_pose
@@ -21,7 +21,7 @@ from dqreg.odometry.prediction import Prediction
 from dqreg.odometry.rivals import facing, looked_at, placed, similar_shifts
 from dqreg.odometry.self_similarity import View
 from dqreg.odometry.settings import OdometrySettings, Resolved
-from dqreg.odometry.starts import predict
+from dqreg.odometry.starts import Pace, predict
 from dqreg.odometry.timeline import Timeline
 from dqreg.odometry.voxel_map import VoxelMap
 from dqreg.registration.result import Registration
@@ -55,8 +55,7 @@ class Tracker:
         self._motion = np.eye(4)
         self._T_doubtful: FloatArray | None = None
         self._usual: deque[float] = deque(maxlen=MEMORY)
-        # How far the points of the last frames were from where they were predicted, root mean square.
-        self._off: deque[float] = deque(maxlen=MEMORY)
+        self._pace = Pace()
         # The first frame, while nobody knows the motion during its sweep.
         self._first: DownsampledFrame | None = None
         # Whether the motion is what this frame and the first one told together.
@@ -97,7 +96,6 @@ class Tracker:
             and frame.back is not None
             and self._undo_first_sweep(self._first, lengths, frame, ratio)
         )
-        frame = frame.without(self._motion)
         return self._register(kiss, self._map, lengths, frame, raw, ratio, expected, insert=insert)
 
     def _undo_first_sweep(
@@ -109,6 +107,8 @@ class Tracker:
         between the middles of their sweeps is what both motions are.
         """
         assert self._map is not None
+        # A map of one sweep has planes for few of its points: they are made beside.
+        _ = Later(lambda: frame.own.fits)
         search = FrameSearch(self._map.surface, lengths, self.settings, np.nan, [(self._T_last, self._T_last)])
         aligned = search.find(frame, trust_motion=False)
         skewed = Deskewed(frame, aligned).repeated(search, WORTHWHILE * lengths.voxel_size)
@@ -126,7 +126,10 @@ class Tracker:
         there = dataclasses.replace(search, surface=made.surface)
         # As few as it is compared with were placed by.
         scan = search.asked(frame.without(self._motion)).thinned(BEFORE_SWEEP)
-        straight = there.refine(scan, predict(self._T_last, self._motion, ratio))
+        T = predict(self._T_last, self._motion, ratio)
+        straight = there.settle(scan, T, aligned, anew=True)
+        if not fits_no_worse(straight, aligned):
+            straight = there.refine(scan, T)
         # Times may be no times.
         if fits := fits_no_worse(straight, aligned):
             self._map = made
@@ -156,9 +159,15 @@ class Tracker:
     ) -> Registration:
         T_predicted = rigid(predict(self._T_last, self._motion, ratio)) if expected is None else expected.T_map_frame
         surface = world.surface
+        T_likely, motion = T_predicted, self._motion
+        if expected is None:
+            T_likely, motion = self._pace.expect(self._T_last, self._motion, ratio)
+        else:
+            self._pace.leave(T_predicted)
+        frame = frame.without(motion)
         # Points farther off than its own can reach cannot be met.
         surface.about(self._T_last[:3, 3], frame.reach + lengths.reach)
-        search = FrameSearch(surface, lengths, self.settings, self._usual_fraction, self._anchors(T_predicted))
+        search = FrameSearch(surface, lengths, self.settings, self._usual_fraction, self._anchors(rigid(T_likely)))
         # With times it is deskewed once more, and seen then.
         seen = self._seen(frame, lengths) if frame.back is None else None
         deskewed = self._deskewed(search, frame, trusted=expected is not None or kiss.deviation <= lengths.voxel_size)
@@ -173,8 +182,8 @@ class Tracker:
         first = placed(search, frame, aligned, T_predicted, spread, measured=measured)
         T = first.aligned.T_target_source
         asked = first.aligned.found and not (timed or measured or self._is_unlike(frame, T, lengths.reach))
-        # Beside its depth image, which is made without the interpreter.
-        similar = similar_shifts(search, facing(frame, first.aligned)) if asked else None
+        # After the depth image, beside the information.
+        similar = Later(lambda: similar_shifts(search, facing(frame, first.aligned))) if asked else None
         information = information_of_place(first, frame.reach)
         place = looked_at(first, search, frame, seen, similar)
         # For the next frame, which is taken for as dense.
@@ -183,7 +192,7 @@ class Tracker:
         fits = self._kept_out >= self.settings.patience or (found.verdict.level != "failed" and self._fits(found))
         result = self._link.linked(found, place, self._timeline.count, fits=fits)
         if similar is not None:
-            self._unlike = None if len(similar) else T
+            self._unlike = None if len(similar.result()) else T
         if result.verdict.level != "accepted":
             self._unlike = None
         self._learn(kiss, world, frame, result, T_predicted, trusted=place.is_escaped, insert=insert)
@@ -191,16 +200,17 @@ class Tracker:
 
     def _deskewed(self, search: FrameSearch, frame: DownsampledFrame, *, trusted: bool) -> Deskewed:
         """Where a frame lies, without the motion during its sweep; the prediction may be trusted anyway."""
-        off, lengths = np.inf if self._timeline.missed else max(self._off, default=np.inf), search.lengths
+        off, lengths = np.inf if self._timeline.missed else self._pace.off, search.lengths
         # A sweep tells its own motion: one step that was as predicted is enough.
         likely = trusted or self._is_under_way or off <= TRUSTED * lengths.reach
-        if len(self._off) < FEWEST_STEPS:
+        if self._pace.steps < FEWEST_STEPS:
             off = np.inf
-        near, trusted = off <= NEAR * lengths.voxel_size, trusted or off <= TRUSTED * lengths.reach
+        near = self._is_under_way or off <= NEAR * lengths.voxel_size
+        trusted = trusted or off <= TRUSTED * lengths.reach
         worthwhile = WORTHWHILE * lengths.voxel_size
-        found = Deskewed.at_once(frame, search, worthwhile, near=near) if likely else None
-        if found is not None:
-            return found
+        for is_near in (True, False)[not near : 2 * likely]:
+            if (found := Deskewed.at_once(frame, search, worthwhile, near=is_near)) is not None:
+                return found
         found = Deskewed(frame, search.find(frame, trust_motion=trusted, near=near))
         return found if frame.back is None else found.repeated(search, worthwhile)
 
@@ -244,10 +254,10 @@ class Tracker:
             return
         deviation = pose.inverse(T_predicted) @ T
         kiss.learn(deviation)
-        self._off.append(float(frame.scan._spread.motion(T_predicted, T)))
         # Of a gap only the mean motion is known.
         step = pose.inverse(self._T_last) @ T
-        self._motion = rigid(predict(np.eye(4), step, 1.0 / self._timeline.steps))
+        before, self._motion = self._motion, rigid(predict(np.eye(4), step, 1.0 / self._timeline.steps))
+        self._pace.learn(frame.scan._spread, T, before, self._motion)
         self._timeline.trust()
         self._T_last = T
         self._usual.append(result.inlier_fraction)
@@ -255,7 +265,7 @@ class Tracker:
 
     @property
     def _usual_fraction(self) -> float:
-        return float(np.median(self._usual)) if self._usual else np.nan
+        return median(np.array(self._usual))
 
     def _merge(self, world: VoxelMap, frame: DownsampledFrame, *, insert: bool = True) -> None:
         if insert:

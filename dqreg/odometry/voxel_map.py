@@ -73,7 +73,10 @@ class VoxelMap:
             self._forget(place, reach)
 
     def _forget(self, place: FloatArray, reach: float) -> None:
-        points = self._surface.points
+        points, corner = self._surface.points, np.abs(self._surface.ends - place).max(axis=0)
+        if corner @ corner <= reach**2:
+            # Nothing can be.
+            return
         away = points - place
         # The first point stands for its voxel.
         far = self._surface.voxels_of(np.einsum("ij,ij->i", away, away)) > reach**2

@@ -14,6 +14,8 @@ from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.spacing import measure_spacing
 from dqreg.geometry.vector_rows import cross
 
+# Rows that a thread takes in one go: after each it asks for the interpreter, which others may be at.
+TOGETHER = 16_384
 # Edge of a pixel in distances of neighbouring points, and pixels a side at most.
 PIXEL, LARGEST = 1.5, 1_000
 # Points count as behind or in front of what was seen from so many pixels on: surfaces may be seen at a grazing angle.
@@ -47,7 +49,7 @@ class DepthImage:
     @staticmethod
     def of(points: FloatArray, eye: FloatArray, pixel: float | None = None) -> DepthImage:
         """Image of points, (n, 3), from a viewpoint, (3,); the edge of a pixel is measured where none is given."""
-        from dqreg.kernels.depth_pixels import fill_nearest, least_around
+        from dqreg.kernels.depth_pixels import count_behind, fill_nearest, least_around
 
         # The bits of the mean along columns in a quarter of the time.
         axes = _looking(np.einsum("ij->j", points) / len(points) - eye)
@@ -59,7 +61,7 @@ class DepthImage:
         height, width = ((high - low) / pixel).astype(np.int64) + 3
         image, at = np.full((height, width), np.inf), np.zeros(len(points), dtype=np.int64)
         fill_nearest(places, ranges, low, float(pixel), image, at)
-        behind = float(np.mean(ranges > (1.0 + STEP * pixel) * image.ravel()[at]))
+        behind = count_behind(ranges, image, at, float(1.0 + STEP * pixel)) / len(points)
         least_around(image, nearest := np.zeros(image.shape))
         return DepthImage(eye, axes, pixel, low, nearest, np.isfinite(image), behind)
 
@@ -152,7 +154,8 @@ def _project(points: FloatArray, axes: FloatArray, eye: FloatArray) -> tuple[Flo
     from dqreg.kernels.threads import as_plain, over_chunks
 
     places, ranges = np.zeros((2, len(points))), np.zeros(len(points))
-    over_chunks(directions_from, len(points), as_plain(points), as_plain(axes), as_plain(eye), places, ranges)
+    columns = as_plain(points), as_plain(axes), as_plain(eye), places, ranges
+    over_chunks(directions_from, len(points), *columns, chunk=TOGETHER)
     return places, ranges
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Literal
@@ -159,8 +160,11 @@ class Verdict:
         """The verdict with one more doubt, before the others; one that failed stays as it is."""
         if self.level == "failed":
             return self
-        reasons = (doubt, *(reason for reason in self.reasons if reason.code != "accepted"))
-        return Verdict("suspect", reasons, self.checks)
+        return self.saying("suspect", (doubt, *(reason for reason in self.reasons if reason.code != "accepted")))
+
+    def saying(self, level: Level, reasons: tuple[Reason, ...]) -> Verdict:
+        """The same questions, asked when they are first read, with another level, other reasons and no confidence."""
+        return Verdict.asking(level, reasons, functools.partial(getattr, self, "checks"), math.nan)
 
 
 @dataclasses.dataclass(frozen=True)

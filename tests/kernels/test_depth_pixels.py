@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from dqreg.kernels.depth_pixels import count_before, directions_from, fill_nearest, least_around
+from dqreg.kernels.depth_pixels import count_before, count_behind, directions_from, fill_nearest, least_around
 
 PIXEL, MARGIN, STEP = 0.05, 0.1, 1.5
 
@@ -41,6 +41,8 @@ def test_pixels_hold_the_nearest_range_and_what_is_before_it_is_counted(seen) ->
     np.minimum.at(nearest, rows * width + columns, ranges)
     np.testing.assert_array_equal(at, rows * width + columns)
     np.testing.assert_array_equal(image, nearest.reshape(height, width))
+    behind = np.count_nonzero(ranges > 1.2 * nearest[at])
+    assert count_behind(ranges, image, at, 1.2) == behind > 0
     least_around(image, around := np.zeros(image.shape))
     np.testing.assert_array_equal(around, ndimage.minimum_filter(image, 3))
     # Points about the same place, of which some lie where nothing was seen, before or behind.

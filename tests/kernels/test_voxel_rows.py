@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dqreg.kernels.voxel_rows import first_of_voxels, means_of_voxels
+from dqreg.kernels.voxel_rows import first_of_voxels, means_of_voxels, measured_rows
 
 
 @pytest.mark.parametrize("count", [0, 1, 500, 20_000])
@@ -42,3 +42,16 @@ def test_what_is_seen_at_both_ends_of_a_sweep_is_not_mixed() -> None:
     means, when = means_of_voxels(points, np.array([-1.0, -0.96, 0.0]), 1.0, 0.1)
     np.testing.assert_allclose(means, [[0.15, 0.15, 0.15]])
     np.testing.assert_allclose(when, [-0.98])
+
+
+@pytest.mark.parametrize("wrong", [0.0, np.nan, np.inf, -np.inf, 1e9])
+def test_what_is_no_measurement_is_neither_counted_nor_bounded(wrong: float) -> None:
+    points = np.random.default_rng(0).normal(size=(200, 3))
+    rows = np.arange(200) % 9 == 4
+    points[rows, :: 1 if wrong == 0.0 else 2] = wrong
+    # One coordinate of zero is a measurement.
+    points[0, 1] = 0.0
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    assert measured_rows(points, 1e6, low, high) == np.count_nonzero(~rows)
+    np.testing.assert_array_equal(low, points[~rows].min(axis=0))
+    np.testing.assert_array_equal(high, points[~rows].max(axis=0))

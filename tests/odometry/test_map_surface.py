@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from dqreg.kernels.voxel_planes import LONGEST
 from dqreg.odometry.map_surface import KEPT, MapSurface
 from dqreg.rigid import pose
 
@@ -68,6 +69,18 @@ def test_planes_are_those_of_all_points_that_were_given() -> None:
     assert np.median(off[1]) < 0.7 * np.median(off[0])
     # And as good as they are said to be: two axes.
     assert 0.5 < np.median(off[1] ** 2 / many.variances) < 2.0
+
+
+def test_a_plane_outlasts_some_frames_and_no_more_than_it_may() -> None:
+    rng = np.random.default_rng(5)
+    flat = np.column_stack([rng.uniform(-3, 3, (20_000, 2)), np.zeros(20_000)])
+    surface, queries = surface_of(flat), flat[:300]
+    before = surface.planes_at(queries).normals
+    for k in range(int(LONGEST) + 1):
+        np.testing.assert_array_equal(surface.planes_at(queries).normals, before, err_msg=f"after {k} frames")
+        surface.add(rng.uniform(-3, 3, (2_000, 3)) * [1.0, 1.0, 0.1] + [0.0, 0.0, 0.2])
+    # All were asked for at once, and are fitted anew at once.
+    assert (surface.planes_at(queries).normals != before).any(axis=1).all()
 
 
 def test_a_line_has_no_plane_and_a_sparse_sweep_has() -> None:
