@@ -208,8 +208,9 @@ class Tracker:
         near = self._is_under_way or off <= NEAR * lengths.voxel_size
         trusted = trusted or off <= TRUSTED * lengths.reach
         worthwhile = WORTHWHILE * lengths.voxel_size
-        for is_near in (True, False)[not near : 2 * likely]:
-            if (found := Deskewed.at_once(frame, search, worthwhile, near=is_near)) is not None:
+        # Where a near start fails, a frame is sought from farther off before its motion is left out.
+        for is_near in [True, False] if near else [False]:
+            if likely and (found := Deskewed.at_once(frame, search, worthwhile, near=is_near)) is not None:
                 return found
         found = Deskewed(frame, search.find(frame, trust_motion=trusted, near=near))
         return found if frame.back is None else found.repeated(search, worthwhile)

@@ -38,8 +38,13 @@ def views_of_a_part(count: int) -> tuple[list[np.ndarray], np.ndarray]:
 def turned() -> Turned:
     scans, truth = views_of_a_part(3)
     size = np.linalg.norm(np.ptp(scans[0], axis=0))
-    rough = pose.exp(0.005 * np.random.default_rng(1).normal(size=(3, 6)) * np.r_[1, 1, 1, size, size, size]) @ truth
-    return scans, truth, dqreg.register_many(scans, starts=rough, effort="fast", workers=2)
+    return scans, truth, dqreg.register_many(scans, starts=begun_near(truth, size), effort="fast", workers=2)
+
+
+def begun_near(truth: np.ndarray, size: float) -> np.ndarray:
+    """Poses some tenths of a degree and of a per cent of the size off, (n, 4, 4)."""
+    off = 0.005 * np.random.default_rng(1).normal(size=(len(truth), 6))
+    return pose.exp(off * np.r_[1, 1, 1, size, size, size]) @ truth
 
 
 def relative(T: np.ndarray) -> np.ndarray:
@@ -47,13 +52,16 @@ def relative(T: np.ndarray) -> np.ndarray:
 
 
 def test_views_of_a_part_come_to_their_places(turned: Turned) -> None:
-    scans, truth, result = turned
-    assert result.verdict.level == "accepted", result.verdict.reasons
+    assert turned[2].verdict.level == "accepted", turned[2].verdict.reasons
+    # Of three views, which meet two by two, poses end at one of two places, by where they begin; of four at one.
+    scans, truth = views_of_a_part(4)
     size = np.linalg.norm(np.ptp(scans[0], axis=0))
+    result = dqreg.register_many(scans, starts=begun_near(truth, size), effort="fast", workers=2)
+    assert result.verdict.level == "accepted", result.verdict.reasons
     for T, exact, points in zip(relative(result.T_world_scan), relative(truth), scans, strict=True):
         apart = np.linalg.norm(pose.apply(T, points) - pose.apply(exact, points), axis=1).max()
-        # The points stand 0.02 of the size apart: a tenth of that.
-        assert apart < 2e-3 * size
+        # The points stand 0.02 of the size apart: a twentieth of that.
+        assert apart < 1e-3 * size
 
 
 def test_the_answer_has_all_that_was_promised(turned: Turned) -> None:
