@@ -1,9 +1,14 @@
 from __future__ import annotations
 
+import mmap
+import os
+import warnings
+
 import numpy as np
 import pytest
 
 from dqreg.kernels.voxel_planes import LONGEST
+from dqreg.odometry import map_surface
 from dqreg.odometry.map_surface import KEPT, MapSurface
 from dqreg.rigid import pose
 
@@ -129,3 +134,34 @@ def test_the_bits_are_the_same_for_any_number_of_threads(monkeypatch: pytest.Mon
     for name in ("points", "normals", "distances", "elements", "others", "variances"):
         for one, other in zip(*found, strict=True):
             assert np.array_equal(getattr(one, name), getattr(other, name)), name
+
+
+def test_pages_of_its_own_change_no_bit_of_a_map(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = []
+    for large in (1, 2**62):
+        monkeypatch.setattr(map_surface, "LARGE", large)
+        surface = surface_of(points(2_000))
+        for part in np.array_split(points(40_000), 4):
+            surface.add(part)
+        found.append((surface.points.copy(), surface.closest(points(3_000) + 0.05)))
+    np.testing.assert_array_equal(found[0][0], found[1][0])
+    for name in ("points", "normals", "distances", "elements"):
+        assert np.array_equal(getattr(found[0][1], name), getattr(found[1][1], name)), name
+
+
+@pytest.mark.skipif(not hasattr(mmap, "MADV_HUGEPAGE"), reason="pages of another size: Linux")
+def test_room_is_zeros_that_can_be_written_and_that_a_fork_does_not_share() -> None:
+    room = map_surface._zeros((map_surface.LARGE, 3), np.dtype(np.float32))
+    assert room.flags.carray
+    assert not room.any()
+    with warnings.catch_warnings():
+        # Later Pythons warn of threads: the child calls none.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        child = os.fork()
+    if not child:
+        room[:] = 1.0
+        os._exit(0)
+    os.waitpid(child, 0)
+    assert not room.any()
+    room[-1] = 2.0
+    assert room.sum() == 6.0
