@@ -4,15 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg._records import replaced
 from dqreg.geometry import Scan
-from dqreg.icp.full_resolution import MIDDLE
-from dqreg.icp.level import IcpSettings
 from dqreg.registration.fallback import is_doubtful, may_search
 from dqreg.registration.fit import Fit
 from dqreg.registration.loop_status import status_of
-from dqreg.registration.prepared import Prepared
-from dqreg.registration.problem import Problem
 from dqreg.solvers.status import INTERRUPTED
 
 # Distances from the planes below this share of the spacing of all points: the points then stand nearer to the surface
@@ -28,9 +23,6 @@ CLEAN = 0.1
 CROWDED = 3.0
 # Points of the scan a cell above which a search costs less than a loop with all of them.
 MOST = 10.0
-# Points of a scan from which on the first of two loops takes some of them: depth images cost a sixth less, and ended in
-# the same places. Of 200 pairs of views of fewer as many were lost as found, in no less time.
-MANY = 100_000
 # Ways of a loop to end from which it is gone on: motions that little holds come to rest slowly. A limit of fewer
 # iterations than this is meant.
 UNSETTLED, MEANT = ("iteration limit", "stalled"), 50
@@ -43,7 +35,7 @@ def all_points_say_more(fit: Fit) -> bool:
     if run.ended_early or not run.weights.any() or not run.pairs.closest.normals.any():
         return False
     if not prepared.even:
-        return ends_with_both_planes(fit.problem, prepared)
+        return fit.problem.both_are_clouds and is_clean(prepared.scan)
     spacing = prepared.scan.spacing
     if prepared.cell_size:
         if fit.problem.options.effort == "fast" and not is_clean(prepared.scan):
@@ -58,17 +50,6 @@ def all_points_say_more(fit: Fit) -> bool:
         return False
     aside = np.sqrt(np.average(run.pairs.point_to_plane**2, weights=run.weights))
     return bool(aside < WELL_BELOW * spacing)
-
-
-def ends_with_both_planes(problem: Problem, prepared: Prepared) -> bool:
-    """Whether a loop with the target's planes alone is gone on from with those of the scan as well, on all points."""
-    return not prepared.even and problem.both_are_clouds and is_clean(prepared.scan)
-
-
-def begun_on_some(settings: IcpSettings, problem: Problem, prepared: Prepared) -> IcpSettings:
-    """Settings of the first loop: of many points it takes no more than lead to where another one takes all."""
-    is_begun = len(prepared.scan) > MANY and ends_with_both_planes(problem, prepared)
-    return replaced(settings, finest=MIDDLE) if is_begun else settings
 
 
 def in_doubt_on_all_points(fit: Fit) -> Fit:

@@ -26,13 +26,7 @@ from dqreg.registration.common_faces import on_common_faces
 from dqreg.registration.fallback import Known, best_known, is_doubtful, meant_copy
 from dqreg.registration.fit import Fit, coarse_to_fine
 from dqreg.registration.free_space import viewpoint_behind
-from dqreg.registration.going_on import (
-    all_points_say_more,
-    begun_on_some,
-    in_doubt_on_all_points,
-    on_all_points,
-    settled,
-)
+from dqreg.registration.going_on import all_points_say_more, in_doubt_on_all_points, on_all_points, settled
 from dqreg.registration.initial_pose import GlobalSearch, InitialPose, initial_pose
 from dqreg.registration.prepared import Prepared
 from dqreg.registration.problem import Problem, SourceAndTarget
@@ -74,7 +68,6 @@ def align(problem: Problem) -> Registration:
         settings = options.icp_settings(
             problem.max_distance(prepared), constraints, start.kernel_scale, even=prepared.even
         )
-        settings = begun_on_some(settings, problem, prepared)
         fit = coarse_to_fine(problem, prepared, start.T_target_source, settings, constraints)
         if all_points_say_more(fit):
             with suppress(TimeUpError), until(watch.deadline):

@@ -47,19 +47,6 @@ def test_the_same_points_are_met_to_rounding_though_cells_come_first() -> None:
     assert [record.number for record in result.history] == [record.number for record in records]
 
 
-@pytest.mark.parametrize("many", [20_000, 100_000])
-def test_of_many_points_some_lead_to_where_all_end(monkeypatch: pytest.MonkeyPatch, many: int) -> None:
-    # 30,000 samples of one sheet on either side, without noise: planes of both are asked of all of them in the end.
-    monkeypatch.setattr(going_on, "MANY", many)
-    scan, stands = bumpy_cloud(30_000, 1), bumpy_cloud(30_000, 2)
-    result = dqreg.register(moved_back(scan), stands, "identity", effort="best", verdict=False)
-    np.testing.assert_allclose(result.T_target_source, T, atol=1e-5)
-    counts = [record.points for record in result.history]
-    assert counts[-1] == 30_000
-    # Where few are many, the loop that begins takes a level of 10,000 for the last.
-    assert (max(counts[:-1]) <= 10_000) == (many < 30_000)
-
-
 def test_noise_beyond_the_spacing_leaves_it_at_the_cells() -> None:
     # Neighbours of 40,000 points on a unit sheet stand 0.0025 apart; each side has its own noise of more than that.
     rng = np.random.default_rng(1)
