@@ -90,9 +90,9 @@ class DistanceGrid(Grid):
     def _held(self, points: FloatArray) -> tuple[Rows, Single]:
         """Row of a point about nearest to each node, and the square of its distance in cells, (nodes,)."""
         from dqreg.kernels.held_points import hold_at_corners, hold_from_coarser
-        from dqreg.kernels.threads import over_chunks
+        from dqreg.kernels.threads import as_plain, over_chunks
 
-        cells: FloatArray = (points - self.low) / self.cell
+        cells = as_plain((points - self.low) / self.cell)
         shapes = [self.shape]
         for _ in range(HALVINGS):
             shapes.append(shapes[-1] // 2 + 1)
@@ -162,7 +162,7 @@ class PlaneGrid(DistanceGrid):
 
     def __init__(self, surface: Surface, even: OrientedPoints, low: FloatArray, high: FloatArray) -> None:
         from dqreg.kernels.held_points import take_planes
-        from dqreg.kernels.threads import over_chunks
+        from dqreg.kernels.threads import as_plain, over_chunks
 
         super().__init__(even.points, low, high, surface.diagonal)
         self.diagonal, self.centre, self.oriented = surface.diagonal, surface.centre, surface.oriented
@@ -174,7 +174,7 @@ class PlaneGrid(DistanceGrid):
         known = [np.concatenate(columns) for columns in ((even.points, asked.points), (even.directions, asked.normals))]
         # What lies outside is on no plane: the last row.
         self._planes = np.zeros((self.count + 1, 6), dtype=np.float32)
-        over_chunks(take_planes, self.count, self.held, *known, self._planes)
+        over_chunks(take_planes, self.count, self.held, *map(as_plain, known), self._planes)
 
     def closest(self, points: FloatArray, hint: Hint | None = None, within: float = np.inf) -> Closest:
         """Foot on the tangent plane, its normal, and the distance; infinite outside the grid, (n, 3) each."""
