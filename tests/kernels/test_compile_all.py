@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +41,15 @@ def test_all_that_register_uses_is_compiled_beforehand_and_once(monkeypatch: pyt
     assert after == before
     # Each costs a second on its first use: one form of the arrays, and one of the plain numbers, is enough.
     assert not {name: dispatchers()[name].nopython_signatures for name, count in before.items() if count > 1}
+
+
+def test_no_kernel_is_kept_in_two_forms_whatever_was_compiled_first() -> None:
+    # A function inside kernels that two of them call with an int32 and an int64 has one form or both, by which of the
+    # two is first: here every process that shares the folder, from either end, has left its own.
+    compile_all()
+    names = Counter(file.name.rpartition("-")[0] for file in cache.kept())
+    assert len(names) > 100
+    assert not [name for name, count in names.items() if count > 1]
 
 
 def test_a_function_of_kernels_alone_refuses_to_be_called() -> None:
