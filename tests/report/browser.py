@@ -24,6 +24,9 @@ FLAGS = ("--headless=new", "--no-sandbox", "--remote-debugging-pipe", "--disable
          "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-extensions", "--disable-sync",
          "--disable-background-networking", "--disable-component-update", "--hide-scrollbars")  # fmt: skip
 
+# Frames after which an element rests at last.
+STILL = 200
+
 # Chromium reads commands from descriptor 3 and answers on 4; a shell cannot hand over numbers above 9.
 HAND_OVER = """
 import os, sys
@@ -112,10 +115,16 @@ class Browser:
         return found["result"].get("value")
 
     def box(self, selector: str) -> tuple[float, float, float, float]:
-        """Left, top, width and height of an element, scrolled into the middle of the window."""
-        place = f"document.querySelector({json.dumps(selector)})"
-        self.run(f"{place}.scrollIntoView({{block: 'center', behavior: 'instant'}})")
-        rect = self.run(f"(r => [r.left, r.top, r.width, r.height])({place}.getBoundingClientRect())")
+        """Left, top, width and height of an element, scrolled into the middle of the window, where it rests there."""
+        place, before = f"document.querySelector({json.dumps(selector)})", None
+        for _ in range(STILL):
+            self.run(f"{place}.scrollIntoView({{block: 'center', behavior: 'instant'}})")
+            rect = self.run(f"(r => [r.left, r.top, r.width, r.height])({place}.getBoundingClientRect())")
+            # The page scrolls smoothly to what was clicked, for many frames: until then the place is not where it was.
+            if rect == before:
+                break
+            before = rect
+            self.settle()
         return tuple(rect)
 
     def click(self, selector: str) -> None:
