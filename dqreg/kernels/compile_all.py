@@ -29,6 +29,7 @@ from dqreg.kernels.mesh_sides import number_sides
 from dqreg.kernels.motion_sums import COLUMNS as MOTION_SUMS
 from dqreg.kernels.motion_sums import motion_shares, motion_sums
 from dqreg.kernels.near_rows import near_rows
+from dqreg.kernels.nearest_at_nodes import nearest_at_nodes
 from dqreg.kernels.neighbour_differences import neighbour_differences
 from dqreg.kernels.pair_differences import pair_differences
 from dqreg.kernels.pair_keys import all_pair_keys, order_of_keys, pair_keys
@@ -199,6 +200,7 @@ def _search() -> None:
     order_of_keys(table, FIRST, held, held.copy())
     far, grid = np.ones(1, dtype=np.float32), (places, SHAPE)
     hold_at_corners(*grid, held, far)
+    nearest_at_nodes(0, 1, *grid, held, far)
     hold_from_coarser(0, 1, *grid, SHAPE, held.copy(), held, far)
     take_planes(0, 1, held, places, places, np.zeros((1, 6), dtype=np.float32))
     poses_within(0, 1, rotations, places, places, SHAPE, far, 1.0, np.zeros(1, dtype=np.bool_))
