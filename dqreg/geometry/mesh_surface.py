@@ -78,6 +78,8 @@ class MeshSurface:
         """
         return Closest(*self._tree.closest(points, None if hint is None else hint[1].elements, within))
 
-    def _distances_at(self, rotations: FloatArray, shifts: FloatArray, points: FloatArray, within: float) -> FloatArray:
+    def _distances_at(
+        self, rotations: FloatArray, shifts: FloatArray, points: FloatArray, within: float, *, by_point: bool = False
+    ) -> FloatArray:
         """Distances of m points under each of n poses, (n, m), infinite from a length on."""
-        return self._tree.distances(rotations, shifts, points, within)
+        return self._tree.distances(rotations, shifts, points, within, by_point=by_point)

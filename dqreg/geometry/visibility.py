@@ -126,9 +126,11 @@ class VisibleSurface(MeshSurface):
             hint = places, dataclasses.replace(before, elements=np.searchsorted(self.rows, before.elements))
         return self._in_whole(self._seen.closest(points, hint, within))
 
-    def _distances_at(self, rotations: FloatArray, shifts: FloatArray, points: FloatArray, within: float) -> FloatArray:
+    def _distances_at(
+        self, rotations: FloatArray, shifts: FloatArray, points: FloatArray, within: float, *, by_point: bool = False
+    ) -> FloatArray:
         """Distances from the faces that were seen."""
-        return self._seen._distances_at(rotations, shifts, points, within)
+        return self._seen._distances_at(rotations, shifts, points, within, by_point=by_point)
 
     def _in_whole(self, found: Closest) -> Closest:
         elements = np.where(found.elements < 0, -1, self.rows[found.elements])

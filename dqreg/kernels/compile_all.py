@@ -29,9 +29,10 @@ from dqreg.kernels.mesh_sides import number_sides
 from dqreg.kernels.motion_sums import COLUMNS as MOTION_SUMS
 from dqreg.kernels.motion_sums import motion_shares, motion_sums
 from dqreg.kernels.near_rows import near_rows
+from dqreg.kernels.nearest_at_nodes import nearest_at_nodes
 from dqreg.kernels.neighbour_differences import neighbour_differences
 from dqreg.kernels.pair_differences import pair_differences
-from dqreg.kernels.pair_keys import all_pair_keys, order_of_keys, pair_keys
+from dqreg.kernels.pair_keys import all_pair_keys, key_starts, order_of_keys, pair_keys
 from dqreg.kernels.pair_poses import pair_poses
 from dqreg.kernels.patch_pairs import binned_agreements, covariance_rows, nearest_others
 from dqreg.kernels.patch_sums import BESIDE, joined_sums, patch_sums
@@ -196,9 +197,11 @@ def _search() -> None:
     pair_keys(0, 0, FLAT, FLAT, FIRST[:0], FIRST[:0], 1.0, ONE, ONE, FIRST[:0])
     table, held = np.zeros((1, 1), dtype=np.int32), np.zeros(1, dtype=np.int32)
     all_pair_keys(0, 1, places, places, 1.0, ONE, ONE, table)
+    key_starts(table, np.zeros(2, dtype=np.int64))
     order_of_keys(table, FIRST, held, held.copy())
     far, grid = np.ones(1, dtype=np.float32), (places, SHAPE)
     hold_at_corners(*grid, held, far)
+    nearest_at_nodes(0, 1, *grid, held, far)
     hold_from_coarser(0, 1, *grid, SHAPE, held.copy(), held, far)
     take_planes(0, 1, held, places, places, np.zeros((1, 6), dtype=np.float32))
     poses_within(0, 1, rotations, places, places, SHAPE, far, 1.0, np.zeros(1, dtype=np.bool_))

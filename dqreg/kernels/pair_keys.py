@@ -89,6 +89,20 @@ def all_pair_keys(
 
 
 @compiled
+def key_starts(keys: NDArray[np.int32], starts: IntArray) -> None:
+    """Write where each key begins in the order of all but those below zero, and how many those are. O(n^2).
+
+    Shapes: keys (n, n), starts (k + 1,), zero.
+    """
+    for a in range(len(keys)):
+        for b in range(len(keys)):
+            if keys[a, b] >= 0:
+                starts[keys[a, b] + 1] += 1
+    for key in range(1, len(starts)):
+        starts[key] += starts[key - 1]
+
+
+@compiled
 def order_of_keys(
     keys: NDArray[np.int32], starts: IntArray, rows: NDArray[np.int32], columns: NDArray[np.int32]
 ) -> None:

@@ -26,18 +26,20 @@ def pose_distances(
     shifts: FloatArray,
     points: FloatArray,
     bound: float,
+    by_point: bool,
     distances: FloatArray,
 ) -> None:
-    """Write distances first to last, (n m,), of m points under each of n poses: inf where none is below ``bound``.
+    """Write distances of m points under each of n poses, (n m,), inf where none is below ``bound``: first to last.
 
-    As `closest_places` has them, whose search this is; each query begins with the face of the one before it.
+    As `closest_places` has them, whose search this is; each query begins with the face of the one before it: in the
+    order of the poses, or, by point, of one point under all of them, which is sooner done where they follow each other.
     """
     stack, away, count = np.zeros(DEEPEST, np.int64), np.zeros(DEEPEST), len(points)
     none = len(stack) - DEEPEST - 1
     slot = none
     for i in range(first, last):
-        k = i // count
-        p, q, s = points[i - k * count, 0], points[i - k * count, 1], points[i - k * count, 2]
+        k, j = (i % len(shifts), i // len(shifts)) if by_point else (i // count, i % count)
+        at, p, q, s = k * count + j, points[j, 0], points[j, 1], points[j, 2]
         r, t = rotations[k], shifts[k]
         x = r[0, 0] * p + r[0, 1] * q + r[0, 2] * s + t[0]
         y = r[1, 0] * p + r[1, 1] * q + r[1, 2] * s + t[1]
@@ -84,10 +86,10 @@ def pose_distances(
             if beyond:
                 break
         if slot < 0:
-            distances[i] = np.inf
+            distances[at] = np.inf
         elif u > 0.0 and v > 0.0 and u + v < 1.0:
             f = faces[U(slot)]
             x, y, z = x - packed[slot, 0], y - packed[slot, 1], z - packed[slot, 2]
-            distances[i] = abs(face_normals[f, 0] * x + face_normals[f, 1] * y + face_normals[f, 2] * z)
+            distances[at] = abs(face_normals[f, 0] * x + face_normals[f, 1] * y + face_normals[f, 2] * z)
         else:
-            distances[i] = np.sqrt(best)
+            distances[at] = np.sqrt(best)

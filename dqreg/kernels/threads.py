@@ -13,7 +13,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextvars import ContextVar, copy_context
 from functools import cached_property
 from typing import Any, Generic, TypeVar
@@ -138,7 +138,7 @@ class Later(Generic[T]):
     """
 
     def __init__(self, call: Callable[[], T], *, beside: bool = True) -> None:
-        self._call = call
+        self._call, self._process = call, os.getpid()
         beside = beside and thread_count() > 1
         self._future = _submit(copy_context().run, self._beside, stage=True) if beside else None
 
@@ -156,6 +156,18 @@ class Later(Generic[T]):
             self._future.set_result(found)
         known: T = self._future.result()
         return known
+
+    def result_in_time(self) -> T:
+        """The same of one that was begun without the deadline that its caller has now, or before a fork."""
+        deadline, future = _deadline.get(), self._future
+        if future is not None and not future.done() and self._process != os.getpid():
+            # Its thread is the parent's.
+            return self._call()
+        if future is not None and deadline < NEVER and not future.cancel():
+            wait([future], max(deadline - time.perf_counter(), 0.0))
+            if not future.done():
+                raise TimeUpError
+        return self.result()
 
     def _beside(self) -> T:
         _running.append(None)

@@ -94,11 +94,16 @@ class TriangleTree:
         over_chunks(closest_places, count, *tree, *asked, *results, chunk=CHUNK, fewest=WORTH)
         return points, normals, distances, found
 
-    def distances(self, rotations: FloatArray, shifts: FloatArray, points: FloatArray, bound: float) -> FloatArray:
-        """How far each of n poses puts m points from the triangles, (n, m), infinite from the bound on."""
+    def distances(
+        self, rotations: FloatArray, shifts: FloatArray, points: FloatArray, bound: float, *, by_point: bool = False
+    ) -> FloatArray:
+        """How far each of n poses puts m points from the triangles, (n, m), infinite from the bound on.
+
+        By point, where each pose is near the one before it: asked in that order.
+        """
         found = np.zeros((len(rotations), len(points)))
         tree = self.nodes, self.links, self.packed, self.across, self.faces, self.leaves, self.normals
-        asked = *map(as_plain, (rotations, shifts, points)), float(bound)
+        asked = *map(as_plain, (rotations, shifts, points)), float(bound), by_point
         over_chunks(pose_distances, found.size, *tree, *asked, found.reshape(-1), chunk=CHUNK, fewest=WORTH)
         return found
 

@@ -127,7 +127,8 @@ def _unit(normals: FloatArray) -> FloatArray:
 
 def bytes_of(indexed: TargetIndex) -> int:
     """Memory that a built target holds, trees included."""
-    geometry = indexed.geometry
+    # Whatever is still being found beside.
+    geometry, _ = indexed.geometry, indexed.near_rotations
     trees = TREE_BYTES_A_POINT * len(geometry.points) if isinstance(geometry, PointCloud) else 0
     return trees + _held([indexed], set())
 

@@ -24,7 +24,7 @@ from dqreg.geometry.sides import without_signs
 from dqreg.geometry.unit_check import principal_spreads
 from dqreg.geometry.visibility import VisibleSurface, visible_faces
 from dqreg.geometry.voxels import DENSE, VoxelCloud, first_size
-from dqreg.kernels.threads import Later
+from dqreg.kernels.threads import Later, until
 from dqreg.registration.source import require_spread
 from dqreg.search import PairTable
 from dqreg.search.near_symmetry import near_flips, near_mirrors
@@ -37,6 +37,8 @@ OF_NOISE, OF_SPACING = 0.1, 0.05
 FINEST, COARSEST = 1e-6, 1e-3
 # Points at which planes are fitted for it.
 FITTED = 2_000
+# Name of the near symmetries among what is derived, while they are found beside.
+FLIPS = "near rotations"
 # What is derived and goes along with a copy: a few numbers that took longer to find than a tree takes to build.
 SMALL = ("spreads", "diagonal", "near_rotations", "near_periods", "near_reflections")
 
@@ -79,6 +81,8 @@ class TargetIndex:
             return surface
 
     def __getstate__(self) -> dict[str, Any]:
+        if FLIPS in self.derived:
+            _ = self.near_rotations
         # Locks and Open3D's trees have no copy: what takes long stays, and the rest is built anew when it is asked for.
         kept = {field.name: self.__dict__[field.name] for field in dataclasses.fields(self) if field.repr}
         built = self.__dict__.get("surface")
@@ -92,9 +96,14 @@ class TargetIndex:
         self.__dict__.update(state, _lock=threading.Lock(), derived={}, _evened={})
 
     def build(self) -> TargetIndex:
-        """Itself, with all built that each registration asks for."""
+        """Itself, with all built that registrations ask for; near symmetries, asked for late, beside what follows."""
         self._build_surface()
-        _ = self.near_rotations
+        mesh, surface = self.geometry, self.surface
+        if isinstance(mesh, Mesh) and "near_rotations" not in self.__dict__:
+            with until(np.inf):
+                self.derived[FLIPS] = Later(lambda: near_flips(mesh, surface))
+            if not self.derived[FLIPS].is_beside:
+                _ = self.near_rotations
         return self
 
     def _build_surface(self) -> None:
@@ -174,6 +183,9 @@ class TargetIndex:
     @cached_property
     def near_rotations(self) -> FloatArray:
         """Rotations that leave most of a part in place, (k, 4, 4); none for a cloud."""
+        if FLIPS in self.derived:
+            found: FloatArray = self.derived[FLIPS].result_in_time()
+            return found
         return near_flips(self.geometry, self.surface) if isinstance(self.geometry, Mesh) else np.zeros((0, 4, 4))
 
     @cached_property
@@ -214,15 +226,6 @@ def _without_caches(geometry: PointCloud | Mesh) -> PointCloud | Mesh:
     # Not through the constructor, which would drop and count again what it finds.
     bare.__dict__.update({field.name: getattr(geometry, field.name) for field in dataclasses.fields(geometry)})
     return bare
-
-
-def require_one_place(viewpoints: FloatArray, geometry: PointCloud | Mesh) -> None:
-    """Raise where several viewpoints are given between two clouds: which points were seen from which is not known."""
-    if len(viewpoints) > 1 and not isinstance(geometry, Mesh):
-        raise InputError(
-            f"several viewpoints hide faces of a mesh, and this target is a cloud, which takes one: got "
-            f"{len(viewpoints)}; give the place of one scanner, or leave viewpoint out"
-        )
 
 
 def index_target(target: Any) -> TargetIndex:
@@ -292,5 +295,5 @@ class Building(threading.Thread):
             if isinstance(self._index.geometry, Mesh):
                 self._index._build_surface()
                 self.surface_is_ready.set()
-                self._index.build()
+                _ = self._index.near_rotations
         self.surface_is_ready.set()

@@ -81,30 +81,42 @@ class DistanceGrid(Grid):
     """Distances to points on a regular grid, looked up at the nearest node: good to a fraction of a cell."""
 
     def __init__(
-        self, points: FloatArray, low: FloatArray, high: FloatArray, size: float, halvings: int = HALVINGS
+        self, points: FloatArray, low: FloatArray, high: FloatArray, size: float, *, exact: bool = False
     ) -> None:
         room = MARGIN * size
         cell = float(np.prod(high - low + 2.0 * room) / NODES) ** (1.0 / 3.0)
         super().__init__(low - room, high + room, cell)
-        self.held, squares = self._held(points, halvings)
-        self.distances = self.cell * np.sqrt(squares, dtype=np.float32)
-
-    def _held(self, points: FloatArray, halvings: int) -> tuple[Rows, Single]:
-        """Row of a point about nearest to each node, and the square of its distance in cells, (nodes,).
-
-        That of a grid with cells so many times halved; without any it is the nearest.
-        """
-        from dqreg.kernels.held_points import hold_at_corners, hold_from_coarser
-        from dqreg.kernels.threads import as_plain, over_chunks
+        from dqreg.kernels.threads import as_plain
 
         cells = as_plain((points - self.low) / self.cell)
+        self.held, squares = self._nearest(cells) if exact else self._held(cells)
+        self.distances = self.cell * np.sqrt(squares, dtype=np.float32)
+
+    def _nearest(self, cells: FloatArray) -> tuple[Rows, Single]:
+        """Row of the point nearest to each node, and the square of its distance in cells, (nodes,)."""
+        from dqreg.kernels.nearest_at_nodes import SIDE, nearest_at_nodes
+        from dqreg.kernels.threads import over_chunks
+
+        held, squares = np.zeros(self.count, dtype=np.int32), np.zeros(self.count, dtype=np.float32)
+        blocks = int(np.prod(-(-self.shape // SIDE)))
+        over_chunks(nearest_at_nodes, blocks, cells, self.shape, held, squares, chunk=1)
+        return held, squares
+
+    def _held(self, cells: FloatArray) -> tuple[Rows, Single]:
+        """Row of a point about nearest to each node, and the square of its distance in cells, (nodes,).
+
+        That of a grid with cells so many times halved, handed down.
+        """
+        from dqreg.kernels.held_points import hold_at_corners, hold_from_coarser
+        from dqreg.kernels.threads import over_chunks
+
         shapes = [self.shape]
-        for _ in range(halvings):
+        for _ in range(HALVINGS):
             shapes.append(shapes[-1] // 2 + 1)
         nodes = np.stack(np.unravel_index(np.arange(np.prod(shapes[-1])), shapes[-1]), axis=1)
-        rows, away = NeighbourTree(cells).nearest(np.asarray(nodes * 2.0**halvings, dtype=np.float64), 1)
+        rows, away = NeighbourTree(cells).nearest(np.asarray(nodes * 2.0**HALVINGS, dtype=np.float64), 1)
         held, squares = rows[:, 0].astype(np.int32), (away[:, 0] ** 2).astype(np.float32)
-        for level in range(halvings - 1, -1, -1):
+        for level in range(HALVINGS - 1, -1, -1):
             known, shape, scaled = held, shapes[level], cells / 2.0**level
             held, squares = np.full(np.prod(shape), -1, dtype=np.int32), np.full(np.prod(shape), np.inf, np.float32)
             hold_at_corners(scaled, shape, held, squares)
@@ -139,8 +151,8 @@ class Edges:
     @staticmethod
     def of(points: FloatArray, low: FloatArray, high: FloatArray, size: float) -> Edges:
         """Edge points of a target in a box."""
-        # Edges are few, and which is the nearest decides: each node asks.
-        return Edges(points, NeighbourTree(points), DistanceGrid(points, low, high, size, halvings=0))
+        # Edges are few, and which is the nearest decides.
+        return Edges(points, NeighbourTree(points), DistanceGrid(points, low, high, size, exact=True))
 
     def closest(self, points: FloatArray, *, on_grid: bool) -> tuple[FloatArray, FloatArray]:
         """The closest point at an edge, (n, 3), and its distance, (n,); or that of the nearest node.

@@ -81,12 +81,19 @@ def _near_maps(mesh: Mesh, surface: Surface, turns: list[FloatArray], same: floa
     centre = moments(mesh)[0]
     points = places_on(mesh, CHECKED, np.random.default_rng(0))[0]
     maps = np.array([pose.from_parts(R, centre - R @ centre) for R in turns])
+    away, asked = np.zeros((len(maps), len(points))), np.zeros(len(points), dtype=bool)
 
     def shares(rows: IntArray, every: int) -> tuple[FloatArray, FloatArray]:
-        """Shares of every so-manieth point that each of some maps leaves nearly in place, and in place."""
+        """Shares of every so-manieth point that each of some maps leaves nearly in place, and in place.
+
+        Of maps and points that were asked about before, only the other points are.
+        """
+        some = np.flatnonzero((np.arange(len(points)) % every == 0) & ~asked)
         limit = 2.0 * NEARLY * surface.diagonal
-        away = distances_at(Poses.of(maps[rows]), points[::every], surface, limit) / surface.diagonal
-        return (away <= NEARLY).mean(axis=1), (away <= same).mean(axis=1)
+        away[np.ix_(rows, some)] = distances_at(Poses.of(maps[rows]), points[some], surface, limit) / surface.diagonal
+        asked[some] = True
+        known = away[rows, ::every]
+        return (known <= NEARLY).mean(axis=1), (known <= same).mean(axis=1)
 
     # Few points of all rotations in one query; most rotations move most of the part far away.
     rows = np.flatnonzero(shares(np.arange(len(maps)), CHECKED // SCREENED)[0] >= MOST - SLACK)

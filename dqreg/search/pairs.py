@@ -14,7 +14,7 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds
 from dqreg.geometry import Mesh, PointCloud, Surface
-from dqreg.kernels.threads import until
+from dqreg.kernels.threads import Later, until
 from dqreg.rigid.symmetry import Symmetry
 from dqreg.search.features import even_points, target_features
 from dqreg.search.grids import Edges, PlaneGrid, Rows
@@ -84,23 +84,29 @@ class PairTable:
         # A target without a single normal has no oriented points, but it has a size.
         bare = target.vertices if isinstance(target, Mesh) else target.points
         low, high = bounds(points.points if len(points) else bare)
-        first, second, starts = _pairs_by_key(points, surface.diagonal)
+        # Neither asks the surface: another core is at it while this one does.
+        beside = Later(
+            lambda: (
+                _pairs_by_key(points, surface.diagonal),
+                Edges.of(edges, low, high, surface.diagonal) if len(edges) else None,
+            )
+        )
         grid = PlaneGrid(surface, even, low, high)
-        known = Edges.of(edges, low, high, surface.diagonal) if len(edges) else None
+        (first, second, starts), known = beside.result()
         return PairTable(points, first, second, starts, surface.diagonal, grid, known, target, surface)
 
 
 def _pairs_by_key(oriented: OrientedPoints, size: float) -> tuple[Rows, Rows, IntArray]:
     """Rows of all usable pairs by their keys, either of a pair first, and the first of each key."""
-    from dqreg.kernels.pair_keys import all_pair_keys, order_of_keys
+    from dqreg.kernels.pair_keys import all_pair_keys, key_starts, order_of_keys
     from dqreg.kernels.threads import as_plain, over_chunks
 
     count = len(oriented)
     keys = np.zeros((count, count), dtype=np.int32)
     columns = as_plain(oriented.points), as_plain(oriented.directions), *_bins(size), keys
     over_chunks(all_pair_keys, count, *columns, chunk=TABULATED)
-    starts = np.cumsum(np.bincount(keys.ravel() + 1, minlength=KEYS + 1))
-    starts -= starts[0]
+    starts = np.zeros(KEYS + 1, dtype=np.int64)
+    key_starts(keys, starts)
     first, second = np.zeros((2, starts[-1]), dtype=np.int32)
     order_of_keys(keys, starts.copy(), first, second)
     return first, second, starts

@@ -79,27 +79,28 @@ def _crowded(points: FloatArray, normals: FloatArray, size: float) -> FloatArray
     limits = np.array([EQUAL_COS, (SHORTEST * size) ** 2, (LONGEST * size) ** 2, CELL * size])
     pairs, counts = (as_plain(points), as_plain(normals), limits, SIDE), np.zeros(SIDE**3, dtype=np.int32)
     pair_differences(*pairs, counts, np.zeros(0, dtype=bool), np.zeros((0, 3)), np.zeros(0, dtype=np.int64))
-    near = _box_sums(counts + counts[::-1], 1)
+    near = _box_sums(counts + counts[::-1])
     # What stands out holds so many at least; of few cells is asked what is around them.
     found = HERE + 1 + np.flatnonzero(near[HERE + 1 :] > STANDS_OUT)
     # A box of nine cells a side is three of three.
-    around = (_box_sums(near, 3)[found] - near[found]) * (27.0 / 702.0)
+    around = (near[found[:, None] + 3 * _cube(1)].sum(axis=1) - near[found]) * (27.0 / 702.0)
     found = found[near[found] - around > STANDS_OUT * np.sqrt(np.maximum(around, 1.0))]
     found = found[near[found] == near[found[:, None] + _cube(2)].max(axis=1, initial=0)]
     found = found[np.argsort(-near[found], kind="stable")][:CROWDS]
     if not len(found):
         return np.zeros((0, 3))
     asked = np.zeros(SIDE**3, dtype=bool)
-    asked[found[:, None] + _cube(1)] = True
-    most = int(counts[asked | asked[::-1]].sum())
-    differences, cells = np.zeros((most, 3)), np.zeros(most, dtype=np.int64)
-    pair_differences(*pairs, counts, asked, differences, cells)
-    return _middles(differences, cells, found)
+    cells = found[:, None] + _cube(1)
+    asked[cells] = True
+    most = int(counts[np.union1d(cells, 2 * HERE - cells)].sum())
+    differences, places = np.zeros((most, 3)), np.zeros(most, dtype=np.int64)
+    pair_differences(*pairs, counts, asked, differences, places)
+    return _middles(differences, places, found)
 
 
-def _box_sums(counts: NDArray[np.int32], step: int) -> NDArray[np.int32]:
-    """Sums over a cell and those one step before and after it along each axis of the grid, whose rim is empty."""
-    for stride in PLACES * step:
+def _box_sums(counts: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Sums over a cell and those before and after it along each axis of the grid, whose rim is empty."""
+    for stride in PLACES:
         total = counts.copy()
         total[stride:] += counts[:-stride]
         total[:-stride] += counts[stride:]

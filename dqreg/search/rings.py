@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import BoolArray, FloatArray
 from dqreg.geometry import Mesh, Surface
 from dqreg.geometry.sampling import places_on
 from dqreg.rigid.rotations import about_axis
 from dqreg.search.axes import moments, principal_axes
 from dqreg.search.poses import Poses
-from dqreg.search.scoring import mean_gains
+from dqreg.search.scoring import distances_at, gains_of
 from dqreg.search.symmetry import NEARLY
 
 # Smaller moment in the larger one of the two across the axis of a ring, at least.
@@ -56,25 +57,48 @@ class Ring:
         arms = (places_on(mesh, RING_POINTS, np.random.default_rng(0))[0] - centre) @ axes
         return Ring(np.eye(3)[0 if high else 2], centre, axes, arms, surface)
 
-    def in_place(self, rotations: FloatArray, every: int = 1) -> FloatArray:
-        """Mean gain of the points, or of every so-manieth, after each of some rotations, (k, 3, 3)."""
-        turns = Poses(np.asarray(self.axes @ rotations), np.tile(self.centre, (len(rotations), 1)))
-        return mean_gains(turns, self.arms[::every], self.surface, NEARLY)
+    def in_place(self, rotations: FloatArray, hopeful: Callable[[FloatArray], BoolArray]) -> FloatArray:
+        """Mean gain of the points after each of some rotations, (k, 3, 3); by few where these leave no hope.
 
-    def brings_back(self, every: int = 1) -> tuple[FloatArray, FloatArray]:
-        """For each number of teeth, the gain after a step, and the share that comes back of what half a step lost."""
+        Rotations near each other follow each other.
+        """
+        gains, first = np.zeros((len(rotations), len(self.arms))), np.arange(len(self.arms)) % RING_FIRST == 0
+        gains[:, first] = self._gains(rotations, first)
+        means: FloatArray = gains[:, first].mean(axis=1)
+        rows = np.flatnonzero(hopeful(means))
+        if len(rows) and not first.all():
+            gains[np.ix_(rows, ~first)] = self._gains(rotations[rows], ~first)
+        means[rows] = gains[rows].mean(axis=1)
+        return means
+
+    def _gains(self, rotations: FloatArray, some: BoolArray) -> FloatArray:
+        turns = Poses(np.asarray(self.axes @ rotations), np.tile(self.centre, (len(rotations), 1)))
+        limit = NEARLY * self.surface.diagonal
+        # Each point is asked about under all of them in turn.
+        apart = distances_at(turns, self.arms[some], self.surface, limit, by_point=True)
+        return gains_of(apart, self.surface, NEARLY)
+
+    def brings_back(self) -> tuple[FloatArray, FloatArray]:
+        """For each number of teeth, the gain after a step, and the share that comes back of what half a step lost.
+
+        By few points where by these no step fits.
+        """
         steps = 2.0 * np.pi / np.array(TEETH)
-        gains = self.in_place(about_axis(self.axis, np.concatenate([steps, 0.5 * steps])), every)
-        whole, half = gains[: len(steps)], gains[len(steps) :]
-        return whole, (whole - half) / np.maximum(1.0 - half, np.finfo(float).eps)
+        # Half a step is one of twice as many teeth.
+        angles, back = np.unique(np.concatenate([steps, 0.5 * steps]), return_inverse=True)
+
+        def shares(gains: FloatArray) -> tuple[FloatArray, FloatArray]:
+            whole, half = gains[back[: len(steps)]], gains[back[len(steps) :]]
+            return whole, (whole - half) / np.maximum(1.0 - half, np.finfo(float).eps)
+
+        def hopeful(gains: FloatArray) -> BoolArray:
+            return np.full(len(gains), shares(gains)[1].max() >= 0.5 * COMES_BACK)
+
+        return shares(self.in_place(about_axis(self.axis, angles), hopeful))
 
     def flip_gains(self, flips: FloatArray) -> FloatArray:
-        """Mean gain of the points after each of some rotations, (k, 3, 3); by few where these leave no hope."""
-        gains = self.in_place(flips, RING_FIRST)
-        rows = np.flatnonzero(gains >= HOPELESS)
-        if len(rows):
-            gains[rows] = self.in_place(flips[rows])
-        return gains
+        """Mean gain of the points after each of some rotations, (k, 3, 3), that are near each other in their order."""
+        return self.in_place(flips, lambda gains: gains >= HOPELESS)
 
 
 def ring_steps(ring: Ring | None) -> list[FloatArray]:
@@ -84,8 +108,6 @@ def ring_steps(ring: Ring | None) -> list[FloatArray]:
     every 15 degrees.
     """
     if ring is None:
-        return []
-    if ring.brings_back(RING_FIRST)[1].max() < 0.5 * COMES_BACK:
         return []
     whole, back = ring.brings_back()
     # An order beside the right one fits as well, a little worse.
@@ -109,8 +131,6 @@ def ring_flips(ring: Ring | None) -> list[FloatArray]:
     gains = ring.flip_gains(flips(angles))
     tops = np.flatnonzero((gains >= np.roll(gains, 1)) & (gains > np.roll(gains, -1)) & (gains > gains.mean()))
     tops = tops[np.argsort(-gains[tops], kind="stable")][:ORDERS_KEPT]
-    found = []
-    for angle in angles[tops]:
-        fine = flips(angle + np.linspace(-0.5, 0.5, FINER) * np.pi / FLIPS)
-        found.append(fine[int(ring.flip_gains(fine).argmax())])
-    return found
+    fine = flips((angles[tops, None] + np.linspace(-0.5, 0.5, FINER) * np.pi / FLIPS).ravel())
+    best = ring.flip_gains(fine).reshape(-1, FINER).argmax(axis=1)
+    return list(fine.reshape(-1, FINER, 3, 3)[np.arange(len(tops)), best])

@@ -126,11 +126,16 @@ def scored(distances: FloatArray, limit: float, floor: float) -> PoseScores:
     return likely_by(distances, max(learned, key=lambda pair: pair[0])[1].scale, limit)
 
 
-def distances_at(poses: Poses, points: FloatArray, surface: Surface, limit: float) -> FloatArray:
-    """How far each of k poses puts points from the target, (k, n), infinite from the limit on."""
+def distances_at(
+    poses: Poses, points: FloatArray, surface: Surface, limit: float, *, by_point: bool = False
+) -> FloatArray:
+    """How far each of k poses puts points from the target, (k, n), infinite from the limit on.
+
+    By point, where each pose is near the one before it: a mesh is asked in that order.
+    """
     # Farther off than the limit, how far does not matter.
     if isinstance(surface, MeshSurface):
-        return surface._distances_at(poses.R, poses.t, points, limit)
+        return surface._distances_at(poses.R, poses.t, points, limit, by_point=by_point)
     return _moved(poses, points, surface, limit).distances.reshape(len(poses), -1)
 
 
@@ -159,8 +164,14 @@ def _by_normals(
 
 def mean_gains(poses: Poses, points: FloatArray, surface: Surface, reach: float) -> FloatArray:
     """Mean of ``1 - (d / reach)^2``, 0 beyond the reach in sizes, of points under each of n poses, (n,)."""
-    apart = distances_at(poses, points, surface, reach * surface.diagonal) / (reach * surface.diagonal)
-    return np.asarray(np.maximum(1.0 - apart**2, 0.0).mean(axis=1))
+    return np.asarray(
+        gains_of(distances_at(poses, points, surface, reach * surface.diagonal), surface, reach).mean(axis=1)
+    )
+
+
+def gains_of(distances: FloatArray, surface: Surface, reach: float) -> FloatArray:
+    """``1 - (d / reach)^2`` for such distances, 0 beyond the reach in sizes."""
+    return np.asarray(np.maximum(1.0 - (distances / (reach * surface.diagonal)) ** 2, 0.0))
 
 
 def _likelihoods(distances: FloatArray, mixture: InlierMixture) -> FloatArray:

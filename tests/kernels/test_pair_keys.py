@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg.kernels.pair_keys import all_pair_keys, order_of_keys, pair_keys
+from dqreg.kernels.pair_keys import all_pair_keys, key_starts, order_of_keys, pair_keys
 
 
 def test_keys_are_bins_of_length_and_of_three_angles() -> None:
@@ -42,7 +42,9 @@ def test_all_pairs_stand_in_the_order_of_their_keys() -> None:
     order = np.argsort(one_by_one, kind="stable")
     order = order[np.count_nonzero(one_by_one < 0) :]
     starts = np.searchsorted(one_by_one[order], np.arange(18 * 512 + 1))
-    rows, columns = np.zeros((2, len(order)), dtype=np.int32)
+    found, rows, columns = np.zeros_like(starts), *np.zeros((2, len(order)), dtype=np.int32)
+    key_starts(keys, found)
+    np.testing.assert_array_equal(found, starts)
     order_of_keys(keys, starts.copy(), rows, columns)
     assert 0 < len(order) < len(i)
     np.testing.assert_array_equal(np.stack([rows, columns]), np.stack([i[order], j[order]]))

@@ -237,3 +237,5 @@ def test_distances_under_many_poses_are_those_of_the_moved_points(seed: int, cou
     found = tree.distances(R, t, points, bound)
     expected = tree.closest((points @ R.transpose(0, 2, 1) + t[:, None]).reshape(-1, 3), bound=bound)[2]
     np.testing.assert_allclose(found.reshape(-1), expected, rtol=0, atol=1e-13)
+    by_point = tree.distances(R, t, points, bound, by_point=True)
+    np.testing.assert_allclose(by_point.reshape(-1), expected, rtol=0, atol=1e-13)

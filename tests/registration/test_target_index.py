@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import pickle
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import pytest
 from dqreg.errors import DegenerateGeometryError, InputError, UnitsError
 from dqreg.geometry import CloudSurface, Mesh, MeshSurface, PointCloud
 from dqreg.geometry.opening import open_geometry
+from dqreg.kernels import threads
 from dqreg.registration.source import MESH_SAMPLES, centre_source, require_spread
 from dqreg.registration.target_index import index_target
 from dqreg.synth.parts import box
@@ -179,3 +181,16 @@ def test_what_the_global_search_looks_up_is_built_once() -> None:
     assert target.near_rotations is target.near_rotations
     assert index_target(CLOUD).near_rotations.shape == (0, 4, 4)
     assert index_target(target) is target
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_near_symmetries_are_there_once_asked_for_and_go_along(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
+    # Found beside what follows; without another core at once.
+    monkeypatch.setattr(threads, "thread_count", lambda: count)
+    target = index_target(Mesh(VERTICES, FACES)).build()
+    assert count > 1 or "near_rotations" in vars(target)
+    again = pickle.loads(pickle.dumps(target))
+    expected = index_target(Mesh(VERTICES, FACES)).near_rotations
+    np.testing.assert_array_equal(vars(again)["near_rotations"], expected)
+    np.testing.assert_array_equal(target.near_rotations, expected)
+    assert expected.shape[1:] == (4, 4)
