@@ -12,6 +12,9 @@ from dqreg._open3d import load_open3d
 
 # Neighbours of its own points that a tree remembers: what normals and rims of a cloud are read from.
 AROUND = 24
+# Points are asked about leaf by leaf where these are so many at least, and of those from the first to the last row one
+# in so many.
+MANY, ONE_IN = 256, 4
 
 
 class NeighbourTree:
@@ -35,7 +38,16 @@ class NeighbourTree:
 
     def nearest_to(self, rows: IntArray, count: int) -> tuple[IntArray, FloatArray]:
         """The same of some of the points, (m,) rows: in Morton order each begins at its own place."""
-        return self.nearest_beside(np.take(self._points, rows, axis=0), rows, count)
+        from dqreg.kernels.point_tree import OWN
+
+        count = min(count, self.size)
+        if self._in_order or count > OWN or not _are_dense(rows):
+            return self.nearest_beside(np.take(self._points, rows, axis=0), rows, count)
+        found, distances = self._tree.nearest_of(rows, count)
+        left = np.flatnonzero(found[:, 0] < 0)
+        if len(left):
+            found[left], distances[left] = self.nearest(np.take(self._points, rows[left], axis=0), count)
+        return found, distances
 
     def nearest_beside(
         self, queries: FloatArray, rows: IntArray, count: int, within: float = np.inf
@@ -57,7 +69,7 @@ class NeighbourTree:
         missing = rows[farthest[rows] < 0.0]
         if len(missing):
             missing = np.flatnonzero(np.bincount(missing, minlength=self.size))
-            found, distances = self.nearest(self._points[missing], AROUND)
+            found, distances = self.nearest_to(missing, AROUND)
             # What is found depends on the cloud alone, so threads that meet here write the same; a row's neighbours are
             # there before their distance says so.
             indices[missing] = found
@@ -88,6 +100,11 @@ class NeighbourTree:
     @cached_property
     def _around(self) -> tuple[NDArray[np.int32], FloatArray]:
         return np.zeros((self.size, min(AROUND, self.size)), dtype=np.int32), np.full(self.size, -1.0)
+
+
+def _are_dense(rows: IntArray) -> bool:
+    """Whether most of the points between some rows, (m,), are among these: they share leaves, in any order of space."""
+    return len(rows) >= MANY and ONE_IN * len(rows) > int(rows.max()) - int(rows.min())
 
 
 class KdTree:

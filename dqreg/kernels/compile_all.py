@@ -95,6 +95,7 @@ def _faces() -> None:
 def _points() -> None:
     tree = PointTree.of(CORNERS[0])
     rows, _ = tree.nearest(CORNERS[0], 3)
+    tree.nearest_of(np.arange(3), 1)
     fit_plane_rows(0, 0, CORNERS[0], rows, np.zeros((1, 3)), np.zeros(1), np.zeros(1))
 
 

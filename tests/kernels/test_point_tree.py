@@ -37,6 +37,42 @@ def test_neighbours_are_those_of_brute_force(seed: int, size: int, count: int, p
         np.testing.assert_array_equal(distances, apart)
 
 
+@settings(deadline=None, max_examples=100)
+@given(
+    st.integers(0, 2**32 - 1),
+    st.integers(1, 300),
+    st.integers(1, 24),
+    st.sampled_from([1, 3, 12, 1000]),
+    st.floats(0.1, 1.0),
+    st.booleans(),
+)
+def test_neighbours_of_its_own_points_are_those_of_brute_force(
+    seed: int, size: int, count: int, places: int, share: float, in_order: bool
+) -> None:
+    rng = np.random.default_rng(seed)
+    points = rng.integers(0, places, size=(size, 3)) / 3.0
+    points[: size // 2, 2] = 0.0
+    asked = rng.permutation(size)[: max(int(share * size), 1)]
+    count = min(count, size)
+    rows, distances = PointTree.of(points, in_order=in_order).nearest_of(asked, count)
+    known = rows[:, 0] >= 0
+    expected, apart = brute_force(points, points[asked], count)
+    np.testing.assert_array_equal(rows[known], expected[known])
+    np.testing.assert_array_equal(distances[known], apart[known])
+    # Where nothing is known, as of many copies of a point, the tree is asked as for any other.
+    rows, distances = NeighbourTree(points, in_order=in_order).nearest_to(asked, count)
+    np.testing.assert_array_equal(rows, expected)
+    np.testing.assert_array_equal(distances, apart)
+
+
+def test_nearly_all_points_of_a_surface_are_answered_leaf_by_leaf() -> None:
+    rng = np.random.default_rng(0)
+    points = np.column_stack([rng.uniform(size=(4_000, 2)), np.zeros(4_000)])
+    points[3_000:] *= 0.05
+    rows, _ = PointTree.of(points).nearest_of(np.arange(4_000), 16)
+    assert np.count_nonzero(rows[:, 0] < 0) < 0.05 * len(points)
+
+
 @pytest.mark.parametrize("in_order", [True, False])
 def test_a_place_beside_a_query_changes_no_answer(in_order: bool) -> None:
     rng = np.random.default_rng(1)
