@@ -7,9 +7,9 @@ import pytest
 
 from dqreg.geometry import Mesh, MeshSurface
 from dqreg.kernels import triangle_tree, triangles_across
-from dqreg.kernels.triangle import closest_on
+from dqreg.kernels.triangle import closest_on, height_square
 from dqreg.kernels.triangle_tree import TriangleTree
-from dqreg.kernels.triangles_across import walk_across
+from dqreg.kernels.triangles_across import STEPS, walk_across
 from dqreg.synth.parts import bracket
 
 
@@ -38,6 +38,7 @@ def test_minus_zero_is_the_same_place_and_rims_have_nothing_across() -> None:
 def test_a_walk_ends_no_farther_and_mostly_where_nothing_is_nearer(part: Mesh, monkeypatch: pytest.MonkeyPatch) -> None:
     # In Python, which calls no kernel that kernels alone call.
     monkeypatch.setattr(triangles_across, "closest_on", closest_on.py_func)
+    monkeypatch.setattr(triangles_across, "height_square", height_square.py_func)
     tree, rng = MeshSurface(part)._tree, np.random.default_rng(0)
     points, faces = part.corners.mean(axis=1), rng.integers(len(part.faces), size=300)
     # Across one side from where a walk begins.
@@ -50,6 +51,18 @@ def test_a_walk_ends_no_farther_and_mostly_where_nothing_is_nearer(part: Mesh, m
         ends.append(t)
         squares.append(d)
     assert np.mean(tree.faces[ends] == faces) > 0.9
+
+
+def test_over_a_face_of_needles_a_walk_goes_on_and_high_above_it_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(triangles_across, "closest_on", closest_on.py_func)
+    monkeypatch.setattr(triangles_across, "height_square", height_square.py_func)
+    angles = np.linspace(0.0, 0.5 * np.pi, 61)
+    rim = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(61)])
+    corners = np.stack([np.zeros((60, 3)), rim[:-1], rim[1:]], axis=1)
+    tree = TriangleTree.of(corners, np.tile([0.0, 0, 1], (60, 1)))
+    x, y, _ = 0.8 * rim[50:52].mean(axis=0)
+    near, high = (walk_across.py_func(tree.packed, tree.across, tree.slots[0], x, y, z)[0] for z in (0.01, 2.0))
+    assert (tree.faces[near], tree.faces[high]) == (50, STEPS)
 
 
 def test_without_what_lies_across_the_same_is_found(part: Mesh, monkeypatch: pytest.MonkeyPatch) -> None:
