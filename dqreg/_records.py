@@ -73,13 +73,16 @@ if not TYPE_CHECKING:
         """
         kind, known = type(record), vars(record)
         names, values_of, made = _fields(kind)
-        values = dict(zip(names, values_of(known), strict=True), **changes)
+        # Where nothing but its fields is known of it, all is taken over at once.
+        whole = len(known) == len(names) and not made
+        values = known.copy() if whole else dict(zip(names, values_of(known), strict=True))
+        values.update(changes)
         if len(values) > len(names):
             raise TypeError(f"{kind.__name__} has no field {', '.join(sorted(set(values) - set(names)))}")
         for name, make in made:
             values[name] = make()
         found = object.__new__(kind)
-        vars(found).update(values)
+        object.__setattr__(found, "__dict__", values)
         return found
 
 

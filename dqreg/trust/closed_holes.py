@@ -63,8 +63,9 @@ def closed_hole(one: Held, theirs: Held, other: FloatArray, asked: Asked = CLOSE
         return 0.0
     cell = CELL * one.spacing
     # A free cell all around, so that what is outside is one.
-    low = one.flat.min(axis=0) - cell
-    height, width = (np.floor((one.flat.max(axis=0) - low) / cell) + 2.0).tolist()
+    columns = np.ascontiguousarray(one.flat.T)
+    low = columns.min(axis=1) - cell
+    height, width = (np.floor((columns.max(axis=1) - low) / cell) + 2.0).tolist()
     if height * width > MOST_CELLS:
         return 0.0
     grid = _Grid(low, cell, (int(height), int(width)))
