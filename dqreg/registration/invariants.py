@@ -18,6 +18,8 @@ from dqreg.trust.records import Reason, Verdict
 RIGID = 1e-12
 # Departure of a covariance from symmetry, and its lowest eigenvalue below zero, in correlations.
 SEMIDEFINITE = 1e-9
+# Of a rotation times its transpose: to make it takes longer than to compare.
+IDENTITY = np.eye(3)
 
 
 def violated_invariant(fields: Mapping[str, Any]) -> str:
@@ -65,7 +67,7 @@ def _not_rigid(T: FloatArray) -> str:
     R = T[:3, :3]
     # Numbers beyond float64's squares are not within the tolerance either.
     with np.errstate(over="ignore", invalid="ignore"):
-        gap = float(np.abs(R.T @ R - np.eye(3)).max())
+        gap = float(np.abs(R.T @ R - IDENTITY).max())
         mirrored = not np.linalg.det(R) > 0.0
     if not gap <= RIGID:
         return f"is not rigid: its rotation departs from orthonormal by {gap:.3g}"

@@ -177,8 +177,11 @@ class _Patches:
     def neighbour_agreement(self) -> float:
         """Agreement of patches that follow each other, in standard errors of independent noise."""
         agreement = alike = 0.0
+        normals = np.ascontiguousarray(self.normals.T)
         for step in range(1, NEXT + 1):
-            same = np.einsum("ij,ij->i", self.normals[step:], self.normals[:-step])
+            same = normals[0, step:] * normals[0, :-step]
+            same += normals[1, step:] * normals[1, :-step]
+            same += normals[2, step:] * normals[2, :-step]
             agreement += float(self.residuals[step:] @ (self.residuals[:-step] * same))
             alike += float(same @ same)
         scale = self.variance * np.sqrt(alike)

@@ -230,7 +230,9 @@ def shared_along(
 
 def lifted(flat: FloatArray) -> FloatArray:
     """Points of a plane, (n, 2), in space, as trees take them."""
-    return np.column_stack([flat, np.zeros(len(flat))])
+    found = np.zeros((len(flat), 3))
+    found[:, :2] = flat
+    return found
 
 
 def open_sides(at: FloatArray, flat: FloatArray, rows: IntArray) -> tuple[FloatArray, FloatArray]:

@@ -184,8 +184,9 @@ def information_of(
         lever,
     )
     # Of a motion that both sides do not confirm, what was known beforehand is left.
-    said = np.maximum(values, 0.0)
-    values = np.where(denied, np.einsum("ij,ik,kj->j", vectors, known, vectors) / of_all, said)
+    said = values = np.maximum(values, 0.0)
+    if denied.any():
+        values = np.where(denied, np.einsum("ij,ik,kj->j", vectors, known, vectors) / of_all, said)
     order = np.argsort(values, kind="stable")
     values, vectors, carriers, denied = values[order], vectors[:, order], carriers[order], denied[order]
     sigma, tilt = float(np.sqrt(variance)), _tilt(values, said[order], basis @ vectors, weights)

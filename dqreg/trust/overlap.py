@@ -25,6 +25,7 @@ from dqreg.geometry.normals import (
     sample_rows,
 )
 from dqreg.geometry.spacing import measure_spacing
+from dqreg.geometry.vector_rows import lengths_of, row_dots
 from dqreg.rigid import pose, twist
 from dqreg.solvers.quadratic import plane_rows
 from dqreg.trust.deformation import deformation_of
@@ -157,15 +158,15 @@ class Overlap:
         found = stands.tree.nearest(placed, 1)[0][:, 0]
         fixed, other = np.take(stands.points, found, axis=0), stands.planes_at(found)
         gaps, reach = placed - fixed, np.sqrt(np.fmax(one.lever, other.lever))
-        near = np.linalg.norm(gaps, axis=1) < NEAR * reach
+        near = lengths_of(gaps) < NEAR * reach
         one, is_inner = moves.faces_among(one, rows, near)
         other, are_inner = stands.faces_among(other, found, near & np.isfinite(one.residuals))
         normals, theirs = np.nan_to_num(one.normals) @ T_target_source[:3, :3].T, np.nan_to_num(other.normals)
-        cosines = np.einsum("ij,ij->i", normals, theirs)
+        cosines = row_dots(normals, theirs)
         normals = theirs + np.where(cosines < 0.0, -1.0, 1.0)[:, None] * normals
-        normals /= np.maximum(np.linalg.norm(normals, axis=1), np.finfo(float).tiny)[:, None]
-        residuals = np.einsum("ij,ij->i", gaps, normals)
-        kept = np.linalg.norm(gaps - residuals[:, None] * normals, axis=1) < BESIDE * reach
+        normals /= np.maximum(lengths_of(normals), np.finfo(float).tiny)[:, None]
+        residuals = row_dots(gaps, normals)
+        kept = lengths_of(gaps - residuals[:, None] * normals) < BESIDE * reach
         kept &= np.isfinite(one.residuals + other.residuals) & (np.abs(cosines) > SAME_COS)
         inner = is_inner & are_inner
         if np.count_nonzero(kept & inner) < FEWEST:

@@ -72,7 +72,9 @@ def known_before(information: FloatArray, variance: float, lever: float) -> Floa
 
     Nearly exact data tell next to nothing of what their faces do not show: that has to be told from rounding.
     """
-    return np.eye(len(information)) * (variance / (USUAL * lever) ** 2 + SINGULAR * float(np.trace(information)))
+    known = np.zeros(information.shape)
+    np.fill_diagonal(known, variance / (USUAL * lever) ** 2 + SINGULAR * float(information.diagonal().sum()))
+    return known
 
 
 def weights_of(residuals: FloatArray) -> FloatArray:
