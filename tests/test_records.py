@@ -34,6 +34,25 @@ class Checked:
         assert self.name
 
 
+@dataclasses.dataclass(frozen=True)
+class Plain:
+    name: str
+    size: float = 1.0
+
+    @cached_property
+    def twice(self) -> float:
+        return 2.0 * self.size
+
+
+def test_a_record_of_fields_alone_is_copied_and_stays_as_it_was() -> None:
+    row = Plain("a")
+    found = replaced(row, size=2.0)
+    assert (row, found, found.twice) == (Plain("a", 1.0), Plain("a", 2.0), 4.0)
+    # What follows from the fields was not asked of the first, and is of the second.
+    assert "twice" not in vars(row)
+    assert replaced(found, size=3.0).twice == 6.0
+
+
 @pytest.mark.parametrize("row", [Row("a", (1.0, 2.0)), Single("a", (1.0, 2.0), more=3)])
 def test_a_record_is_copied_as_dataclasses_does_it(row: Row) -> None:
     assert row.total == 3.0
