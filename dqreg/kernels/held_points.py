@@ -70,7 +70,7 @@ def hold_from_coarser(
                     for v in range(y // 2, (y + 1) // 2 + 1):
                         for w in range(z // 2, (z + 1) // 2 + 1):
                             # Of the type that rows have above: whichever is compiled first decides for both, or not.
-                            row = np.int64(known[U((u * coarse[1] + v) * coarse[2] + w)])
+                            row = int(np.int64(known[U((u * coarse[1] + v) * coarse[2] + w)]))
                             if row != held[U(node)]:
                                 hold_nearer(places, held, squares, row, node, x, y, z)
 

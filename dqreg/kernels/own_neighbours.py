@@ -181,4 +181,4 @@ def _ranked(
             j -= 1
     for j in range(wanted):
         line[j], distances[j] = rows[of_some[at[order[j]]]], np.sqrt(near[order[j]])
-    return distances[wanted - 1]
+    return float(distances[wanted - 1])
