@@ -225,10 +225,9 @@ def test_a_deadline_that_came_after_the_beginning_is_waited_for_and_no_longer(mo
     begun = threads.Later(lambda: go.wait(30.0))
     while not begun._future.running():
         time.sleep(1e-3)
-    began = time.perf_counter()
-    with threads.until(began + 0.05), pytest.raises(threads.TimeUpError):
+    with threads.until(time.perf_counter() + 0.05), pytest.raises(threads.TimeUpError):
         begun.result_in_time()
-    assert 0.05 <= time.perf_counter() - began < 5.0
+    assert not begun._future.done()
     # It goes on, for whoever asks later.
     go.set()
     assert begun.result_in_time() is True
