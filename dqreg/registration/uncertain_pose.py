@@ -79,9 +79,15 @@ class UncertainPose:
     def information(self) -> FloatArray:
         """Inverse of `covariance`, (6, 6), in the same frame: 0 along motions that are free.
 
-        Raises `InputError` where no pose was found, and where motions are known exactly (``dof=`` locked them).
+        Raises `InputError` where no pose was found, and where motions are known exactly: ``dof=`` locked them, or it is
+        the first frame of an `Odometry`, which defines the map's frame (code "first_frame").
         """
         self._found()
+        if "first_frame" in self.verdict.codes:
+            raise InputError(
+                "the first frame defines the map's frame: its pose is exact and its information infinite. In a pose "
+                'graph it is the pose that is held fixed; skip the frame whose verdict has the code "first_frame"'
+            )
         known = self.partial_information
         return _inverse(self.covariance) if known is None else known.copy()
 

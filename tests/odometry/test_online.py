@@ -125,3 +125,15 @@ def test_history_is_bounded_and_a_reset_begins_anew(jerky):
     assert odometry.register_frame(jerky.frames[0][::3]).T_target_source[:3, 3].tolist() == [1.0, 2.0, 3.0]
     with pytest.raises(InputError, match="history"):
         Odometry(history=0)
+
+
+def test_the_first_frame_says_why_it_has_no_information(jerky):
+    """As the how-to's loop skips it: the frames after it have some."""
+    odometry = Odometry()
+    frames = [odometry.register_frame(frame) for frame in jerky.frames[:2]]
+    assert ["first_frame" in frame.verdict.codes for frame in frames] == [True, False]
+    for ask in (lambda first: first.information, lambda first: first.information_in("source")):
+        with pytest.raises(InputError, match="the first frame defines the map's frame.* skip the frame"):
+            ask(frames[0])
+    assert not frames[0].covariance_in("source").any()
+    assert np.linalg.eigvalsh(frames[1].information_in("source")).min() > 0.0
