@@ -116,8 +116,8 @@ class Cells:
 class CellSurface(CloudSurface):
     """Means of cells, in the order of these, as a surface."""
 
-    def __init__(self, means: PointCloud, cells: Cells) -> None:
-        self.cells = cells
+    def __init__(self, means: PointCloud, cells: Cells, *, in_rings: bool = False) -> None:
+        self.cells, self.in_rings = cells, in_rings  # Whether the points lie in rings, as a LiDAR's
         super().__init__(means, derived=True)
 
     def _ordered(self, points: FloatArray) -> IntArray:

@@ -10,12 +10,15 @@ from dqreg._arrays import FloatArray, bounds
 from dqreg.geometry.cells import Cells, CellSurface
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.morton import BITS, Ends, morton_codes, sorted_codes
+from dqreg.geometry.rings import lie_in_rings
 
 # A cloud is downsampled from so many times the wanted points on: below, it costs accuracy and saves little.
 DENSE = 3.0
 # Crowded in places so many times as much as by chance, a cloud is downsampled from fewer points on: a LiDAR that turns
 # has its points along rings, where 16 neighbours make no plane, and comes to 20 to 50; other scans came to 4 at most.
 UNEVEN = 10.0
+# The same of a cloud in rings, whatever its number of points: fewer wide voxels hold points of several rings.
+RINGED = 6.0
 # Where the neighbourhoods are lines still, as in a LiDAR of few rings, voxels are widened by this factor, so many times
 # at most and while so many points are left.
 WIDER, WIDENED, FEWEST = 1.25, 10, 1_000
@@ -40,45 +43,50 @@ class VoxelCloud:
     surface: CellSurface | None
 
     @staticmethod
-    def of(cloud: PointCloud, size: float) -> VoxelCloud:
-        """Downsample a cloud."""
+    def of(cloud: PointCloud, size: float, *, in_rings: bool = False) -> VoxelCloud:
+        """Downsample a cloud, of which may be known that it lies in rings."""
         cells = Cells.of(cloud.points, size, cloud._ends) if size > 0.0 else None
         if cells is None or len(cells.counts) >= WHOLE * len(cloud):
             return VoxelCloud(size, cloud, None)
         even = means_of(cloud, cells)
-        return VoxelCloud(size, even, CellSurface(even, cells))
+        return VoxelCloud(size, even, CellSurface(even, cells, in_rings=in_rings))
 
     @staticmethod
-    def across_lines(cloud: PointCloud, size: float) -> VoxelCloud:
+    def across_lines(cloud: PointCloud, size: float, *, in_rings: bool = False) -> VoxelCloud:
         """Downsample a cloud, with wider voxels where its points stay in lines: all neighbours are on their own then.
 
         There is no plane through a line, and fits to one would turn any way.
         """
-        found = VoxelCloud.of(cloud, size)
+        found = VoxelCloud.of(cloud, size, in_rings=in_rings)
         for _ in range(WIDENED):
             if found.surface is None or len(found.cloud) < FEWEST or not found.surface._in_lines:
                 break
-            found = VoxelCloud.of(cloud, WIDER * found.size)
+            found = VoxelCloud.of(cloud, WIDER * found.size, in_rings=in_rings)
         return found
 
     @staticmethod
     def evened(cloud: PointCloud, count: int, size: float | None = None) -> VoxelCloud:
-        """A dense cloud with about so many points, an uneven one or one in lines with fewer; others as they are.
+        """A dense cloud with about so many points, an uneven one or one in rings with fewer; others as they are.
 
         It begins with the size of `first_size`, where that is known already.
         """
         points, size = cloud.points, first_size(cloud.points, count, cloud._ends) if size is None else size
-        if len(points) > DENSE * count:
-            return VoxelCloud.across_lines(cloud, size)
-        found = VoxelCloud.across_lines(cloud, size) if size > 0.0 else None
-        if found is not None and (found.size > size or Cells.of(points, size).unevenness > UNEVEN):
+        if not size > 0.0:
+            return VoxelCloud(0.0, cloud, None)
+        cells, is_dense = Cells.of(points, size), len(points) > DENSE * count
+        in_rings = lie_in_rings(points, cells.order)
+        if in_rings and not is_dense and len(points) >= RINGED * FEWEST:
+            size = first_size(points, count, cloud._ends, RINGED)
+            return VoxelCloud.across_lines(cloud, size, in_rings=True)
+        found = VoxelCloud.across_lines(cloud, size, in_rings=in_rings)
+        if is_dense or found.size > size or cells.unevenness > UNEVEN:
             return found
         return VoxelCloud(0.0, cloud, None)
 
 
-def first_size(points: FloatArray, count: int, ends: Ends | None = None) -> float:
-    """Edge of the voxels that evening a cloud to about so many points begins with."""
-    return cell_size(points, min(count, int(len(points) / DENSE)), ends)
+def first_size(points: FloatArray, count: int, ends: Ends | None = None, dense: float = DENSE) -> float:
+    """Edge of the voxels that evening a cloud to about so many points begins with, so many in each at least."""
+    return cell_size(points, min(count, int(len(points) / dense)), ends)
 
 
 def cell_size(points: FloatArray, count: int, ends: Ends | None = None) -> float:

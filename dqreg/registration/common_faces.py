@@ -10,6 +10,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import CloudSurface, PointCloud, Surface
+from dqreg.geometry.cells import CellSurface
 from dqreg.geometry.normals import NEIGHBOURS, PlaneFits, sample_rows
 from dqreg.icp.history import Iteration
 from dqreg.registration.derived import Key
@@ -121,27 +122,44 @@ def sampled_source(problem: Problem) -> IndexedPoints:
 def indexed_target(index: TargetIndex, surface: Surface, target: PointCloud) -> IndexedPoints:
     """Some points of the target, or all where they are few."""
     derived, points = index.derived, target.points
-    # The same for every scan that is registered to it.
-    if len(points) <= COMPARED and isinstance(surface, CloudSurface) and surface._rows == len(points):
-        whole: IndexedPoints | None = derived.get("whole compared")
-        if whole is None or whole.tree is not surface._tree:
-            whole = derived["whole compared"] = IndexedPoints(surface._points, surface._tree, is_remembered=True)
-        return whole
+    # The same for every scan that is registered to it. In rings the neighbours of a point are on its own, where there
+    # is no plane: means of cells are compared.
+    in_rings = _are_few_in_rings(surface, target)
+    is_whole = len(points) <= COMPARED and isinstance(surface, CloudSurface) and surface._rows == len(points)
+    if isinstance(surface, CloudSurface) and (in_rings or is_whole):
+        known: IndexedPoints | None = derived.get("surface compared")
+        if known is None or known.tree is not surface._tree:
+            known = IndexedPoints(surface._points, surface._tree, is_remembered=not in_rings)
+            derived["surface compared"] = known
+        return known
     if "compared" not in derived:
         derived["compared"] = IndexedPoints.of(np.take(points, sample_rows(len(points), COMPARED), axis=0))
     found: IndexedPoints = derived["compared"]
     return found
 
 
+def _are_few_in_rings(surface: Surface, target: PointCloud) -> bool:
+    """Whether a surface is of the cells of a LiDAR's rings, of so few points that all would be compared.
+
+    Of a pair from a road cells were as wide as a deformation that is told of right poses then.
+    """
+    return isinstance(surface, CellSurface) and surface.in_rings and len(target) <= COMPARED
+
+
 def begin_sampling(problem: Problem, surface: Surface, target: PointCloud, *, is_whole: bool) -> None:
     """Make what is compared of two clouds beside the caller; planes of a small scan that is whole will be there."""
     problem.begin(INDEXED_TARGET, lambda: indexed_target(problem.target, surface, target))
+    if _are_few_in_rings(surface, target):
+        return
     if not is_whole or len(problem.source.cloud) > COMPARED:
         problem.begin(SAMPLED_SOURCE, lambda: sampled_source(problem))
 
 
 def _indexed_source(problem: Problem, prepared: Prepared) -> IndexedPoints:
     scan = prepared.scan
+    target = problem.target.geometry
+    if isinstance(target, PointCloud) and _are_few_in_rings(prepared.surface, target):
+        return problem.derived.once(SAMPLED_SOURCE, lambda: IndexedPoints(scan.points, scan.tree))
     if len(problem.source.cloud) > COMPARED or not prepared.is_whole:
         return problem.derived.once(SAMPLED_SOURCE, lambda: sampled_source(problem))
     # Planes of all points are there, unless normals were given in their place.

@@ -1,0 +1,64 @@
+"""Rings of a LiDAR are told from other clouds: from sweeps, spheres, grids and heaps that are generated here."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dqreg.geometry import PointCloud
+from dqreg.geometry.cells import Cells
+from dqreg.geometry.rings import NEIGHBOUR_COUNT, lie_in_rings
+from dqreg.geometry.voxels import VoxelCloud, cell_size
+from dqreg.rigid import pose
+from dqreg.synth.many_views import room_stops
+from tests.strategies import FloatArray
+
+
+def are_rings(points: FloatArray) -> bool:
+    return lie_in_rings(points, Cells.of(points, cell_size(points, len(points) // 3)).order)
+
+
+def sweep(rings: int) -> FloatArray:
+    return np.asarray(room_stops(1, rings=rings, rng=np.random.default_rng(rings)).scans[0])
+
+
+def sphere(count: int) -> FloatArray:
+    ways = np.random.default_rng(0).normal(size=(count, 3))
+    return np.asarray(ways / np.linalg.norm(ways, axis=1, keepdims=True))
+
+
+@pytest.mark.parametrize("rings", [16, 32, 64])
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+def test_sweeps_lie_in_rings_in_any_order_unit_and_place(rings: int, unit: float) -> None:
+    points = np.random.default_rng(1).permutation(sweep(rings))
+    T = pose.exp([0.3, -0.2, 1.0, 4.0, 5.0, 6.0])
+    assert are_rings(unit * points)
+    assert are_rings(unit * pose.apply(T, points))
+
+
+@pytest.mark.parametrize("stretch", [1.0, 1.5])
+def test_spheres_and_images_do_not(stretch: float) -> None:
+    across = np.stack(np.meshgrid(np.arange(120.0), stretch * np.arange(100.0)), axis=-1).reshape(-1, 2)
+    image = np.c_[across, 0.02 * np.random.default_rng(2).normal(size=len(across))]
+    assert not are_rings(image)
+    assert not are_rings(sphere(10_000) * [1.0, stretch, 1.0])
+
+
+def test_copies_of_a_point_are_no_line() -> None:
+    assert not lie_in_rings(np.ones((500, 3)), np.arange(500))
+    points = np.repeat(sphere(2_000), NEIGHBOUR_COUNT + 1, axis=0)
+    assert not are_rings(points)
+
+
+@pytest.mark.parametrize("count", [0, 1, NEIGHBOUR_COUNT])
+def test_a_few_points_lie_in_none(count: int) -> None:
+    assert not lie_in_rings(np.arange(3.0 * count).reshape(-1, 3), np.arange(count))
+
+
+def test_a_sweep_is_downsampled_where_a_cloud_of_as_many_points_is_not() -> None:
+    rings, other = sweep(32), sphere(12_288)
+    assert len(rings) == len(other)
+    found = VoxelCloud.evened(PointCloud(rings), 10_000)
+    assert found.surface is not None
+    assert found.surface.in_rings
+    assert VoxelCloud.evened(PointCloud(other), 10_000).surface is None

@@ -1,0 +1,73 @@
+"""Pairs of sweeps of a LiDAR in a hall with columns: the poses are from the generator."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+import dqreg
+from dqreg.rigid import pose
+from dqreg.synth.parts import box
+from dqreg.synth.street import swept, together, with_range_noise
+from tests.strategies import FloatArray
+
+# Standard deviation of a range; where columns stand in the hall of 10 by 8 by 3.
+NOISE = 0.015
+COLUMNS = ((2.0, 1.5), (-3.0, 2.5), (-1.5, -2.4), (3.5, -1.0))
+
+
+def hall() -> tuple[FloatArray, np.ndarray]:
+    vertices, faces = box((10.0, 8.0, 3.0))
+    parts = [(np.asarray(vertices), np.asarray(faces)[:, ::-1])]
+    for x, y in COLUMNS:
+        vertices, faces = box((0.4, 0.4, 3.0))
+        parts.append((np.asarray(vertices) + np.array([x, y, 0.0]), np.asarray(faces)))
+    return together(parts)
+
+
+def pair(seed: int, rings: int, columns: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Source, target and their true pose, a few degrees and a tenth apart."""
+    rng, scene = np.random.default_rng(seed), hall()
+    angles = np.deg2rad(np.linspace(-25.0, 15.0, rings)), np.linspace(-np.pi, np.pi, columns, endpoint=False)
+    stand, moved = np.eye(4), pose.exp(np.r_[rng.normal(0.0, 0.02, 3), rng.normal(0.0, 0.1, 3)])
+    stand[2, 3] = -0.3
+    target, source = (with_range_noise(swept(scene, T, *angles), NOISE, rng) for T in (stand, stand @ moved))
+    return source, target, moved
+
+
+def normalised_square(result: dqreg.Registration, truth: FloatArray) -> float:
+    """Square of the error in units of its covariance: chi-squared of six degrees of freedom where that is right."""
+    about = np.eye(4)
+    about[:3, 3] = result.settings["centre"]
+    error = pose.log(pose.inverse(about) @ truth @ pose.inverse(result.T_target_source) @ about)
+    return float(error @ np.linalg.solve(result.covariance, error))
+
+
+@pytest.mark.parametrize(("rings", "columns"), [(16, 900), (32, 700), (32, 2_000)])
+def test_rings_are_not_drawn_onto_rings(rings: int, columns: int) -> None:
+    # Planes along single rings put these poses 7 to 100 mm off, by 11 to 97 in the mean of the normalised squares.
+    squares, errors = [], []
+    for seed in range(40, 44):
+        source, target, truth = pair(seed, rings, columns)
+        result = dqreg.register(source, target, "identity", search="never")
+        assert result.verdict.level == "accepted"
+        squares.append(normalised_square(result, truth))
+        apart = pose.apply(result.T_target_source, source) - pose.apply(truth, source)
+        errors.append(np.linalg.norm(apart, axis=1).max())
+    # One false alarm in ten thousand, were the covariances exact; and half the noise of one range.
+    assert sum(squares) < chi2.ppf(1.0 - 1e-4, 6 * len(squares))
+    assert np.median(errors) < 0.5 * NOISE
+
+
+def test_more_effort_is_no_worse_on_a_sweep() -> None:
+    errors = {}
+    for effort in ("fast", "normal", "best"):
+        squares = []
+        for seed in range(50, 53):
+            source, target, truth = pair(seed, 32, 2_000)
+            result = dqreg.register(source, target, "identity", effort=effort, search="never")
+            squares.append(np.mean((pose.apply(result.T_target_source, source) - pose.apply(truth, source)) ** 2))
+        errors[effort] = np.sqrt(np.median(squares))
+    # Cells of any size leave a fifth of the noise; all points left as much as all of it.
+    assert max(errors["normal"], errors["best"]) < 0.25 * NOISE
