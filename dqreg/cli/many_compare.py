@@ -40,9 +40,11 @@ def run_many(
     for goal in goals.values():
         if goal is not None:
             require_writable(goal)
-    truth = np.array(read_starts_file(options["truth"]))
+    truth = np.array(read_starts_file(options["truth"], len(inputs)))
     if len(truth) != len(inputs):
         raise InputError(f"--truth has {len(truth)} poses for {len(inputs)} scans")
+    if not np.isfinite(truth).all():
+        raise InputError(f"{options['truth']} holds scans without a pose; --truth has one for each scan")
     clouds = []
     for path in inputs:
         geometry = open_geometry(path, "scan")

@@ -110,7 +110,7 @@ def odometry_command(scans: Path, **options: Any) -> int:
     main = trips[-1]
     _write(console, main, data, truth, options)
     if options["as_json"]:
-        from dqreg.odometry.trajectory import to_records
+        from dqreg.odometry.frame_table import to_records
 
         print_json({"engine": main.name, "frames": to_records(main, data)})
     if view is not None:
@@ -170,7 +170,7 @@ def _truth(file: Path | None, scans: Scans) -> FloatArray | None:
     import numpy as np
 
     from dqreg.errors import InputError
-    from dqreg.multiway.starts import read_starts_file
+    from dqreg.multiway.starts import read_result_poses
     from dqreg.odometry.table import match_truth
     from dqreg.odometry.trajectory import read_trajectory
 
@@ -178,7 +178,7 @@ def _truth(file: Path | None, scans: Scans) -> FloatArray | None:
         return scans.truth
     # The truth of a virtual case, and results of dqreg multiway.
     is_record = file.suffix.lower() == ".json"
-    poses, times = (np.array(read_starts_file(file)), None) if is_record else read_trajectory(file)
+    poses, times = (np.array(read_result_poses(file)), None) if is_record else read_trajectory(file, gaps="keep")
     if not np.isfinite(poses).all():
         raise InputError(f"{file} holds scans without a pose; the truth has one for each frame")
     if times is None and len(poses) > len(scans):
@@ -246,8 +246,9 @@ def _show(console: Console, trips: list[TrajectoryRun], truth: FloatArray | None
 def _write(
     console: Console, trip: TrajectoryRun, scans: Scans, truth: FloatArray | None, options: dict[str, Any]
 ) -> None:
+    from dqreg.odometry.frame_table import write_frames
     from dqreg.odometry.plot import plot_trip
-    from dqreg.odometry.trajectory import bridge_gaps, write_frames, write_trajectory
+    from dqreg.odometry.trajectory import bridge_gaps, write_trajectory
 
     if options["out"] is not None:
         poses = trip.poses if scans.calibrate is None else scans.calibrate(trip.poses)
