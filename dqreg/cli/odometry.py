@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from dqreg._arrays import FloatArray
-    from dqreg.odometry.engines import TrajectoryRun
     from dqreg.odometry.live import LiveMap
     from dqreg.odometry.motion import MotionPrior
+    from dqreg.odometry.run_sequence import TrajectoryRun
     from dqreg.odometry.scans import Scans
 
 # Frames that are named one by one on the screen; all of them are in --frames.
@@ -171,7 +171,7 @@ def _truth(file: Path | None, scans: Scans) -> FloatArray | None:
 
     from dqreg.errors import InputError
     from dqreg.multiway.starts import read_result_poses
-    from dqreg.odometry.table import match_truth
+    from dqreg.odometry.scores import match_truth
     from dqreg.odometry.trajectory import read_trajectory
 
     if file is None:
@@ -194,13 +194,14 @@ def _run(
     show: Callable[..., object] | None = None,
     motion: MotionPrior | None = None,
 ) -> TrajectoryRun:
-    from dqreg.odometry.engines import KissEngine, run_engine, run_ours
+    from dqreg.odometry.peers import KissEngine, run_engine
+    from dqreg.odometry.run_sequence import run_sequence
     from dqreg.report.work_bar import WorkBar
 
     with WorkBar(console) as bar:
         step = bar.steps(len(scans), engine)
         if engine == "dq":
-            return run_ours(scans, settings, step, show, motion)
+            return run_sequence(scans, settings, step, show, motion)
         kiss = KissEngine(settings.max_range or 100.0, settings.voxel_size, settings.deskew)
         return run_engine("KISS-ICP", kiss, scans, step)
 
@@ -208,8 +209,8 @@ def _run(
 def _compare(console: Console, scans: Scans, settings: Any) -> list[TrajectoryRun]:
     """The other engines."""
     from dqreg.errors import MissingDependencyError
-    from dqreg.odometry.engines import peers, run_engine
     from dqreg.odometry.frame import read_frame
+    from dqreg.odometry.peers import peers, run_engine
     from dqreg.report.work_bar import WorkBar
 
     trips = []
@@ -225,7 +226,7 @@ def _compare(console: Console, scans: Scans, settings: Any) -> list[TrajectoryRu
 
 
 def _show(console: Console, trips: list[TrajectoryRun], truth: FloatArray | None) -> None:
-    from dqreg.odometry.table import results_table, trust_words
+    from dqreg.odometry.scores import results_table, trust_words
     from dqreg.report.table import print_tables
 
     print_tables(console, [results_table(trips, truth)])

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from dqreg.files.atomic import write_atomically
-from dqreg.odometry.engines import TrajectoryRun
+from dqreg.odometry.run_sequence import TrajectoryRun
 from dqreg.odometry.scans import Scans
 from dqreg.registration.result import Registration
 

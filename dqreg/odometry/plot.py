@@ -10,8 +10,8 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.files.atomic import write_atomically
-from dqreg.odometry.engines import TrajectoryRun
 from dqreg.odometry.evaluation import relative_errors
+from dqreg.odometry.run_sequence import TrajectoryRun
 from dqreg.odometry.trajectory import bridge_gaps
 from dqreg.report.figure import PALETTE, encode, new_figure
 
