@@ -179,9 +179,12 @@ def as_pose(value: Any, name: str, limit: float = ROUNDED) -> FloatArray:
 
     The rotation is the one nearest to what was given: rounded numbers are no rotation.
     """
-    T = with_last_row(as_float(pose_of(value), name))
+    given = as_float(pose_of(value), name)
+    T = with_last_row(given)
     if T.shape != (4, 4):
-        raise InputError(f"{name} must be a 4x4 matrix; got shape {T.shape}")
+        is_rotation = given.shape == (3, 3)
+        remedy = "; a rotation R alone goes in as dqreg.rigid.pose.from_parts(R, [0, 0, 0])" if is_rotation else ""
+        raise InputError(f"{name} must be a 4x4 matrix, or its first three rows (3x4); got shape {given.shape}{remedy}")
     require_finite(T, name)
     if T[3].tolist() != [0.0, 0.0, 0.0, 1.0] and np.abs(T[3] - [0.0, 0.0, 0.0, 1.0]).max() > RIGID_TOLERANCE:
         remedy = ". Was it transposed?" if np.abs(T[:, 3] - [0.0, 0.0, 0.0, 1.0]).max() <= RIGID_TOLERANCE else ""

@@ -1,9 +1,12 @@
 from __future__ import annotations
 
+import gc
 import os
+from collections.abc import Generator
 from pathlib import Path
 
 import pytest
+from _pytest.doctest import DoctestModule
 
 # Side by side, each worker takes one core: threads on top would only wait for each other.
 if "PYTEST_XDIST_WORKER" in os.environ:
@@ -13,6 +16,20 @@ if "PYTEST_XDIST_WORKER" in os.environ:
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
     """One more than there are cores: tests that wait for processes and signals leave a core idle."""
     return (os.cpu_count() or 1) + 1
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collect_file() -> Generator[None, list[pytest.Collector], list[pytest.Collector]]:
+    """Doctests stand in the package: here each file, and whatever it imports, would be searched for them."""
+    return [each for each in (yield) if not isinstance(each, DoctestModule)]
+
+
+def pytest_collection_finish() -> None:
+    """What is there by now stays: whoever collects garbage later, as comparisons do, need not look through it."""
+    gc.collect()
+    gc.freeze()
+    # Trees of syntax and Hypothesis's strategies are many small objects and no garbage.
+    gc.set_threshold(20_000, 20, 20)
 
 
 # Run by hand, with atheris; see its first lines.

@@ -195,8 +195,12 @@ def pose(**parts: Any) -> np.ndarray:
 @pytest.mark.parametrize(
     ("value", "message"),
     [
-        (np.eye(3), r"a 4x4 matrix; got shape \(3, 3\)"),
-        (np.ones((2, 3, 4)), r"got shape \(2, 4, 4\)"),
+        (
+            np.eye(3),
+            r"a 4x4 matrix, or its first three rows \(3x4\); got shape \(3, 3\); .*pose\.from_parts\(R, \[0, 0, 0\]\)$",
+        ),
+        (np.eye(5), r"\(3x4\); got shape \(5, 5\)$"),
+        (np.ones((2, 3, 4)), r"got shape \(2, 3, 4\)$"),
         (pose(t=[1, np.nan, 0]), r"1 numbers that are NaN or infinite, the first at \(1, 3\)"),
         (pose(t=[1, 2, 3]).T, "the last row 0 0 0 1; got .* Was it transposed"),
         (pose(last=[0, 0, 0, 2]), r"the last row 0 0 0 1; got .*2\.0\]$"),

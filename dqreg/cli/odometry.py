@@ -26,6 +26,13 @@ if TYPE_CHECKING:
 NAMED = 20
 # Columns of the table in a pipe.
 WIDTH = 120
+# What no engine but ours has; KISS-ICP gets the lengths and the motion compensation.
+OURS = {
+    "view": "shows our engine",
+    "motion": "guides our engine",
+    "method": "is the estimator of our engine",
+    "search_deg": "is the search of our engine",
+}
 
 
 @click.command("odometry")
@@ -83,6 +90,7 @@ def odometry_command(scans: Path, **options: Any) -> int:
     from dqreg.odometry.scans import open_scans
     from dqreg.odometry.settings import OdometrySettings
 
+    _refuse_contradictions(options)
     names = ("voxel_size", "max_range", "min_range", "deskew", "search_deg", "method")
     settings = OdometrySettings(**{name: options[name] for name in names})
     if options["plot"] is not None:
@@ -104,7 +112,7 @@ def odometry_command(scans: Path, **options: Any) -> int:
     motion = _motion(console, scans, data, options)
     view = _live(console, options)
     show = None if view is None else view.show
-    ours = functools.partial(_run, shown, options["engine"] if alone else "dq", data, settings, show, motion)
+    ours = functools.partial(_run, shown, options["engine"], data, settings, show, motion)
     trips = [ours()] if alone else [*_compare(shown, data, settings), ours()]
     _show(console, trips, truth)
     main = trips[-1]
@@ -122,14 +130,27 @@ def odometry_command(scans: Path, **options: Any) -> int:
     return 0 if all(result.verdict.level == "accepted" for result in main.results) else 1
 
 
-def _live(console: Console, options: dict[str, Any]) -> LiveMap | None:
-    """The page that shows the run, open before it begins."""
+def _refuse_contradictions(options: dict[str, Any]) -> None:
+    """Raise where an option was given that the engine does not have; a default is no wish."""
+    from click.core import ParameterSource
+
     from dqreg.errors import InputError
 
+    engine, context = options["engine"], click.get_current_context()
+    if engine == "dq":
+        return
+    if options["compare"]:
+        raise InputError(f"--compare runs all engines and writes what ours found: leave --engine {engine} out")
+    for option in context.command.params:
+        if option.name in OURS and context.get_parameter_source(option.name) is not ParameterSource.DEFAULT:
+            words = f"{option.opts[0]} {OURS[option.name]}"
+            raise InputError(f"{words}, and --engine {engine} was asked for: leave one out")
+
+
+def _live(console: Console, options: dict[str, Any]) -> LiveMap | None:
+    """The page that shows the run, open before it begins."""
     if not options["view"]:
         return None
-    if options["engine"] != "dq" and not options["compare"]:
-        raise InputError(f"--view shows our engine, and --engine {options['engine']} was asked for: leave one out")
     from dqreg.odometry.live import LiveMap
     from dqreg.report.live_server import where
 
@@ -140,12 +161,8 @@ def _live(console: Console, options: dict[str, Any]) -> LiveMap | None:
 
 def _motion(console: Console, path: Path, scans: Scans, options: dict[str, Any]) -> MotionPrior | None:
     """The motion that another topic of the bag tells."""
-    from dqreg.errors import InputError
-
     if options["motion"] is None:
         return None
-    if options["engine"] != "dq" and not options["compare"]:
-        raise InputError(f"--motion guides our engine, and --engine {options['engine']} was asked for: leave one out")
     from dqreg.odometry.motion_topics import open_motion
 
     prior = open_motion(path, options["motion"], scans, options["topic"])
@@ -202,7 +219,7 @@ def _run(
         step = bar.steps(len(scans), engine)
         if engine == "dq":
             return run_sequence(scans, settings, step, show, motion)
-        kiss = KissEngine(settings.max_range or 100.0, settings.voxel_size, settings.deskew)
+        kiss = KissEngine(settings.max_range or 100.0, settings.voxel_size, settings.deskew, settings.min_range)
         return run_engine("KISS-ICP", kiss, scans, step)
 
 

@@ -54,14 +54,9 @@ STEPS = {
 
 def read_method(method: Any, default: str = "dq-points") -> Method:
     """Pose step of an object of Open3D's or ours; None is the default."""
-    if getattr(method, "with_scaling", False):
-        raise InputError("with_scaling=True asks for a scale; dqreg solves for proper motions only. Scale the source")
     step = default if method is None else STEPS.get(type(method).__name__)
     if step is None:
-        raise InputError(
-            f"unknown estimation method {type(method).__name__}; known are {', '.join(STEPS)}. For others call "
-            "open3d.pipelines.registration itself"
-        )
+        raise InputError(f"unknown estimation method {type(method).__name__}; known are {', '.join(STEPS)}")
     kernel = getattr(method, "kernel", None)
     if step == "generalised":
         return Method(_generalised(float(getattr(method, "epsilon", 1e-3)), kernel), with_normals=True)

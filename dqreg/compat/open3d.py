@@ -7,23 +7,26 @@ One line changes a script over::
 
 `registration_icp`, `registration_generalized_icp`, `evaluate_registration` and
 `get_information_matrix_from_point_clouds` are dqreg's; they take paths, arrays and tensor clouds as well, and a pose in
-any form that `dqreg.register` takes. Every other name (criteria, estimation methods, robust kernels, RANSAC, pose
-graphs, ...) is Open3D's own object.
+any form that `dqreg.register` takes. What dqreg does not do in them (estimation methods of Open3D alone, a scale, given
+covariances) Open3D's own function does, with a warning that names it. Every other name (criteria, estimation methods,
+robust kernels, RANSAC, pose graphs, ...) is Open3D's own object.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
+import warnings
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import FloatArray, IntArray, as_pose
+from dqreg._arrays import RIGID_TOLERANCE, ROUNDED, FloatArray, IntArray, as_float, as_pose, pose_of, with_last_row
 from dqreg._open3d import load_open3d
 from dqreg.compat.estimation import (
     FEWEST_PAIRS,
+    STEPS,
     Method,
     TransformationEstimationDualQuaternion,
     TransformationEstimationDualQuaternionNormals,
@@ -44,6 +47,9 @@ __all__ = [
     "registration_generalized_icp",
     "registration_icp",
 ]
+
+# So many times what its columns are off a rotation in shape is their common length off 1: that is a scale.
+SCALED = 10.0
 
 
 def __getattr__(name: str) -> Any:
@@ -73,7 +79,15 @@ def registration_icp(
     takes one Gauss-Newton step). Target normals that point-to-plane lacks are fitted to the neighbours. The result is
     an Open3D ``RegistrationResult`` with ``converged`` and ``num_iterations`` beside; where nothing is found it holds
     the initial pose and zeros, as Open3D's does: `dqreg.register` says so instead.
+
+    ``with_scaling=True``, `TransformationEstimationSymmetric`, `TransformationEstimationForColoredICP` and an initial
+    pose with a scale are handed on to Open3D's function: clouds and result are Open3D's then.
     """
+    if undone := _undone(estimation_method, init, "init"):
+        return _handed_on(
+            "registration_icp", undone, source, target, max_correspondence_distance,
+            init=init, estimation_method=estimation_method, criteria=criteria,
+        )  # fmt: skip
     return _icp(source, target, max_correspondence_distance, init, read_method(estimation_method), criteria)
 
 
@@ -87,14 +101,17 @@ def registration_generalized_icp(
 ) -> Any:
     """Generalised ICP with the call of ``open3d.pipelines.registration.registration_generalized_icp``.
 
-    Discs stand on the normals of both clouds; those that are missing are fitted to the neighbours.
+    Discs stand on the normals of both clouds; those that are missing are fitted to the neighbours. Clouds with
+    covariances of their own are handed on to Open3D's function, as is an initial pose with a scale.
     """
-    for cloud in (source, target):
-        if getattr(cloud, "has_covariances", bool)():
-            raise InputError(
-                "a cloud holds covariances of its own, which dqreg's generalised ICP does not read: call "
-                "open3d.pipelines.registration, or give the cloud without them"
-            )
+    undone = _undone(estimation_method, init, "init")
+    if any(getattr(cloud, "has_covariances", bool)() for cloud in (source, target)):
+        undone = "generalised ICP with covariances that a cloud holds"
+    if undone:
+        return _handed_on(
+            "registration_generalized_icp", undone, source, target, max_correspondence_distance,
+            init=init, estimation_method=estimation_method, criteria=criteria,
+        )  # fmt: skip
     method = read_method(estimation_method, "generalised")
     return _icp(source, target, max_correspondence_distance, init, method, criteria)
 
@@ -103,6 +120,10 @@ def evaluate_registration(
     source: Any, target: Any, max_correspondence_distance: float, transformation: ArrayLike | None = None
 ) -> Any:
     """Fitness, error and correspondences of a pose, as ``open3d.pipelines.registration.evaluate_registration``."""
+    if undone := _undone(None, transformation, "transformation"):
+        return _handed_on(
+            "evaluate_registration", undone, source, target, max_correspondence_distance, transformation=transformation
+        )
     reach = _reach(max_correspondence_distance)
     T = np.eye(4) if transformation is None else as_pose(transformation, "transformation")
     if is_empty(source) or is_empty(target):
@@ -119,6 +140,11 @@ def get_information_matrix_from_point_clouds(
     It knows neither noise nor the surface: sliding along a plane counts as much as leaving it. For a pose graph,
     `Registration.information_in` says more.
     """
+    name = "get_information_matrix_from_point_clouds"
+    if undone := _undone(None, transformation, "transformation"):
+        return np.asarray(
+            _handed_on(name, undone, source, target, max_correspondence_distance, transformation=transformation)
+        )
     reach, T = _reach(max_correspondence_distance), as_pose(transformation, "transformation")
     if is_empty(source) or is_empty(target):
         return np.zeros((6, 6))
@@ -127,6 +153,41 @@ def get_information_matrix_from_point_clouds(
     q = pairs.closest.points[pairs.distances <= reach]
     J = np.concatenate([-cross_matrix(q), np.broadcast_to(np.eye(3), (len(q), 3, 3))], axis=2)
     return np.asarray(np.einsum("kij,kil->jl", J, J))
+
+
+def _undone(method: Any, T: ArrayLike | None, name: str) -> str:
+    """What a call asks for that Open3D does and dqreg does not; empty where there is nothing."""
+    kind = type(method).__name__
+    if getattr(method, "with_scaling", False):
+        return f"{kind}(with_scaling=True)"
+    if isinstance(method, load_open3d().pipelines.registration.TransformationEstimation) and kind not in STEPS:
+        return kind
+    return "a pose with a scale" if T is not None and _is_scaled(T, name) else ""
+
+
+def _is_scaled(value: ArrayLike, name: str) -> bool:
+    """Whether a matrix is a rotation times a scale; what is rounded, sheared or no matrix at all is not."""
+    T = with_last_row(as_float(pose_of(value), name))
+    if T.shape != (4, 4) or not np.isfinite(T).all() or not 0.0 < np.linalg.det(T[:3, :3]) < np.inf:
+        return False
+    square = T[:3, :3].T @ T[:3, :3]
+    scale = float(np.trace(square) / 3.0)
+    off = float(np.abs(square / scale - np.eye(3)).max())
+    return off <= ROUNDED and abs(scale - 1.0) > max(SCALED * off, RIGID_TOLERANCE)
+
+
+def _handed_on(name: str, undone: str, source: Any, target: Any, reach: Any, **options: Any) -> Any:
+    """What Open3D's own function of that name gives."""
+    open3d = load_open3d()
+    for cloud, side in ((source, "source"), (target, "target")):
+        if not isinstance(cloud, open3d.geometry.PointCloud):
+            raise InputError(f"{undone} is left to Open3D, whose {side} is a PointCloud; got {type(cloud).__name__}")
+    warnings.warn(f"{undone} is not of dqreg: Open3D's own {name} does it", UserWarning, stacklevel=3)
+    for key in ("init", "transformation"):
+        if options.get(key) is not None:
+            options[key] = with_last_row(as_float(pose_of(options[key]), key))
+    given = {key: value for key, value in options.items() if value is not None}
+    return getattr(open3d.pipelines.registration, name)(source, target, _reach(reach), **given)
 
 
 def _icp(source: Any, target: Any, reach: Any, init: ArrayLike | None, method: Method, criteria: Any) -> Any:

@@ -68,6 +68,15 @@ class Odometry(Tracker):
         load_open3d()
         super().__init__((settings or OdometrySettings()).replaced(options), start)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy or a pickle holds: there is none once a map is begun, parts of which are KISS-ICP's own."""
+        if self._map is not None:
+            raise InputError(
+                "an Odometry with a map can be neither pickled nor copied: Odometry.save writes its map, last pose and "
+                "settings to a file, and Odometry.load goes on from there, elsewhere too; its trajectory is in poses"
+            )
+        return self.__dict__
+
     def reset(self, start: Any = None) -> None:
         """Forget map, poses and motion; the next frame begins a new map.
 

@@ -42,9 +42,11 @@ class _Pipeline:
 class KissEngine(_Pipeline):
     """KISS-ICP as it comes, kept away from input that ends its process."""
 
-    def __init__(self, max_range: float = 100.0, voxel_size: float | None = None, deskew: bool = True) -> None:
+    def __init__(
+        self, max_range: float = 100.0, voxel_size: float | None = None, deskew: bool = True, min_range: float = 0.0
+    ) -> None:
         config = load_kiss("config").KISSConfig()
-        config.data.max_range, config.data.deskew = max_range, deskew
+        config.data.max_range, config.data.min_range, config.data.deskew = max_range, min_range, deskew
         config.mapping.voxel_size = voxel_size or max_range / 100.0
         self._pipeline = load_kiss("kiss_icp").KissICP(config)
 

@@ -14,7 +14,8 @@ from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.vector_rows import row_dots
 from dqreg.icp import find_correspondences
 from dqreg.registration.between_clouds import between_clouds, have_planes_alone, planes_of
-from dqreg.registration.common_faces import begin_sampling, overlap_at
+from dqreg.registration.common_faces import OVERLAP, begin_sampling, overlap_at
+from dqreg.registration.derived import Key
 from dqreg.registration.exposures import second_pose
 from dqreg.registration.fit import Fit, own_normals
 from dqreg.registration.free_space import begin_free_space, looked_through_at, viewpoint_behind
@@ -22,7 +23,7 @@ from dqreg.registration.loop_status import status_of
 from dqreg.registration.prepared import Prepared
 from dqreg.registration.problem import Problem
 from dqreg.registration.rivals import is_scene
-from dqreg.registration.slides import slide_of
+from dqreg.registration.slides import SLIDE, slide_of
 from dqreg.rigid import pose
 from dqreg.solvers.motion_words import Vector
 from dqreg.trust import (
@@ -70,6 +71,12 @@ class Uncertainty:
         return Uncertainty(covariance_of(information), observe_directions(information, units), partial)
 
 
+UNCERTAINTY: Key[Uncertainty] = Key(of_pose=True)
+MEASURED: Key[Evidence] = Key()
+IS_PARTIAL: Key[bool] = Key()
+VERDICTS: Key[list[tuple[Evidence, Verdict]]] = Key()
+
+
 def uncertainty_of(fit: Fit, *, by_rims: bool = True) -> Uncertainty:
     """Covariance and observability of a fit; NaN and none where no pose was found.
 
@@ -86,7 +93,7 @@ def uncertainty_of(fit: Fit, *, by_rims: bool = True) -> Uncertainty:
         known = replaced(known, sigma=known.sigma / share, scatter=scatter, by_rims=rims)
         return Uncertainty.of(known, fit.problem.units[1])
 
-    return fit.once("uncertainty", uncertainty)
+    return fit.derived.once(UNCERTAINTY, uncertainty)
 
 
 def evidence_of(
@@ -98,7 +105,7 @@ def evidence_of(
     mirror_gain: float = -np.inf,
 ) -> Evidence:
     """All that the verdict on a fit is made of; see `Evidence` for the meaning of each number."""
-    measured = fit.once("measured", lambda: _measured(fit, uncertainty.covariance))
+    measured = fit.derived.once(MEASURED, lambda: _measured(fit, uncertainty.covariance))
     return replaced(
         measured,
         directions=uncertainty.directions,
@@ -150,7 +157,7 @@ def begin_judging(fit: Fit) -> None:
         # First what is asked first.
         fit.begin_information()
         fit.begin_agreement()
-        fit.begin("overlap", lambda: overlap_at(fit))
+        fit.begin(OVERLAP, lambda: overlap_at(fit))
 
 
 def begin_comparing(fit: Fit) -> None:
@@ -173,7 +180,7 @@ def _is_worth_it(prepared: Prepared) -> bool:
 
 def is_partial(fit: Fit) -> bool:
     """Whether the scan shows so little of the target that it may fit elsewhere, where no near symmetry leads to."""
-    return fit.once("partial", lambda: _is_partial(fit))
+    return fit.derived.once(IS_PARTIAL, lambda: _is_partial(fit))
 
 
 def _is_partial(fit: Fit) -> bool:
@@ -201,7 +208,7 @@ def verdict_on(fit: Fit, evidence: Evidence) -> Verdict:
     # Other poses are arrays, by which nothing is compared; and to hash an evidence takes longer than to compare two.
     if evidence.alternatives:
         return judge(evidence)
-    judged: list[tuple[Evidence, Verdict]] = fit.once("verdicts", list)
+    judged = fit.derived.once(VERDICTS, list)
     for before, verdict in judged:
         if before == evidence:
             return verdict
@@ -258,5 +265,5 @@ def without_drift(fit: Fit, start: FloatArray) -> Fit:
     moved = replaced(fit, run=replaced(run, T_target_source=T, pairs=pairs, weights=weights))
     if slide.loss < HOLDS:
         # What held too little before holds as little now: the verdict refuses it, and it is not asked for again.
-        moved.once("slide", lambda: replaced(slide, best=None))
+        moved.derived.put(SLIDE, replaced(slide, best=None))
     return moved

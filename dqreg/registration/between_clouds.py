@@ -8,10 +8,15 @@ from dqreg._arrays import FloatArray
 from dqreg._records import replaced
 from dqreg.geometry import PointCloud
 from dqreg.registration.common_faces import overlap_of
+from dqreg.registration.derived import Key
 from dqreg.registration.fit import Fit
 from dqreg.registration.free_space import met_at
 from dqreg.trust import Evidence
 from dqreg.trust.common_planes import CommonPlanes
+from dqreg.trust.strain import Strain
+
+SHAPES: Key[tuple[Strain, float, float]] = Key()
+PLANES: Key[CommonPlanes | None] = Key()
 
 
 def have_planes_alone(fit: Fit) -> bool:
@@ -32,7 +37,7 @@ def between_clouds(fit: Fit, covariance: FloatArray) -> Evidence:
         return fit.agreement
     size = fit.prepared.surface.diagonal
     # From the last on that was begun beside the caller, who is at the first.
-    strain, deformation, waviness = fit.once("shapes", lambda: overlap.shapes(size))
+    strain, deformation, waviness = fit.derived.once(SHAPES, lambda: overlap.shapes(size))
     faces_apart, opposed_edges = overlap.apart(size, covariance), planes.opposed_edges() if planes else np.nan
     ends_apart, rims_shared, closed_hole = _ends_of_faces(fit, planes, size)
     return replaced(
@@ -76,4 +81,4 @@ def planes_of(fit: Fit) -> CommonPlanes | None:
         size = fit.prepared.surface.diagonal
         return CommonPlanes.of(overlap.on_no_edge, moves, stands, fit.T_target_source, size)
 
-    return fit.once("planes", found)
+    return fit.derived.once(PLANES, found)

@@ -12,6 +12,7 @@ from dqreg._arrays import FloatArray
 from dqreg.geometry import CloudSurface, PointCloud, Surface
 from dqreg.geometry.normals import NEIGHBOURS, PlaneFits, sample_rows
 from dqreg.icp.history import Iteration
+from dqreg.registration.derived import Key
 from dqreg.registration.fit import Fit
 from dqreg.registration.prepared import Prepared
 from dqreg.registration.problem import Problem
@@ -28,11 +29,15 @@ STEPS, LIKELIER, CLEARLY, SHARE = 2, 2.0, 15.0, 0.3
 
 
 Compared = tuple[IndexedPoints, IndexedPoints, Overlap | None]
+OVERLAP: Key[Compared] = Key()
+# Of a problem.
+SAMPLED_SOURCE: Key[IndexedPoints] = Key()
+INDEXED_TARGET: Key[IndexedPoints] = Key()
 
 
 def overlap_of(fit: Fit) -> Compared:
     """Both clouds of a fit, and where they show one smooth surface; None where that is hardly anywhere."""
-    return fit.once("overlap", lambda: overlap_at(fit))
+    return fit.derived.once(OVERLAP, lambda: overlap_at(fit))
 
 
 def overlap_at(fit: Fit) -> Compared:
@@ -41,7 +46,7 @@ def overlap_at(fit: Fit) -> Compared:
     assert isinstance(target, PointCloud)
     moves = _indexed_source(fit.problem, fit.prepared)
     # Where that was begun beside the loop, it is waited for.
-    fit.problem.once("target compared", lambda: indexed_target(fit.target, fit.prepared.surface, target))
+    fit.problem.derived.once(INDEXED_TARGET, lambda: indexed_target(fit.target, fit.prepared.surface, target))
     stands = indexed_target(fit.target, fit.prepared.surface, target)
     return moves, stands, Overlap.of(moves, stands, fit.T_target_source)
 
@@ -101,7 +106,7 @@ def _recorded(before: Fit, fit: Fit, found: Compared, residuals: FloatArray, beg
     if observe is not None:
         observe(record)
     stepped = dataclasses.replace(fit, run=dataclasses.replace(run, history=(*run.history, record)))
-    stepped.once("overlap", lambda: found)
+    stepped.derived.put(OVERLAP, found)
     return stepped
 
 
@@ -130,15 +135,15 @@ def indexed_target(index: TargetIndex, surface: Surface, target: PointCloud) -> 
 
 def begin_sampling(problem: Problem, surface: Surface, target: PointCloud, *, is_whole: bool) -> None:
     """Make what is compared of two clouds beside the caller; planes of a small scan that is whole will be there."""
-    problem.begin("target compared", lambda: indexed_target(problem.target, surface, target))
+    problem.begin(INDEXED_TARGET, lambda: indexed_target(problem.target, surface, target))
     if not is_whole or len(problem.source.cloud) > COMPARED:
-        problem.begin("compared", lambda: sampled_source(problem))
+        problem.begin(SAMPLED_SOURCE, lambda: sampled_source(problem))
 
 
 def _indexed_source(problem: Problem, prepared: Prepared) -> IndexedPoints:
     scan = prepared.scan
     if len(problem.source.cloud) > COMPARED or not prepared.is_whole:
-        return problem.once("compared", lambda: sampled_source(problem))
+        return problem.derived.once(SAMPLED_SOURCE, lambda: sampled_source(problem))
     # Planes of all points are there, unless normals were given in their place.
     is_fitted = scan.fitted is None and problem.source.cloud.normals is None
     planes = PlaneFits(scan.normals, scan.residuals, scan.levers, NEIGHBOURS) if is_fitted else None

@@ -10,6 +10,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.geometry import MeshSurface
 from dqreg.registration.assess import evidence_of, is_partial, uncertainty_of, verdict_on
+from dqreg.registration.derived import Key
 from dqreg.registration.displacement import FEW, displacement_between, offset_from_start
 from dqreg.registration.fit import Fit
 from dqreg.registration.free_space import looked_through_at
@@ -59,6 +60,8 @@ FAR = 0.2
 # Points of two clouds near each other, and within their borders, of which so large a share lies apart: right poses of
 # one body leave 0.002.
 BETWEEN = 0.02
+# By whether the mirror image is asked in any case.
+DOUBTFUL: dict[bool, Key[bool]] = {False: Key(), True: Key()}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -143,7 +146,7 @@ def may_search(fit: Fit) -> bool:
 
 def is_doubtful(fit: Fit, *, ask_mirror: bool = False) -> bool:
     """Whether something speaks against a pose that another one might mend."""
-    return fit.once(("doubtful", ask_mirror), lambda: _is_doubtful(fit, ask_mirror))
+    return fit.derived.once(DOUBTFUL[ask_mirror], lambda: _is_doubtful(fit, ask_mirror))
 
 
 def _is_doubtful(fit: Fit, ask_mirror: bool) -> bool:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Hashable
-from typing import Any, TypeVar
+from collections.abc import Callable
+from typing import TypeVar
 
 import numpy as np
 
@@ -28,8 +28,8 @@ from dqreg.icp import (
 from dqreg.icp.correspondences import placed
 from dqreg.icp.history import Iteration
 from dqreg.icp.noise_by_face import weights_by_face
-from dqreg.kernels.threads import Later
 from dqreg.registration.constraints import PoseConstraints
+from dqreg.registration.derived import Derived, Key
 from dqreg.registration.evenly_asked import evenly_asked
 from dqreg.registration.evidence import agreement_in_time, agreement_of
 from dqreg.registration.prepared import Prepared
@@ -43,10 +43,14 @@ T = TypeVar("T")
 # Points that are asked how residuals follow a displacement by their usual size; those beyond so many of these are of
 # another face, and they follow this share of it at least.
 FOLLOWING, OUTSIDE, LEAST_FOLLOWED = 1_000, 3.0, 0.05
-# What is known by a pose alone, however the loop ended.
-OF_THE_POSE = ("followed", "information", "slide", "uncertainty")
 # Rounds of EM that learn the mixture at a pose where the loop has not ended.
 EM_ROUNDS = 30
+
+AGREEMENT: Key[Evidence] = Key()
+STRAIN_AXIS: Key[tuple[float, float, float]] = Key()
+EVENLY_ASKED: Key[Correspondences] = Key()
+INFORMATION: Key[Information] = Key(of_pose=True)
+FOLLOWED: Key[float] = Key(of_pose=True)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,19 +63,12 @@ class Fit:
     settings: IcpSettings
     constraints: PoseConstraints
     run: Alignment  # Pose, last correspondences and weights, mixture, history of all runs, status
-    _known: dict[Hashable, Any] = dataclasses.field(default_factory=dict, init=False, repr=False, compare=False)
+    derived: Derived = dataclasses.field(default_factory=Derived, init=False, repr=False, compare=False)
 
-    def once(self, name: Hashable, make: Callable[[], T]) -> T:
-        """What follows from the fit and is asked for again, made once."""
-        if name not in self._known:
-            self._known[name] = make()
-        found: T | Later[T] = self._known[name]
-        return found.result() if isinstance(found, Later) else found
-
-    def begin(self, name: Hashable, make: Callable[[], Any]) -> None:
-        """Make beside the caller what `once` will be asked for by that name; under a time limit nothing is."""
-        if self.problem.options.time_limit is None and name not in self._known:
-            self._known[name] = Later(make)
+    def begin(self, key: Key[T], make: Callable[[], T]) -> None:
+        """Make beside the caller what will be asked for; under a time limit nothing is."""
+        if self.problem.options.time_limit is None:
+            self.derived.begin(key, make)
 
     @property
     def T_target_source(self) -> FloatArray:
@@ -102,16 +99,16 @@ class Fit:
     @property
     def agreement(self) -> Evidence:
         """How well scan and target agree at the pose: what the verdict is made of, as far as the run tells it."""
-        return self.once("agreement", self._agreement)
+        return self.derived.once(AGREEMENT, self._agreement)
 
     def begin_agreement(self) -> None:
         """Make it beside the caller."""
-        self.begin("agreement", self._agreement)
+        self.begin(AGREEMENT, self._agreement)
 
     @property
     def strain_axis(self) -> tuple[float, float, float]:
         """Axis of a strain of the scan against a part, be it a fault or not; zeros for none."""
-        return self.once("strain axis", lambda: self._agreement(axis=True).stretched_along)
+        return self.derived.once(STRAIN_AXIS, lambda: self._agreement(axis=True).stretched_along)
 
     def _agreement(self, *, axis: bool = False) -> Evidence:
         prepared, reach = self.prepared, self.settings.max_distance
@@ -128,16 +125,16 @@ class Fit:
     def evenly_asked(self) -> Correspondences:
         """Pairs at the pose of points that were drawn evenly, each of one point."""
         scan, surface, width = self.prepared.scan, self.prepared.surface, self.run.mixture.scale
-        return self.once("evenly asked", lambda: evenly_asked(self.run, scan, surface, width))
+        return self.derived.once(EVENLY_ASKED, lambda: evenly_asked(self.run, scan, surface, width))
 
     @property
     def information(self) -> Information:
         """Information of the six motions from the last correspondences, the constraints and the prior."""
-        return self.once("information", self._information)
+        return self.derived.once(INFORMATION, self._information)
 
     def begin_information(self) -> None:
         """Make it beside the caller."""
-        self.begin("information", self._information)
+        self.begin(INFORMATION, self._information)
 
     def _information(self) -> Information:
         T, pairs, weights = self.T_target_source, self.run.pairs, self.run.weights
@@ -169,7 +166,7 @@ class Fit:
         Where noise is no less than the spacing, the nearest point is another one after it, again near: the cost is
         flatter than its Gauss-Newton Hessian says, and the pose errs by so much more.
         """
-        return self.once("followed", self._followed)
+        return self.derived.once(FOLLOWED, self._followed)
 
     def _followed(self) -> float:
         surface, pairs = self.prepared.surface, self.run.pairs
@@ -212,7 +209,7 @@ class Fit:
         if not self.found:
             return self
         found = replaced(self, run=replaced(self.run, status="time limit"))
-        found._known.update({name: value for name, value in self._known.items() if name in OF_THE_POSE})
+        self.derived.hand_on(found.derived)
         return found
 
     def _ended(self, pairs: Correspondences, mixture: InlierMixture, kept: BoolArray) -> Fit:

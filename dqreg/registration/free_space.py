@@ -10,6 +10,7 @@ from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh, PointCloud
 from dqreg.geometry.morton import morton_order
 from dqreg.geometry.visibility import blocked
+from dqreg.registration.derived import Key
 from dqreg.registration.fit import Fit
 from dqreg.registration.problem import Problem
 from dqreg.registration.target_index import TargetIndex
@@ -27,6 +28,12 @@ NOTHING = 1e-6
 GAPS = 4.0
 # Rays begin so many standard deviations and that share of the size before their point, which lies on a surface.
 SIGMAS, SHARE = 10.0, 0.005
+
+MET: Key[Met] = Key()
+# Of a problem.
+SEEN: Key[tuple[Seen, Seen]] = Key()
+BOTH_RAYS: Key[BothRays | None] = Key()
+VIEWPOINT_BEHIND: Key[float] = Key()
 
 
 def looked_through_at(fit: Fit, *, by_rays: bool = False) -> tuple[float, float]:
@@ -46,19 +53,19 @@ def looked_through_at(fit: Fit, *, by_rays: bool = False) -> tuple[float, float]
 
 
 def _between_clouds(fit: Fit, target: PointCloud) -> float:
-    source, seen = fit.problem.once("seen", lambda: _seen_both(fit.problem, target))
+    source, seen = fit.problem.derived.once(SEEN, lambda: _seen_both(fit.problem, target))
     return looked_through(source, seen, fit.T_target_source, GAPS)
 
 
 def both_rays(problem: Problem) -> BothRays | None:
     """What the rays of two clouds met; None where their scanners' places are not known, or not amid what they show."""
-    return problem.once("rays", lambda: _both_rays(problem))
+    return problem.derived.once(BOTH_RAYS, lambda: _both_rays(problem))
 
 
 def met_at(fit: Fit) -> Met | None:
     """What the rays of two clouds say at the pose of a fit; None likewise."""
     rays = both_rays(fit.problem) if fit.found and not fit.is_late else None
-    return None if rays is None else fit.once("met", lambda: met_by(fit, rays, fit.T_target_source[None]))
+    return None if rays is None else fit.derived.once(MET, lambda: met_by(fit, rays, fit.T_target_source[None]))
 
 
 def met_by(fit: Fit, rays: BothRays, poses: FloatArray) -> Met:
@@ -98,7 +105,7 @@ def _asks_rays(fit: Fit) -> bool:
 
 def begin_free_space(problem: Problem, target: PointCloud) -> None:
     """Make what `looked_through_at` asks of two clouds of many points, beside the caller."""
-    problem.begin("seen", lambda: _seen_both(problem, target))
+    problem.begin(SEEN, lambda: _seen_both(problem, target))
 
 
 def _seen_both(problem: Problem, target: PointCloud) -> tuple[Seen, Seen]:
@@ -131,7 +138,7 @@ def viewpoint_behind(problem: Problem) -> float:
     if places is None or len(places) != 1:
         return np.nan
     source = problem.source
-    return problem.once("viewpoint behind", lambda: hidden_share(source.cloud.points, source.centred(places)[0]))
+    return problem.derived.once(VIEWPOINT_BEHIND, lambda: hidden_share(source.cloud.points, source.centred(places)[0]))
 
 
 def _through_mesh(fit: Fit, part: Mesh) -> float:

@@ -11,6 +11,7 @@ from dqreg.geometry import CloudSurface, Mesh, Surface
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.sampling import places_on
 from dqreg.kernels.threads import unlocked_property
+from dqreg.registration.derived import Key
 from dqreg.registration.fit import Fit
 from dqreg.rigid import twist
 from dqreg.search.cloud_rings import ring_turns
@@ -38,6 +39,8 @@ HELD = 0.1
 # Share of the inliers that shows an end of a part, this near to it in sizes: after any period they stick out by two
 # thirds of that, and so many are enough to tell.
 END, AT_END = 0.005, 0.35 * SHORTEST
+
+INLIERS: Key[FloatArray] = Key()
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -122,7 +125,7 @@ def _inliers(fit: Fit) -> FloatArray:
         rows = sample_rows(len(pairs.moved), REACHING)
         return np.take(pairs.moved, rows[pairs.distances[rows] <= within], axis=0)
 
-    return fit.once("inliers", found)
+    return fit.derived.once(INLIERS, found)
 
 
 def _planes_of_scan(fit: Fit) -> Planes:

@@ -19,8 +19,8 @@ from dqreg.icp.coarse_to_fine import COARSE, NEAR
 from dqreg.icp.correspondences import moved_points
 from dqreg.icp.history import Iteration
 from dqreg.icp.stopwatch import Stopwatch
-from dqreg.kernels.threads import Later
 from dqreg.registration.constraints import PoseConstraints
+from dqreg.registration.derived import Derived, Key
 from dqreg.registration.options import Options
 from dqreg.registration.prepared import Begin, Prepared
 from dqreg.registration.source import CentredSource, centre_source
@@ -98,7 +98,7 @@ class Problem(SourceAndTarget):
     watch: Stopwatch
     _building: Building | None = dataclasses.field(default=None, repr=False, compare=False)
     _evening: Evening | None = dataclasses.field(default=None, repr=False, compare=False)
-    _ahead: dict[str, Later[Any]] = dataclasses.field(default_factory=dict, init=False, repr=False, compare=False)
+    derived: Derived = dataclasses.field(default_factory=Derived, init=False, repr=False, compare=False)
 
     @staticmethod
     def of(source: Any, target: Any, start: Any, options: Options, watch: Stopwatch) -> Problem:
@@ -162,17 +162,10 @@ class Problem(SourceAndTarget):
         )
         return prepared if most is not None or prepared.is_from_a_stand else None
 
-    def begin(self, name: str, make: Callable[[], T]) -> None:
-        """Make ahead what `once` will be asked for, beside the caller; under a time limit nothing is."""
-        if self.options.time_limit is None and name not in self._ahead:
-            self._ahead[name] = Later(make)
-
-    def once(self, name: str, make: Callable[[], T]) -> T:
-        """What follows from source and target alone, made once."""
-        if name not in self._ahead:
-            self._ahead[name] = Later(make, beside=False)
-        found: T = self._ahead[name].result()
-        return found
+    def begin(self, key: Key[T], make: Callable[[], T]) -> None:
+        """Make ahead what will be asked for, beside the caller; under a time limit nothing is."""
+        if self.options.time_limit is None:
+            self.derived.begin(key, make)
 
     def await_target(self) -> None:
         """Wait for what is built of the target beside the loop."""

@@ -107,7 +107,8 @@ def register(
         the file hides nothing unless it is given here.
     search : {"never", "doubt", "always"}
         Whether a global search may run beside an initial pose: not at all (a loop at a fixed rate), where the pose is
-        in doubt and no ``method``, ``dof`` or ``prior`` is given, or in any case.
+        in doubt and no ``method``, ``dof`` or ``prior`` is given, or in any case. Places near the pose (symmetries,
+        periods, turns of a ring) are compared with "never" too.
     clutter : {"allowed", "none"}
         Whether the scan may show other objects; with "none", every point off the target speaks against the pose.
     observe : callable, optional

@@ -8,6 +8,7 @@ from dqreg._arrays import BoolArray, FloatArray, IntArray, median
 from dqreg.geometry import Mesh, MeshSurface
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp.coarse_to_fine import noise_on
+from dqreg.registration.derived import Key
 from dqreg.registration.evidence import NEAR
 from dqreg.registration.fit import Fit
 from dqreg.registration.free_space import both_rays, met_at, met_by
@@ -42,6 +43,9 @@ APART, LEAST, SOME = 5.0, 1e-4, 0.005
 CERTAIN = 0.6
 # Share of a scan off the part from which on any mirror image may hide.
 HIDES = 0.05
+
+APART_FROM_TARGET: Key[bool] = Key()
+MIRROR_GAIN: Key[float] = Key()
 NO_POSES: FloatArray = np.zeros((0, 4, 4))
 
 
@@ -205,7 +209,7 @@ def mirror_gain(fit: Fit, *, always: bool = False) -> float:
             always
             or fit.agreement.patches_off > 0.0
             or _much_is_off(fit)
-            or fit.once("apart", lambda: _some_apart(fit))
+            or fit.derived.once(APART_FROM_TARGET, lambda: _some_apart(fit))
         )
     ):
         return -np.inf
@@ -217,7 +221,7 @@ def mirror_gain(fit: Fit, *, always: bool = False) -> float:
             mirrors = np.concatenate([mirrors, far])
         return gain_of_mirror(fit.T_target_source, mirrors, *asked)
 
-    return fit.once("mirror gain", gain)
+    return fit.derived.once(MIRROR_GAIN, gain)
 
 
 def _much_is_off(fit: Fit) -> bool:

@@ -18,6 +18,7 @@ from dqreg.geometry import MeshSurface
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp import find_correspondences
+from dqreg.registration.derived import Key
 from dqreg.registration.fit import Fit
 from dqreg.registration.rivals import JUDGES, scores_and_rows, scores_of
 from dqreg.registration.surroundings import surroundings_of
@@ -62,9 +63,12 @@ class Slide:
     by_rims: float = np.nan
 
 
+SLIDE: Key[Slide] = Key(of_pose=True)
+
+
 def slide_of(fit: Fit) -> Slide:
     """Displace a pose on a part along all motions that few points constrain, or none."""
-    return fit.once("slide", lambda: _slide_of(fit))
+    return fit.derived.once(SLIDE, lambda: _slide_of(fit))
 
 
 def _slide_of(fit: Fit, share: float = 0.0) -> Slide:

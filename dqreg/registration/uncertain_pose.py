@@ -7,8 +7,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import FloatArray, as_vectors
+from dqreg._arrays import FloatArray, as_float, as_vectors
 from dqreg.errors import InputError
+from dqreg.files.cloud_data import finite_rows
 from dqreg.rigid import DualQuaternion, pose
 from dqreg.rigid.twist import TRANSLATION_FIRST
 from dqreg.trust.covariance import TOUCHED
@@ -47,16 +48,21 @@ class UncertainPose:
 
         Parameters
         ----------
-        points : array_like, (n, 3)
-            Source coordinates, in the source's own unit.
+        points : array_like, (..., 3)
+            Source coordinates, in the source's own unit: usually (n, 3), also one point or an image of points.
 
         Returns
         -------
-        ndarray, (n, 3)
-            Target coordinates, in the target's unit.
+        ndarray, (..., 3)
+            Target coordinates, in the target's unit. A point with a coordinate that is NaN or infinite, which
+            `register` leaves out, is NaN in all three: rows and pixels keep their places.
         """
-        checked = as_vectors(points, "points")
-        return pose.apply(self._found(), checked * self.scale)
+        array = as_float(points, "points")
+        rows = as_vectors(array.reshape(-1, 3) if array.shape[-1:] == (3,) else array, "points", finite=False)
+        is_finite = finite_rows(rows)
+        if not is_finite.all():
+            rows = np.where(is_finite[:, None], rows, np.nan)
+        return pose.apply(self._found(), rows * self.scale).reshape(array.shape)
 
     def inverse(self) -> FloatArray:
         """The pose T_source_target, (4, 4), from target coordinates to source coordinates (in target units).
@@ -72,9 +78,15 @@ class UncertainPose:
     def information(self) -> FloatArray:
         """Inverse of `covariance`, (6, 6), in the same frame: 0 along motions that are free.
 
-        Raises `InputError` where no pose was found, and where motions are known exactly (``dof=`` locked them).
+        Raises `InputError` where no pose was found, and where motions are known exactly: ``dof=`` locked them, or it is
+        the first frame of an `Odometry`, which defines the map's frame (code "first_frame").
         """
         self._found()
+        if "first_frame" in self.verdict.codes:
+            raise InputError(
+                "the first frame defines the map's frame: its pose is exact and its information infinite. In a pose "
+                'graph it is the pose that is held fixed; skip the frame whose verdict has the code "first_frame"'
+            )
         known = self.partial_information
         return _inverse(self.covariance) if known is None else known.copy()
 

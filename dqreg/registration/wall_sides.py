@@ -14,6 +14,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh, MeshSurface
 from dqreg.geometry.normals import sample_rows
+from dqreg.registration.derived import Key
 from dqreg.registration.displacement import displacement_between
 from dqreg.registration.fit import Fit
 from dqreg.registration.rivals import JUDGES, NO_POSES
@@ -42,6 +43,8 @@ ROUGHLY = (30.0, 60.0)
 # Better poses that follow one another.
 ROUNDS = 2
 
+WALL_SIDES: Key[tuple[list[Fit], FloatArray]] = Key()
+
 
 def on_best_sides(fit: Fit) -> Fit:
     """The fit, or that to a pose on other sides of thin walls that explains the scan better."""
@@ -65,7 +68,7 @@ def equal_sides(fit: Fit) -> FloatArray:
 
 def _rivals(fit: Fit) -> tuple[list[Fit], FloatArray]:
     """Fits on other sides of thin walls, and the log-likelihood, (k,), that all points together lose there."""
-    return fit.once("wall sides", lambda: _compared(fit))
+    return fit.derived.once(WALL_SIDES, lambda: _compared(fit))
 
 
 def _compared(fit: Fit) -> tuple[list[Fit], FloatArray]:

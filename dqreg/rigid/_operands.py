@@ -114,7 +114,7 @@ def as_poses(value: ArrayLike, name: str) -> FloatArray:
     """
     given = pose_of(value)
     T = given if isinstance(given, np.ndarray) and given.dtype == np.float64 else as_float(given, name)
-    return _with_last_axes(with_last_row(T), name, (4, 4), "4x4 poses in the last two axes")
+    return _with_last_axes(with_last_row(T), name, (4, 4), "4x4 poses (or 3x4) in the last two axes")
 
 
 def as_rigid_poses(value: ArrayLike, name: str) -> FloatArray:

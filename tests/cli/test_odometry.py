@@ -74,6 +74,41 @@ def test_kiss_icp_runs_through_the_same_command(sequence, tmp_path):
     assert np.loadtxt(out).shape == (4, 8)
 
 
+def test_kiss_icp_keeps_to_the_minimum_range(sequence, tmp_path):
+    """A shell about the sensor goes with it, and holds the motion of 0.6 back unless it is left out."""
+    with np.load(sequence / "good.npz") as file:
+        frames = np.split(file["points"], 4)
+    shell = np.random.default_rng(1).normal(size=(4000, 3))
+    shell *= 2.0 / np.linalg.norm(shell, axis=1)[:, None]
+    np.savez(
+        tmp_path / "shell.npz", points=np.vstack([np.vstack([f, shell]) for f in frames]), offsets=np.arange(5) * 8000
+    )
+    moved = []
+    for nearest in (0.0, 2.2):
+        options = ("--engine", "kiss-icp", "--out", tmp_path / "k.txt", "--quiet", "--min-range", nearest)
+        assert run("odometry", tmp_path / "shell.npz", *options) == 0
+        moved.append(np.loadtxt(tmp_path / "k.txt")[-1, 3])
+    assert abs(moved[1] - 0.6) < 0.1 < 0.15 < abs(moved[0] - 0.6)
+
+
+@pytest.mark.parametrize(
+    ("option", "words"),
+    [
+        (["--method", "dq"], "--method is the estimator of our engine, and --engine kiss-icp was asked for"),
+        (["--method", "plane"], "--method is the estimator of our engine"),
+        (["--search", "10"], "--search is the search of our engine"),
+        (["--motion", "/odom"], "--motion guides our engine"),
+        (["--view"], "--view shows our engine"),
+        (["--compare"], "--compare runs all engines"),
+    ],
+)
+def test_what_kiss_icp_does_not_have_is_refused_before_the_run(sequence, tmp_path, capsys, option, words):
+    out = tmp_path / "k.txt"
+    assert run("odometry", sequence / "good.npz", "--engine", "kiss-icp", "--out", out, *option) == 2
+    assert words in capsys.readouterr().err
+    assert not out.exists()
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -111,7 +146,7 @@ def test_the_truth_of_a_virtual_case_is_one_of_odometry_too(sequence, capsys):
     assert said[0] == said[1] != []
 
 
-def test_a_view_is_open_while_it_runs_and_is_of_our_engine_alone(sequence, monkeypatch, capsys):
+def test_a_view_is_open_while_it_runs(sequence, monkeypatch, capsys):
     pytest.importorskip("viser")
     from dqreg.report import live_server
 
@@ -121,8 +156,6 @@ def test_a_view_is_open_while_it_runs_and_is_of_our_engine_alone(sequence, monke
     said = " ".join(capsys.readouterr().out.split())
     assert f"http://127.0.0.1:{servers[0].get_port()}" in said
     servers[0].stop()
-    assert run("odometry", sequence / "good.npz", "--view", "--engine", "kiss-icp") == 2
-    assert "--view shows our engine" in capsys.readouterr().err
 
 
 def test_help_loads_nothing_heavy():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import warnings
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -21,18 +22,22 @@ OPENED: list[str] | None = None
 
 
 def _listen(event: str, arguments: tuple[Any, ...]) -> None:
-    # Hooks cannot be taken away again; this one sleeps between tests.
     if OPENED is not None and event in ("open", "socket.connect", "subprocess.Popen", "os.system", "exec"):
         OPENED.append(f"{event} {arguments[0]!s}")
 
 
-sys.addaudithook(_listen)
+@cache
+def _add_listener() -> None:
+    # Hooks cannot be taken away again, and cost every process that has one: this one comes with the first test that
+    # asks, and sleeps between them.
+    sys.addaudithook(_listen)
 
 
 @pytest.fixture
 def opened() -> Iterator[list[str]]:
     """What the code under test opens, connects to or runs."""
     global OPENED  # noqa: PLW0603
+    _add_listener()
     OPENED = []
     yield OPENED
     OPENED = None

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 
@@ -125,3 +128,31 @@ def test_history_is_bounded_and_a_reset_begins_anew(jerky):
     assert odometry.register_frame(jerky.frames[0][::3]).T_target_source[:3, 3].tolist() == [1.0, 2.0, 3.0]
     with pytest.raises(InputError, match="history"):
         Odometry(history=0)
+
+
+def test_the_first_frame_says_why_it_has_no_information(jerky):
+    """As the how-to's loop skips it: the frames after it have some."""
+    odometry = Odometry()
+    frames = [odometry.register_frame(frame) for frame in jerky.frames[:2]]
+    assert ["first_frame" in frame.verdict.codes for frame in frames] == [True, False]
+    for ask in (lambda first: first.information, lambda first: first.information_in("source")):
+        with pytest.raises(InputError, match=r"the first frame defines the map's frame.* skip the frame"):
+            ask(frames[0])
+    assert not frames[0].covariance_in("source").any()
+    assert np.linalg.eigvalsh(frames[1].information_in("source")).min() > 0.0
+
+
+def test_what_cannot_be_pickled_points_to_what_can_be_saved(jerky, tmp_path):
+    """Before the first frame it can, as it always could: then it is its settings."""
+    odometry = Odometry(voxel_size=0.3, start=pose.from_parts(np.eye(3), [1.0, 2.0, 3.0]))
+    again = pickle.loads(pickle.dumps(odometry))
+    assert again.settings == odometry.settings
+    np.testing.assert_array_equal(again.last_pose, odometry.last_pose)
+    odometry.register_frame(jerky.frames[0])
+    odometry.save(tmp_path / "map.npz")
+    for begun in (odometry, Odometry.load(tmp_path / "map.npz")):
+        for take in (pickle.dumps, copy.copy, copy.deepcopy):
+            with pytest.raises(InputError, match=r"neither pickled nor copied: Odometry\.save"):
+                take(begun)
+    odometry.reset()
+    pickle.dumps(odometry)

@@ -279,7 +279,7 @@ def test_the_dual_quaternion_is_the_pose() -> None:
     np.testing.assert_allclose(result.dual_quaternion.as_matrix(), result.T_target_source, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("wrong", [[1.0, 2.0, 3.0], np.zeros((2, 2)), [[NAN, 0, 0]], "points"])
+@pytest.mark.parametrize("wrong", [[1.0, 2.0], np.zeros((2, 2)), [[None, 0, 0]], "points"])
 def test_apply_refuses_what_are_no_points(wrong: Any) -> None:
     with pytest.raises(InputError, match="points"):
         good().apply(wrong)

@@ -8,7 +8,9 @@ import pickle
 import warnings
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -48,6 +50,22 @@ def answer(target: Target, start: Any = None, **options: Any) -> dict[str, Any]:
     for record in told["history"]:
         del record["seconds"]
     return told
+
+
+@cache
+def file_of(kind: str) -> bytes:
+    """What a target of a kind is saved as."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "part.npz"
+        prepare_target(TARGETS[kind]).save(path)
+        return path.read_bytes()
+
+
+def saved(kind: str, folder: Path) -> Path:
+    """A file of its own with a target of a kind."""
+    path = folder / "part.npz"
+    path.write_bytes(file_of(kind))
+    return path
 
 
 @pytest.mark.parametrize("kind", TARGETS)
@@ -102,9 +120,8 @@ def damaged(path: Path, **changes: Any) -> Path:
     ],
 )
 def test_a_file_that_is_no_target_is_refused_in_words(changes: dict[str, Any], words: str, tmp_path: Path) -> None:
-    prepare_target(PART).save(tmp_path / "part.npz")
     with pytest.raises(InputError, match=words):
-        Target.load(damaged(tmp_path / "part.npz", **changes))
+        Target.load(damaged(saved("mesh", tmp_path), **changes))
 
 
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04 torn", pickle.dumps([1, 2])])
@@ -117,8 +134,7 @@ def test_junk_and_pickles_are_refused(content: bytes, tmp_path: Path) -> None:
 
 
 def test_a_cut_file_is_refused(tmp_path: Path) -> None:
-    prepare_target(PART).save(tmp_path / "part.npz")
-    whole = (tmp_path / "part.npz").read_bytes()
+    whole = file_of("mesh")
     for share in (0.1, 0.5, 0.99):
         (tmp_path / "cut.npz").write_bytes(whole[: int(share * len(whole))])
         with pytest.raises(InputError):
@@ -248,14 +264,12 @@ CHANGES: list[tuple[str, dict[str, Any]]] = [
 
 @pytest.mark.parametrize(("kind", "changes"), CHANGES)
 def test_a_changed_array_or_header_is_refused_in_words(kind: str, changes: dict[str, Any], tmp_path: Path) -> None:
-    prepare_target(TARGETS[kind]).save(tmp_path / "part.npz")
     with pytest.raises(InputError, match=r"damaged prepared target|no readable prepared target"):
-        Target.load(damaged(tmp_path / "part.npz", **changes))
+        Target.load(damaged(saved(kind, tmp_path), **changes))
 
 
 def test_bytes_changed_anywhere_are_refused_or_leave_a_sound_target(tmp_path: Path) -> None:
-    prepare_target(TARGETS["mesh"]).save(tmp_path / "part.npz")
-    whole, rng = (tmp_path / "part.npz").read_bytes(), np.random.default_rng(0)
+    whole, rng = file_of("mesh"), np.random.default_rng(0)
     for _ in range(60):
         torn = bytearray(whole)
         for place in rng.integers(0, len(whole), 3):

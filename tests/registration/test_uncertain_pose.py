@@ -187,3 +187,27 @@ def test_what_cannot_be_answered_is_said() -> None:
     with pytest.raises(InputError, match="known exactly"):
         _ = result(covariance=locked).information
     assert result(covariance=locked).covariance_in("target").shape == (6, 6)
+
+
+def test_rows_that_are_not_finite_stay_in_their_places_as_nan() -> None:
+    """An organised cloud, as `register` takes it; what stands in the other rows is what its other points become."""
+    points = np.random.default_rng(0).normal(size=(40, 3))
+    expected = result().apply(points)
+    bad = {3: [np.nan] * 3, 7: [1.0, np.nan, 2.0], 8: [np.inf] * 3, 11: [0.0, 1.0, -np.inf]}
+    for row, values in bad.items():
+        points[row], expected[row] = values, np.nan
+    np.testing.assert_array_equal(result().apply(points), expected)
+    np.testing.assert_array_equal(result().apply(np.full((2, 3), np.nan)), np.full((2, 3), np.nan))
+    assert result().apply(np.zeros((0, 3))).shape == (0, 3)
+    # Some drivers hand out the image.
+    np.testing.assert_array_equal(result().apply(points.reshape(5, 8, 3)), expected.reshape(5, 8, 3))
+
+
+def test_one_point_is_moved_as_by_its_pose() -> None:
+    found = result()
+    moved = found.apply([1, 2, 3])
+    np.testing.assert_array_equal(moved, pose.apply(found.T_target_source, [1, 2, 3]))
+    assert moved.shape == (3,)
+    for strange in (5.0, [1.0, 2.0], np.zeros((4, 2)), np.zeros((3, 9))):
+        with pytest.raises(InputError, match=r"points must have shape \(n, 3\)"):
+            found.apply(strange)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import os
 import re
 import signal
@@ -21,9 +22,10 @@ from dqreg.registration.batch.row import Targets, run_row
 from tests.registration.batch.hostile import thumbnail
 from tests.registration.batch.scenes import make_scene, results, without_times
 
-distributed = pytest.importorskip("distributed")
 # Dask's own: sockets of a worker that was killed, and loops that close late.
 pytestmark = [
+    # Not imported to be looked for: its half a second would be every worker's.
+    pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="could not import 'distributed'"),
     pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
     pytest.mark.filterwarnings("ignore::ResourceWarning"),
     pytest.mark.filterwarnings("ignore::DeprecationWarning"),
@@ -37,6 +39,7 @@ def cluster():
     old = os.environ.get("OMP_NUM_THREADS")
     os.environ["OMP_NUM_THREADS"] = "1"
     import dask
+    import distributed
 
     with (
         dask.config.set(settings),
