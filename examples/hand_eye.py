@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from tempfile import gettempdir
+from tempfile import mkdtemp
 
 import numpy as np
 
@@ -52,7 +52,7 @@ def main(folder: str | Path | None = None):
     print("standard deviations along x, y, z, mm:", np.sqrt(fit.covariance.diagonal()[9:]).round(4))
     print("true errors, mm:                      ", error.round(4))
     # The same stations for the command line: dqreg hand-eye stations.json
-    file = Path(folder or gettempdir()) / "stations.json"
+    file = Path(folder or mkdtemp(prefix="dqreg-")) / "stations.json"
     file.write_text(
         json.dumps({"hand": np.array(hands).tolist(), "eye": np.array(measured).tolist()}), encoding="utf-8"
     )

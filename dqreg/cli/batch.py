@@ -91,14 +91,14 @@ def batch(manifest: Path, target: Path | None, out: Path | None, as_json: bool, 
     Exit codes: 0 every row accepted (and every part passes), 1 some were not, 2 bad input, 3 all accepted, but a part
     fails or is undecided, 130 or 143 stopped by a signal.
     """
-    from dqreg.registration.batch import Asked, Defaults, Workers, read_manifest, run_batch
+    from dqreg.registration.batch import Defaults, RowInspection, Workers, read_manifest, run_batch
     from dqreg.registration.batch.run import SUMMARY_CSV, TRENDS_CSV, VALUES_CSV
     from dqreg.report.work_bar import WorkBar
 
     console, shown = consoles(quiet=quiet, as_json=as_json)
     with PoliteSignals() as stop:
         workers = Workers(*(options[name] for name in ("workers", "scheduler", "threads", "timeout")))
-        asked = Asked(
+        asked = RowInspection(
             None if options["plan"] is None else options["plan"].absolute(),
             options["tolerance"],
             None if options["required"] is None else options["required"] / 100.0,

@@ -120,7 +120,7 @@ def _matched(file: Path, eye: Path) -> tuple[FloatArray, FloatArray]:
     import numpy as np
 
     from dqreg.errors import InputError
-    from dqreg.odometry.trajectory_files import read_poses
+    from dqreg.files.trajectories import read_poses
 
     (hand, hand_times), (sensor, eye_times) = read_poses(file), read_poses(eye)
     if hand_times is None or eye_times is None:

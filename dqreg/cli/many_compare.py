@@ -26,7 +26,8 @@ def run_many(
     from dqreg.files.strict_json import plain
     from dqreg.geometry import Mesh
     from dqreg.geometry.opening import open_geometry
-    from dqreg.multiway.scores import compare_many, many_table
+    from dqreg.multiway.peers import compare_many
+    from dqreg.multiway.scores import many_table
     from dqreg.multiway.starts import read_starts_file
     from dqreg.report.table import print_tables, to_markdown
 
@@ -40,9 +41,11 @@ def run_many(
     for goal in goals.values():
         if goal is not None:
             require_writable(goal)
-    truth = np.array(read_starts_file(options["truth"]))
+    truth = np.array(read_starts_file(options["truth"], len(inputs)))
     if len(truth) != len(inputs):
         raise InputError(f"--truth has {len(truth)} poses for {len(inputs)} scans")
+    if not np.isfinite(truth).all():
+        raise InputError(f"{options['truth']} holds scans without a pose; --truth has one for each scan")
     clouds = []
     for path in inputs:
         geometry = open_geometry(path, "scan")

@@ -35,7 +35,7 @@ SECTIONS = {
 
 @click.command("multiway", cls=SectionedCommand, sections=SECTIONS)
 @click.argument("scans", nargs=-1, required=True)
-@click.option("--out", type=FILE, help="The result as JSON; poses alone for names ending in .txt (KITTI) or .tum.")
+@click.option("--out", type=FILE, help="The result as JSON; poses alone for .txt (KITTI; TUM for _tum.txt) or .tum.")
 @click.option("--fused", type=FILE, help="One cloud of all placed scans as PLY, with normals "
               "where it is known from which side the scans were taken.")  # fmt: skip
 @click.option("--report", type=FILE, help="One HTML page: verdict, graph, scans together, loops, what to rescan.")
@@ -90,7 +90,7 @@ def multiway_command(scans: tuple[str, ...], quiet: bool, as_json: bool, **optio
         load_open3d()
         result = register_many(
             files,
-            starts=None if options["starts"] is None else read_starts_file(options["starts"]),
+            starts=None if options["starts"] is None else read_starts_file(options["starts"], len(files)),
             viewpoints=_place(options["viewpoint"]),
             observe=_told(bar, shown, files),
             folder=folder,

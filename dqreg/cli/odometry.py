@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from dqreg._arrays import FloatArray
-    from dqreg.odometry.engines import TrajectoryRun
     from dqreg.odometry.live import LiveMap
     from dqreg.odometry.motion import MotionPrior
+    from dqreg.odometry.run_sequence import TrajectoryRun
     from dqreg.odometry.scans import Scans
 
 # Frames that are named one by one on the screen; all of them are in --frames.
@@ -118,7 +118,7 @@ def odometry_command(scans: Path, **options: Any) -> int:
     main = trips[-1]
     _write(console, main, data, truth, options)
     if options["as_json"]:
-        from dqreg.odometry.trajectory import to_records
+        from dqreg.odometry.frame_table import to_records
 
         print_json({"engine": main.name, "frames": to_records(main, data)})
     if view is not None:
@@ -187,15 +187,15 @@ def _truth(file: Path | None, scans: Scans) -> FloatArray | None:
     import numpy as np
 
     from dqreg.errors import InputError
-    from dqreg.multiway.starts import read_starts_file
-    from dqreg.odometry.table import match_truth
+    from dqreg.multiway.starts import read_result_poses
+    from dqreg.odometry.scores import match_truth
     from dqreg.odometry.trajectory import read_trajectory
 
     if file is None:
         return scans.truth
     # The truth of a virtual case, and results of dqreg multiway.
     is_record = file.suffix.lower() == ".json"
-    poses, times = (np.array(read_starts_file(file)), None) if is_record else read_trajectory(file)
+    poses, times = (np.array(read_result_poses(file)), None) if is_record else read_trajectory(file, gaps="keep")
     if not np.isfinite(poses).all():
         raise InputError(f"{file} holds scans without a pose; the truth has one for each frame")
     if times is None and len(poses) > len(scans):
@@ -211,13 +211,14 @@ def _run(
     show: Callable[..., object] | None = None,
     motion: MotionPrior | None = None,
 ) -> TrajectoryRun:
-    from dqreg.odometry.engines import KissEngine, run_engine, run_ours
+    from dqreg.odometry.peers import KissEngine, run_engine
+    from dqreg.odometry.run_sequence import run_sequence
     from dqreg.report.work_bar import WorkBar
 
     with WorkBar(console) as bar:
         step = bar.steps(len(scans), engine)
         if engine == "dq":
-            return run_ours(scans, settings, step, show, motion)
+            return run_sequence(scans, settings, step, show, motion)
         kiss = KissEngine(settings.max_range or 100.0, settings.voxel_size, settings.deskew, settings.min_range)
         return run_engine("KISS-ICP", kiss, scans, step)
 
@@ -225,8 +226,8 @@ def _run(
 def _compare(console: Console, scans: Scans, settings: Any) -> list[TrajectoryRun]:
     """The other engines."""
     from dqreg.errors import MissingDependencyError
-    from dqreg.odometry.engines import peers, run_engine
     from dqreg.odometry.frame import read_frame
+    from dqreg.odometry.peers import peers, run_engine
     from dqreg.report.work_bar import WorkBar
 
     trips = []
@@ -242,7 +243,7 @@ def _compare(console: Console, scans: Scans, settings: Any) -> list[TrajectoryRu
 
 
 def _show(console: Console, trips: list[TrajectoryRun], truth: FloatArray | None) -> None:
-    from dqreg.odometry.table import results_table, trust_words
+    from dqreg.odometry.scores import results_table, trust_words
     from dqreg.report.table import print_tables
 
     print_tables(console, [results_table(trips, truth)])
@@ -263,8 +264,9 @@ def _show(console: Console, trips: list[TrajectoryRun], truth: FloatArray | None
 def _write(
     console: Console, trip: TrajectoryRun, scans: Scans, truth: FloatArray | None, options: dict[str, Any]
 ) -> None:
+    from dqreg.odometry.frame_table import write_frames
     from dqreg.odometry.plot import plot_trip
-    from dqreg.odometry.trajectory import bridge_gaps, write_frames, write_trajectory
+    from dqreg.odometry.trajectory import bridge_gaps, write_trajectory
 
     if options["out"] is not None:
         poses = trip.poses if scans.calibrate is None else scans.calibrate(trip.poses)

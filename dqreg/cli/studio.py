@@ -77,12 +77,12 @@ def studio(
 
 def drive(scans: Path, folder: Path) -> None:
     """Run the odometry of a sequence, and tell the page after every frame; in a worker process."""
-    from dqreg.odometry.engines import run_ours
+    from dqreg.odometry.run_sequence import run_sequence
     from dqreg.odometry.scans import open_scans
     from dqreg.odometry.settings import OdometrySettings
     from dqreg.studio.travel import Story
 
     data = open_scans(scans)
     story = Story(folder, len(data))
-    run_ours(data, OdometrySettings(), show=story.show)
+    run_sequence(data, OdometrySettings(), show=story.show)
     story.end()

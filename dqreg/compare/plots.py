@@ -88,7 +88,7 @@ def _along(
     if not mine:
         return []
 
-    def panel(setting: str, position: float) -> Callable[[Axes], None]:
+    def panel(setting: str) -> Callable[[Axes], None]:
         def draw(axes: Axes) -> None:
             for engine, style in styles.items():
                 here = [line for line in mine if (line.engine, line.place.setting) == (engine, setting)]
@@ -108,7 +108,7 @@ def _along(
         return draw
 
     title = AXES[axis][1]
-    return [Plot(f"{what}-{axis}", title, _png(title, [panel(name, 0.0) for name in settings]))]
+    return [Plot(f"{what}-{axis}", title, _png(title, [panel(name) for name in settings]))]
 
 
 def _growth(lines: list[SummaryRow], styles: dict[str, Style]) -> list[Plot]:

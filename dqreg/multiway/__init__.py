@@ -1,4 +1,4 @@
-"""Many scans, one frame: pairs, which of them to believe, and all poses refined together."""
+"""Many scans, one frame: pairs, which of them to use, and all poses refined together."""
 
 from dqreg.multiway.edges import Edge
 from dqreg.multiway.exports import Factors

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.multiway.believe import Belief
+from dqreg.multiway.edge_selection import EdgeSelection
 from dqreg.multiway.edges import PART, Edge, graph_of
 from dqreg.multiway.loop_errors import loop_errors_of
 from dqreg.multiway.refine import Refined
@@ -23,7 +23,7 @@ from dqreg.trust.records import Reason
 
 def assembled(
     views: tuple[View, ...],
-    belief: Belief,
+    selection: EdgeSelection,
     joint: Refined,
     overlap: FloatArray,
     settings: dict[str, Any],
@@ -40,33 +40,33 @@ def assembled(
     spread = (6 * rows[:, None] + np.arange(6)).ravel()
     covariance = covariance[np.ix_(spread, spread)]
     overlap = overlap[np.ix_(rows, rows)]
-    graph = graph_of([belief.edges[row] for row in belief.rows], len(views))
+    graph = graph_of([selection.edges[row] for row in selection.rows], len(views))
     nodes = np.concatenate([T, np.eye(4)[None]])
     there = np.flatnonzero(
         np.isfinite(nodes[graph.targets]).all((1, 2)) & np.isfinite(nodes[graph.sources]).all((1, 2))
     )
-    chi2 = np.full(len(belief.edges), np.nan)
+    chi2 = np.full(len(selection.edges), np.nan)
     known = np.isfinite(nodes).all(axis=(1, 2), keepdims=True)
-    chi2[belief.rows[there]] = graph.part(there).chi2(np.where(known, nodes, np.eye(4)))
+    chi2[selection.rows[there]] = graph.part(there).chi2(np.where(known, nodes, np.eye(4)))
     edges = tuple(
         dataclasses.replace(edge, chi2=float(chi2[k]), overlap=_overlap_of(overlap, edge))
-        for k, edge in enumerate(belief.edges)
+        for k, edge in enumerate(selection.edges)
     )
     blocks = np.einsum("kikj->kij", covariance.reshape(len(views), 6, len(views), 6))
     size = float(settings["size"])
     verdict = judge_scans(
-        views, belief, T, blocks, size, converged=joint.converged, stopped=stopped, against=against, turns=turns
+        views, selection, T, blocks, size, converged=joint.converged, stopped=stopped, against=against, turns=turns
     )
     return Multiway(
         T_world_scan=T,
         verdict=dataclasses.replace(verdict, reasons=(*verdict.reasons, *remarks)),
         edges=edges,
-        loop_errors=loop_errors_of(belief, len(views)),
+        loop_errors=loop_errors_of(selection, len(views)),
         overlap=overlap,
         centre=joint.centre,
         joint=covariance,
         names=tuple(view.name for view in views),
-        settings={**settings, "anchor": belief.anchor, "rounds": joint.rounds, "by_steps": joint.by_steps},
+        settings={**settings, "anchor": selection.anchor, "rounds": joint.rounds, "by_steps": joint.by_steps},
         timings={**seconds, "total": sum(seconds.values())},
         views=views,
     )

@@ -1,4 +1,4 @@
-"""Beliefs in doubt, judged anew: which scans fit together is asked of all of them, and no longer of pairs."""
+"""Selections in doubt, judged anew: which scans fit together is asked of all of them, and no longer of pairs."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.multiway.admit import Union, largest_union
-from dqreg.multiway.believe import Belief
+from dqreg.multiway.consistent_set import ConsistentSet, largest_consistent_set
+from dqreg.multiway.edge_selection import EdgeSelection
 from dqreg.multiway.edges import HELD_BY_LOOPS, PART, Edge, EdgeCode
-from dqreg.multiway.foreign import Judge
+from dqreg.multiway.outlier_scans import Judge
 from dqreg.multiway.overlap import overlap_matrix
 from dqreg.multiway.pair_runs import PairJob, PairRunner
 from dqreg.registration.result import Registration
@@ -25,28 +25,30 @@ GROUP = 3
 NEIGHBOURS = 3
 
 
-def by_consensus(runner: PairRunner, judge: Judge, belief: Belief) -> tuple[Judge, Belief]:
-    """The belief, or where scans are not placed or rest on doubted pairs alone, that of the largest set that fits."""
+def by_consensus(runner: PairRunner, judge: Judge, selection: EdgeSelection) -> tuple[Judge, EdgeSelection]:
+    """The selection; where scans are not placed or rest on doubted pairs alone, that of the largest consistent set."""
     usable = [k for k, view in enumerate(runner.views) if view.usable]
     few_or_many = not FEWEST <= len(usable) <= MOST
-    if few_or_many or judge.home == PART or _seen(runner, usable) or not _in_doubt(belief, usable):
-        return judge, belief
+    if few_or_many or judge.home == PART or _seen(runner, usable) or not _in_doubt(selection, usable):
+        return judge, selection
     if judge.steps is not None:
         # What stands in equal steps is no other object; a union of the two sides of a plate tells less.
-        return judge, belief
-    confirmed = frozenset((belief.edges[row].target, belief.edges[row].source) for row in belief.rows[belief.confirmed])
-    asked = runner.views, belief.edges, judge.size, runner.effort, runner.seed
-    union = largest_union(*asked, confirmed, runner.is_over, runner.count)
-    if union is None or len(union.T) < GROUP or runner.is_over():
-        return judge, belief
-    if len(union.T) <= 0.5 * len(usable):
+        return judge, selection
+    confirmed = frozenset(
+        (selection.edges[row].target, selection.edges[row].source) for row in selection.rows[selection.confirmed]
+    )
+    asked = runner.views, selection.edges, judge.size, runner.effort, runner.seed
+    consistent = largest_consistent_set(*asked, confirmed, runner.is_over, runner.count)
+    if consistent is None or len(consistent.T) < GROUP or runner.is_over():
+        return judge, selection
+    if len(consistent.T) <= 0.5 * len(usable):
         # What did not grow to most of them can tell what is foreign to it, and no more.
-        foreign = [edge for edge in belief.edges if edge.found and {edge.target, edge.source} & union.refused]
+        foreign = [edge for edge in selection.edges if edge.found and {edge.target, edge.source} & consistent.refused]
         judge = judge.without(foreign, "misfit")
-        return judge, judge(belief.edges)
-    for code, edges in _refuted(union, belief):
+        return judge, judge(selection.edges)
+    for code, edges in _refuted(consistent, selection):
         judge = judge.without(edges, code)
-    return judge, judge(_with_admitted(runner, union, belief))
+    return judge, judge(_with_admitted(runner, consistent, selection))
 
 
 def _seen(runner: PairRunner, usable: list[int]) -> bool:
@@ -55,61 +57,67 @@ def _seen(runner: PairRunner, usable: list[int]) -> bool:
     return all(cloud is not None and cloud.viewpoint is not None for cloud in clouds)
 
 
-def _in_doubt(belief: Belief, usable: list[int]) -> bool:
+def _in_doubt(selection: EdgeSelection, usable: list[int]) -> bool:
     """Whether a scan is not placed, or held by no accepted pair, no loops of pairs that all agree, and no table.
 
-    A union of poses that were never refined together refuses right scans too: it is not asked where nobody disagrees.
+    A set of poses that were never refined together refuses right scans too: it is not asked where nobody disagrees.
     """
-    used = [edge for edge in belief.edges if edge.used]
-    sure = {k for edge in used if edge.level == "accepted" for k in (edge.target, edge.source)} | belief.on_steps
-    if belief.is_unanimous:
-        looped = set(belief.loops.nodes[belief.loops.closes].ravel().tolist())
+    used = [edge for edge in selection.edges if edge.used]
+    sure = {k for edge in used if edge.level == "accepted" for k in (edge.target, edge.source)} | selection.on_steps
+    if selection.is_unanimous:
+        looped = set(selection.loops.nodes[selection.loops.closes].ravel().tolist())
         loose = [edge for edge in used if set(edge.registration.verdict.codes) <= HELD_BY_LOOPS]
         sure |= looped & {k for edge in loose for k in (edge.target, edge.source)}
     return not set(usable) <= sure
 
 
-def _refuted(union: Union, belief: Belief) -> Iterator[tuple[EdgeCode, list[Edge]]]:
+def _refuted(consistent: ConsistentSet, selection: EdgeSelection) -> Iterator[tuple[EdgeCode, list[Edge]]]:
     """Edges that contradict the set, and those of scans that it does not admit."""
-    within = [edge for edge in belief.edges if edge.found and {edge.target, edge.source} <= set(union.T)]
-    yield "contradicts", [edge for edge in within if not _agrees(union, edge)]
-    across = [edge for edge in belief.edges if edge.found and (edge.target in union.T) != (edge.source in union.T)]
-    doubtful = [bool({edge.target, edge.source} & union.ambiguous) for edge in across]
+    within = [edge for edge in selection.edges if edge.found and {edge.target, edge.source} <= set(consistent.T)]
+    yield "contradicts", [edge for edge in within if not _agrees(consistent, edge)]
+    across = [
+        edge
+        for edge in selection.edges
+        if edge.found and (edge.target in consistent.T) != (edge.source in consistent.T)
+    ]
+    doubtful = [bool({edge.target, edge.source} & consistent.ambiguous) for edge in across]
     yield "ambiguous", [edge for edge, both in zip(across, doubtful, strict=True) if both]
     yield "misfit", [edge for edge, both in zip(across, doubtful, strict=True) if not both]
 
 
-def _agrees(union: Union, edge: Edge) -> bool:
-    return union.close(edge.source, _between(union, edge.target, edge.source), edge.registration.T_target_source)
+def _agrees(consistent: ConsistentSet, edge: Edge) -> bool:
+    return consistent.close(
+        edge.source, _between(consistent, edge.target, edge.source), edge.registration.T_target_source
+    )
 
 
-def _between(union: Union, i: int, j: int) -> FloatArray:
-    return np.asarray(pose.inverse(union.T[i]) @ union.T[j])
+def _between(consistent: ConsistentSet, i: int, j: int) -> FloatArray:
+    return np.asarray(pose.inverse(consistent.T[i]) @ consistent.T[j])
 
 
-def _with_admitted(runner: PairRunner, union: Union, belief: Belief) -> list[Edge]:
+def _with_admitted(runner: PairRunner, consistent: ConsistentSet, selection: EdgeSelection) -> list[Edge]:
     """The edges, with one for each scan that was admitted and that no accepted pair of the set holds."""
     T = np.full((len(runner.views), 4, 4), np.nan)
-    T[list(union.T)] = list(union.T.values())
-    overlap = np.nan_to_num(overlap_matrix(runner.views, T, union.size))
+    T[list(consistent.T)] = list(consistent.T.values())
+    overlap = np.nan_to_num(overlap_matrix(runner.views, T, consistent.size))
     np.fill_diagonal(overlap, 0.0)
-    found = {(edge.target, edge.source): edge for edge in belief.edges}
+    found = {(edge.target, edge.source): edge for edge in selection.edges}
     held = {
         k
-        for edge in belief.edges
-        if edge.level == "accepted" and {edge.target, edge.source} <= set(union.T) and _agrees(union, edge)
+        for edge in selection.edges
+        if edge.level == "accepted" and {edge.target, edge.source} <= set(consistent.T) and _agrees(consistent, edge)
         for k in (edge.target, edge.source)
     }
     jobs = []
-    for k, (registration, against) in union.admitted.items():
+    for k, (registration, against) in consistent.admitted.items():
         if k in held:
             continue
         near = [int(j) for j in np.argsort(-overlap[k], kind="stable")[:NEIGHBOURS] if overlap[k, j] > 0.0]
         if registration.verdict.level == "accepted" and near:
             found.pop((k, near[0]), None)
-            found[near[0], k] = Edge(near[0], k, _in_frame(registration, union.T[near[0]], against))
+            found[near[0], k] = Edge(near[0], k, _in_frame(registration, consistent.T[near[0]], against))
         else:
-            jobs += [PairJob(j, k, _between(union, j, k), near=True) for j in near]
+            jobs += [PairJob(j, k, _between(consistent, j, k), near=True) for j in near]
     for edge in runner.run(jobs):
         if edge.found:
             found.pop((edge.source, edge.target), None)

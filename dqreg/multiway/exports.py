@@ -9,11 +9,12 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.errors import InputError
+from dqreg.files.g2o import to_g2o
+from dqreg.files.trajectories import Form, found_rows, to_kitti, to_tum
 from dqreg.multiway.edges import PART, Edge, graph_of
-from dqreg.rigid import pose, quaternion
+from dqreg.rigid import pose
+from dqreg.rigid.twist import TRANSLATION_FIRST
 
-# Rows and columns of a 6x6 matrix with the translation first.
-SHIFT_FIRST = np.r_[3:6, 0:3]
 # Weakest information about a motion that a file holds, as a fraction of the strongest: a free one is almost none.
 WEAKEST = 1e-9
 
@@ -50,35 +51,21 @@ def factors_of(edges: Sequence[Edge], count: int) -> Factors:
     return Factors(graph.targets, graph.sources, graph.measured, covariances)
 
 
-def to_g2o(T_world_scan: FloatArray, edges: Sequence[Edge], anchor: int) -> str:
-    """The used edges and the poses as a g2o file.
-
-    The information is that of a twist, translation first as the format has it and rotation in radians: what GTSAM and
-    Ceres' examples read. (g2o itself counts rotations by the vector of the quaternion, half of that.)
-    """
-    factors = factors_of(edges, len(T_world_scan))
-    placed = np.flatnonzero(np.isfinite(T_world_scan).all(axis=(1, 2)))
-    lines = [f"VERTEX_SE3:QUAT {k} {_numbers(T_world_scan[k])}" for k in placed]
-    if (factors.targets == len(T_world_scan)).any():
-        lines.append(f"VERTEX_SE3:QUAT {len(T_world_scan)} {_numbers(np.eye(4))}")
-    lines.append(f"FIX {len(T_world_scan) if anchor == PART else anchor}")
-    for i, j, T, covariance in zip(factors.targets, factors.sources, factors.poses, factors.covariances, strict=True):
-        information = np.linalg.inv(covariance)[np.ix_(SHIFT_FIRST, SHIFT_FIRST)]
-        upper = " ".join(repr(float(value)) for value in information[np.triu_indices(6)])
-        lines.append(f"EDGE_SE3:QUAT {i} {j} {_numbers(T)} {upper}")
-    return "\n".join(lines) + "\n"
+def to_pose_graph(T_world_scan: FloatArray, edges: Sequence[Edge], anchor: int) -> str:
+    """The used edges and the poses as a g2o file; the part is the number after the last scan."""
+    factors, part = factors_of(edges, len(T_world_scan)), len(T_world_scan)
+    numbers = np.flatnonzero(found_rows(T_world_scan))
+    poses = T_world_scan[numbers]
+    if (factors.targets == part).any():
+        numbers, poses = np.r_[numbers, part], np.concatenate([poses, np.eye(4)[None]])
+    pairs = np.stack([factors.targets, factors.sources], axis=1)
+    shifted = factors.covariances[:, TRANSLATION_FIRST[:, None], TRANSLATION_FIRST]
+    information = np.asarray(np.linalg.inv(shifted), dtype=np.float64)
+    return to_g2o(numbers, poses, part if anchor == PART else anchor, pairs, factors.poses, information)
 
 
-def to_trajectory(T_world_scan: FloatArray, form: str) -> str:
+def to_trajectory(T_world_scan: FloatArray, form: Form) -> str:
     """Poses as KITTI (a line a scan, NaN where it is not placed) or TUM (numbers as times; placed ones alone)."""
-    placed = np.isfinite(T_world_scan).all(axis=(1, 2))
-    if not placed.any():
+    if not found_rows(T_world_scan).any():
         raise InputError("none of the scans was placed; there is no trajectory")
-    if form == "kitti":
-        return "".join(" ".join(map(repr, T[:3].ravel().tolist())) + "\n" for T in T_world_scan)
-    return "".join(f"{k:.9f} {_numbers(T_world_scan[k])}\n" for k in np.flatnonzero(placed))
-
-
-def _numbers(T: FloatArray) -> str:
-    w, x, y, z = quaternion.from_matrix(T[:3, :3]).tolist()
-    return " ".join(map(repr, [*T[:3, 3].tolist(), x, y, z, w]))
+    return to_kitti(T_world_scan) if form == "kitti" else to_tum(T_world_scan, np.arange(float(len(T_world_scan))))

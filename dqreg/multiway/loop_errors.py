@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from dqreg.multiway.believe import Belief
+from dqreg.multiway.edge_selection import EdgeSelection
 from dqreg.multiway.edges import PART
 
 
@@ -36,10 +36,10 @@ class LoopError:
     sharp: bool
 
 
-def loop_errors_of(belief: Belief, count: int) -> tuple[LoopError, ...]:
+def loop_errors_of(selection: EdgeSelection, count: int) -> tuple[LoopError, ...]:
     """Of all loops of three edges, the worst of the used ones first."""
-    loops = belief.loops
-    used = np.array([belief.edges[row].used for row in belief.rows], dtype=bool)
+    loops = selection.loops
+    used = np.array([selection.edges[row].used for row in selection.rows], dtype=bool)
     found = []
     for nodes, rows, twist, chi2, sharp in zip(
         loops.nodes.tolist(), loops.edges, loops.twists, loops.chi2, loops.sharp, strict=True

@@ -1,8 +1,9 @@
-"""Ways to bring many scans into one frame: ours and Open3D's, each from scans to poses."""
+"""Ways to bring many scans into one frame: ours and Open3D's, each from scans to poses, on one case."""
 
 from __future__ import annotations
 
 import dataclasses
+import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -13,6 +14,7 @@ from dqreg._open3d import load_open3d
 from dqreg.geometry import PointCloud
 from dqreg.multiway.register_many import register_many
 from dqreg.multiway.result import Multiway
+from dqreg.multiway.scores import ManyScore, score
 from dqreg.rigid import pose
 
 # Open3D's example of multiway registration (0.19): voxels of 0.02 in clouds two metres wide, as a fraction of the size;
@@ -27,11 +29,6 @@ class ManyTask:
     clouds: Sequence[PointCloud]
     ours: Multiway
     size: float  # Typical diagonal of a scan
-
-
-def ours(clouds: Sequence[PointCloud], **options: Any) -> Multiway:
-    """Our own result, which the others may take their pairs from."""
-    return register_many(clouds, **options)
 
 
 def pairwise_chain(task: ManyTask) -> FloatArray:
@@ -67,6 +64,31 @@ ENGINES: dict[str, Callable[[ManyTask], FloatArray]] = {
     "Open3D, our pairs": open3d_on_our_pairs,
     "chain of ICP, our pairs": pairwise_chain,
 }
+
+
+def compare_many(
+    clouds: Sequence[PointCloud],
+    truth: FloatArray,
+    *,
+    observe: Callable[[str], object] | None = None,
+    **options: Any,
+) -> list[ManyScore]:
+    """Scores of all engines; options are those of `dqreg.register_many`. Shapes: truth (n, 4, 4), T_world_scan."""
+    began = time.perf_counter()
+    result = register_many(clouds, **options)
+    spent = time.perf_counter() - began
+    size = float(np.median([np.linalg.norm(np.subtract(*bounds(cloud.points))) for cloud in clouds]))
+    task = ManyTask(clouds, result, size)
+    scores = []
+    for name, engine in ENGINES.items():
+        if observe is not None:
+            observe(name)
+        began = time.perf_counter()
+        T = engine(task)
+        seconds = time.perf_counter() - began + (spent if engine is ENGINES["dqreg multiway"] else 0.0)
+        remark = result.verdict.level if engine is ENGINES["dqreg multiway"] else ""
+        scores.append(dataclasses.replace(score(name, T, truth, clouds, task.size), seconds=seconds, remark=remark))
+    return scores
 
 
 def _downsampled(task: ManyTask) -> list[Any]:
@@ -152,8 +174,3 @@ def _initial(found: dict[tuple[int, int], tuple[FloatArray, FloatArray]], count:
             T[i] = T[j] @ pose.inverse(step)
             seen.add(i)
     return T
-
-
-def size_of(clouds: Sequence[PointCloud]) -> float:
-    """Median diagonal of the scans."""
-    return float(np.median([np.linalg.norm(np.subtract(*bounds(cloud.points))) for cloud in clouds]))

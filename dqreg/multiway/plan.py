@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.multiway.believe import Belief
+from dqreg.multiway.edge_selection import EdgeSelection
 from dqreg.multiway.edges import PART, Edge, better, is_refused, is_weak
 from dqreg.multiway.overlap import overlap_matrix
 from dqreg.multiway.pair_runs import PairJob, PairRunner
@@ -86,16 +86,18 @@ def _between(known: Sequence[FloatArray | None], i: int, j: int, order: str) -> 
     return np.eye(4) if order == "sequence" and abs(i - j) == 1 else None
 
 
-def rescued(runner: PairRunner, belief: Belief, judged: Callable[[Sequence[Edge]], Belief], size: float) -> Belief:
-    """The belief after pairs that overlap, and are not joined, were registered from where the others put them."""
+def rescued(
+    runner: PairRunner, selection: EdgeSelection, judged: Callable[[Sequence[Edge]], EdgeSelection], size: float
+) -> EdgeSelection:
+    """The selection after pairs that overlap, and are not joined, were registered from where the others put them."""
     tried: set[Pair] = set()
     for _ in range(ROUNDS):
-        T = belief.T_world_scan[: len(runner.views)]
-        wanted = [pair for pair in _overlapping(runner, belief, T, size) if pair not in tried]
+        T = selection.T_world_scan[: len(runner.views)]
+        wanted = [pair for pair in _overlapping(runner, selection, T, size) if pair not in tried]
         if not wanted or runner.stopped:
-            return belief
+            return selection
         tried |= set(wanted)
-        edges = list(belief.edges)
+        edges = list(selection.edges)
         rows = {(edge.target, edge.source): k for k, edge in enumerate(edges)}
         for edge in runner.run([PairJob(i, j, pose.inverse(T[i]) @ T[j], near=True) for i, j in wanted]):
             pair = edge.target, edge.source
@@ -103,15 +105,15 @@ def rescued(runner: PairRunner, belief: Belief, judged: Callable[[Sequence[Edge]
                 edges.append(edge)
             elif edge.found and (edge.level == "accepted" or not edges[rows[pair]].used):
                 edges[rows[pair]] = edge
-        belief = judged(edges)
-    return belief
+        selection = judged(edges)
+    return selection
 
 
-def _overlapping(runner: PairRunner, belief: Belief, T: FloatArray, size: float) -> list[Pair]:
+def _overlapping(runner: PairRunner, selection: EdgeSelection, T: FloatArray, size: float) -> list[Pair]:
     """Pairs that overlap and have no used edge, for each scan those that overlap most."""
     overlap = np.nan_to_num(overlap_matrix(runner.views, T, size))
     joined = {
-        (e.target, e.source) for e in belief.edges if e.used or (e.code == "contradicts" and e.level == "accepted")
+        (e.target, e.source) for e in selection.edges if e.used or (e.code == "contradicts" and e.level == "accepted")
     }
     found: dict[Pair, None] = {}
     for k in range(len(T)):

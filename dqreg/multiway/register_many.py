@@ -12,11 +12,11 @@ import numpy as np
 
 from dqreg.errors import InputError
 from dqreg.multiway.assemble import assembled
-from dqreg.multiway.believe import Belief
 from dqreg.multiway.consensus import by_consensus
+from dqreg.multiway.edge_selection import EdgeSelection
 from dqreg.multiway.edges import PART, Edge
 from dqreg.multiway.equal_steps import EqualSteps
-from dqreg.multiway.foreign import Judge, without_foreign, without_misfits
+from dqreg.multiway.outlier_scans import Judge, without_foreign, without_misfits
 from dqreg.multiway.overlap import overlap_matrix
 from dqreg.multiway.pair_runs import PairRunner, Progress, workers_of
 from dqreg.multiway.pairs import asked_pairs
@@ -139,23 +139,23 @@ def register_many(
     on_table = order == "turntable" and turned is None and any(known[k] is None for k in usable)
     steps = EqualSteps.of(found, views, size, floor) if on_table else None
     judge = Judge(sides, len(views), home, size, floor, np.eye(4) if T_home is None else np.asarray(T_home), steps)
-    belief = _belief(runner, judge, found, turned, automatic=automatic)
+    selection = _selection(runner, judge, found, turned, automatic=automatic)
     seconds["pairs"] = time.monotonic() - began - sum(seconds.values())
-    T = belief.T_world_scan[: len(views)]
-    joint = refined(views, sides.bodies, part, T, belief.anchor, size, effort, on_table=steps is not None)
+    T = selection.T_world_scan[: len(views)]
+    joint = refined(views, sides.bodies, part, T, selection.anchor, size, effort, on_table=steps is not None)
     if turned is not None and np.isfinite(joint.T_world_scan).any():
-        joint = turned.widened(joint, belief.anchor)
-        belief = dataclasses.replace(belief, edges=tuple(turned.freed(belief.edges)))
+        joint = turned.widened(joint, selection.anchor)
+        selection = dataclasses.replace(selection, edges=tuple(turned.freed(selection.edges)))
     seconds["joint"] = time.monotonic() - began - sum(seconds.values())
     views = sides.signed(views)
     overlap = overlap_matrix(views, joint.T_world_scan, size)
     against = tuple(sides.contradictions(joint.T_world_scan, overlap))
     started = all(known[k] is not None for k in usable)
-    turns = turnings(views, joint.T_world_scan, belief.edges, turned, started=started)
-    remarks = tuple(contradicted_starts(views, known, joint.T_world_scan, belief.edges, size))
+    turns = turnings(views, joint.T_world_scan, selection.edges, turned, started=started)
+    remarks = tuple(contradicted_starts(views, known, joint.T_world_scan, selection.edges, size))
     asked = {"order": order, "edges": edges, "anchor": anchor, "effort": effort, "seed": seed, "time_limit": time_limit}
     settings = _settings(asked, part, judge)
-    result = assembled(views, belief, joint, overlap, settings, seconds, runner.stopped, against, turns, remarks)
+    result = assembled(views, selection, joint, overlap, settings, seconds, runner.stopped, against, turns, remarks)
     log_verdict(result.verdict, f"{len(views)} scans into one frame", time.monotonic() - began)
     return result
 
@@ -172,18 +172,18 @@ def _settings(asked: dict[str, Any], part: Target | None, judge: Judge) -> dict[
     }
 
 
-def _belief(
+def _selection(
     runner: PairRunner, judge: Judge, found: Sequence[Edge], turned: RoundPart | None, *, automatic: bool
-) -> Belief:
+) -> EdgeSelection:
     """Which edges and scans are believed: what fits nowhere is left out."""
-    belief = judge(found)
+    selection = judge(found)
     if turned is not None:
         # The others refuse what is laid by angles that nobody knows.
-        return without_foreign(judge, belief)[1]
-    judge, belief = without_foreign(*by_consensus(runner, judge, belief))
+        return without_foreign(judge, selection)[1]
+    judge, selection = without_foreign(*by_consensus(runner, judge, selection))
     if automatic:
-        judge, belief = without_foreign(judge, rescued(runner, belief, judge, judge.size))
-    return without_misfits(runner.views, judge, belief, runner.effort, runner.seed)[1]
+        judge, selection = without_foreign(judge, rescued(runner, selection, judge, judge.size))
+    return without_misfits(runner.views, judge, selection, runner.effort, runner.seed)[1]
 
 
 def _check(effort: Any, seed: Any, time_limit: Any, observe: Any) -> None:

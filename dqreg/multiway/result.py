@@ -13,6 +13,7 @@ from dqreg._arrays import FloatArray
 from dqreg._records import lock, one_line
 from dqreg.errors import InputError
 from dqreg.files.atomic import write_atomically
+from dqreg.files.trajectories import form_by_name
 from dqreg.geometry import PointCloud
 from dqreg.multiway import exports, merge, result_json
 from dqreg.multiway.edges import Edge
@@ -160,7 +161,9 @@ class Multiway:
     def save(self, path: str | Path) -> None:
         """Write the result, whole or not at all; the name says as what.
 
-        A pose graph for .g2o, a trajectory for .txt or .kitti (KITTI) and .tum, else JSON, which holds everything.
+        A pose graph for .g2o, a trajectory for .txt or .kitti (KITTI) and .tum or _tum.txt (TUM), else JSON, which has
+        everything. Of a scan that is not placed KITTI has a line of NaN, which `dqreg.odometry.read_trajectory` reads
+        with ``gaps="keep"``; TUM, whose times are the numbers of the scans, has no line.
 
         Parameters
         ----------
@@ -169,9 +172,9 @@ class Multiway:
         """
         suffix = Path(path).suffix.lower()
         if suffix == ".g2o":
-            write_atomically(path, exports.to_g2o(self.T_world_scan, self.edges, int(self.settings["anchor"])))
+            write_atomically(path, exports.to_pose_graph(self.T_world_scan, self.edges, int(self.settings["anchor"])))
         elif suffix in (".tum", ".txt", ".kitti"):
-            write_atomically(path, exports.to_trajectory(self.T_world_scan, "tum" if suffix == ".tum" else "kitti"))
+            write_atomically(path, exports.to_trajectory(self.T_world_scan, form_by_name(path)))
         else:
             write_atomically(path, result_json.as_text(self))
 

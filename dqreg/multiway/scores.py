@@ -1,17 +1,14 @@
-"""Engines that place many scans, on one case with known poses, scored by one judge."""
+"""How far poses of many scans are from the true ones, whichever engine they are of."""
 
 from __future__ import annotations
 
 import dataclasses
-import time
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import PointCloud
-from dqreg.multiway.peers import ENGINES, ManyTask, ours, size_of
 from dqreg.report.table import Column, Table
 from dqreg.rigid import pose
 from dqreg.solvers import solve
@@ -34,30 +31,6 @@ class ManyScore:
     worst_deg: float  # Largest rotation error of a scan
     seconds: float
     remark: str = ""
-
-
-def compare_many(
-    clouds: Sequence[PointCloud],
-    truth: FloatArray,
-    *,
-    observe: Callable[[str], object] | None = None,
-    **options: Any,
-) -> list[ManyScore]:
-    """Scores of all engines; options are those of `dqreg.register_many`. Shapes: truth (n, 4, 4), T_world_scan."""
-    began = time.perf_counter()
-    result = ours(clouds, **options)
-    spent = time.perf_counter() - began
-    task = ManyTask(clouds, result, size_of(clouds))
-    scores = []
-    for name, engine in ENGINES.items():
-        if observe is not None:
-            observe(name)
-        began = time.perf_counter()
-        T = engine(task)
-        seconds = time.perf_counter() - began + (spent if engine is ENGINES["dqreg multiway"] else 0.0)
-        remark = result.verdict.level if engine is ENGINES["dqreg multiway"] else ""
-        scores.append(dataclasses.replace(score(name, T, truth, clouds, task.size), seconds=seconds, remark=remark))
-    return scores
 
 
 def score(name: str, T: FloatArray, truth: FloatArray, clouds: Sequence[PointCloud], size: float) -> ManyScore:

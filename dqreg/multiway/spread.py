@@ -19,8 +19,6 @@ from dqreg.multiway.joint import linearised
 from dqreg.multiway.planes import Planes
 from dqreg.rigid import pose
 
-# Nodes of whose covariances all are kept; beyond, each node's own alone.
-ALL_KEPT = 100
 # Variance of a scaled motion, in squares of a radian or of the size, beyond which it is free.
 FREE = 1.0
 # Share of the information about a motion that is left, at least, where the rest is that of errors of the normals.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,10 +11,10 @@ import numpy as np
 from dqreg._arrays import FloatArray, as_pose
 from dqreg.errors import InputError
 from dqreg.files.poses import read_json
-from dqreg.files.untrusted import read_record
+from dqreg.files.trajectories import read_poses
 from dqreg.multiway.edges import PART, Edge
 from dqreg.multiway.scans import View
-from dqreg.rigid import pose, quaternion
+from dqreg.rigid import pose
 from dqreg.trust.records import Reason
 
 # A pose farther from an initial one than this rotation, and this share of a scan's size, is another one.
@@ -79,26 +78,30 @@ def contradicted_starts(
         off = {k: rows for k, rows in rest.items() if rows}
 
 
-def read_starts_file(path: Path) -> list[FloatArray]:
-    """Poses of a KITTI or TUM file, or of an earlier result; NaN where there is none."""
+def read_starts_file(path: Path, count: int) -> list[FloatArray]:
+    """Poses of scans in a KITTI or TUM file, or in an earlier result; NaN where there is none."""
     if path.suffix.lower() == ".json":
-        listed = read_json(path).get("T_world_scan")
-        if not isinstance(listed, list):
-            raise InputError(f"{path}: the key 'T_world_scan' is missing; give a result of dqreg multiway")
-        return [_matrix(T, f"{path}: T_world_scan[{k}]") for k, T in enumerate(listed)]
-    rows = _rows(path)
-    if rows.shape[1:] not in ((8,), (12,), (16,)):
-        raise InputError(f"{path}: lines of {rows.shape[1]} numbers; expected 12 (KITTI) or 8 (TUM) a scan")
-    poses = np.tile(np.eye(4), (len(rows), 1, 1))
-    if rows.shape[1] == 8:
-        if not rows[:, 4:].any(axis=1).all():
-            raise InputError(f"{path}: a quaternion of length 0; expected unit quaternions x y z w")
-        poses[:, :3, :3] = quaternion.to_matrix(quaternion.normalize(rows[:, [7, 4, 5, 6]]))
-        poses[:, :3, 3] = rows[:, 1:4]
-    else:
-        poses[:, :3] = rows.reshape(len(rows), -1, 4)[:, :3]
-        poses[np.isnan(rows).any(axis=1)] = np.nan
-    return list(poses)
+        return read_result_poses(path)
+    poses, times = read_poses(path, "keep", "initial poses")
+    if times is None or len(poses) == count:
+        return list(poses)
+    # TUM leaves scans that are not placed out; which these are, the times of our own files tell.
+    if not np.isin(times, np.arange(count)).all() or len(np.unique(times)) < len(times):
+        raise InputError(
+            f"{path}: {len(poses)} poses for {count} scans; expected one a scan, or times that are the numbers of the "
+            f"scans, 0 to {count - 1}"
+        )
+    placed = np.full((count, 4, 4), np.nan)
+    placed[times.astype(np.int64)] = poses
+    return list(placed)
+
+
+def read_result_poses(path: Path) -> list[FloatArray]:
+    """Poses of the scans in an earlier result, or in the truth of a virtual case; NaN where there is none."""
+    listed = read_json(path).get("T_world_scan")
+    if not isinstance(listed, list):
+        raise InputError(f"{path}: the key 'T_world_scan' is missing; give a result of dqreg multiway")
+    return [_matrix(T, f"{path}: T_world_scan[{k}]") for k, T in enumerate(listed)]
 
 
 def _matrix(rows: Any, name: str) -> FloatArray:
@@ -109,13 +112,3 @@ def _matrix(rows: Any, name: str) -> FloatArray:
     if T.shape != (4, 4):
         raise InputError(f"{name} must be 4x4 numbers; got shape {T.shape}")
     return T
-
-
-def _rows(path: Path) -> FloatArray:
-    lines = read_record(path, "initial poses").splitlines()
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")  # NumPy only warns of a file without rows
-            return np.loadtxt(lines, ndmin=2)
-    except (ValueError, UserWarning) as error:
-        raise InputError(f"cannot read {path}: no table of initial poses ({error})") from error

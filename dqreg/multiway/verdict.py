@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
-from dqreg.multiway.believe import Belief
+from dqreg.multiway.edge_selection import EdgeSelection
 from dqreg.multiway.edges import LOOSE, PART, Edge, EdgeCode, is_refused
 from dqreg.multiway.scans import View
 from dqreg.multiway.sides import Contradiction
@@ -32,7 +32,7 @@ NAMED = 8
 
 def judge_scans(
     views: Sequence[View],
-    belief: Belief,
+    selection: EdgeSelection,
     T_world_scan: FloatArray,
     covariances: FloatArray,
     size: float,
@@ -45,60 +45,61 @@ def judge_scans(
     """Level and reasons: "failed" where no two scans are joined, "suspect" where something speaks against a pose."""
     usable = [k for k, view in enumerate(views) if view.usable]
     placed = [k for k in usable if np.isfinite(T_world_scan[k]).all()]
-    joined = len(placed) > 1 or (belief.anchor == PART and bool(placed))
-    doubts = [*_unplaced(views, belief, placed), *_weak(views, belief, placed), *_unconfirmed(views, belief, placed)]
+    joined = len(placed) > 1 or (selection.anchor == PART and bool(placed))
+    known = views, selection, placed
+    doubts = [*_unplaced(*known), *_weak(*known), *_unconfirmed(*known)]
     doubts += _uncertain(views, placed, covariances, size) if joined else ()
     doubts += _contradicted(views, against)
     doubts += _turned(views, turns)
-    doubts += _viewpoints(views, belief)
+    doubts += _viewpoints(views, selection)
     if stopped:
         doubts.append(Reason(f"not all pairs were registered: {stopped} ended them", "search_time_limit"))
     if not joined:
         nothing = Reason("no pose: no two scans could be joined", "no_pose")
-        return Verdict("failed", (nothing, *doubts, *_notes(views, belief)))
+        return Verdict("failed", (nothing, *doubts, *_notes(views, selection)))
     if not converged:
         doubts.append(Reason("the joint refinement of all scans did not converge", "not_converged"))
     level: Level = "suspect" if doubts else "accepted"
-    summary = () if doubts else (_summary(belief, placed),)
-    return Verdict(level, (*doubts, *summary, *_notes(views, belief)))
+    summary = () if doubts else (_summary(selection, placed),)
+    return Verdict(level, (*doubts, *summary, *_notes(views, selection)))
 
 
-def _summary(belief: Belief, placed: Sequence[int]) -> Reason:
-    used = sum(edge.used for edge in belief.edges)
-    closing = int(np.count_nonzero(_used_loops(belief)))
+def _summary(selection: EdgeSelection, placed: Sequence[int]) -> Reason:
+    used = sum(edge.used for edge in selection.edges)
+    closing = int(np.count_nonzero(_used_loops(selection)))
     loops = "; no loop of three checks them"
     if closing:
         loops = f"; {closing} {'loops' if closing > 1 else 'loop'} of three {'close' if closing > 1 else 'closes'}"
     return Reason(f"{len(placed)} scans placed by {used} edges{loops}", "accepted")
 
 
-def _used_loops(belief: Belief) -> BoolArray:
-    used = np.array([belief.edges[row].used for row in belief.rows], dtype=bool)
-    loops = belief.loops
+def _used_loops(selection: EdgeSelection) -> BoolArray:
+    used = np.array([selection.edges[row].used for row in selection.rows], dtype=bool)
+    loops = selection.loops
     return loops.closes & used[loops.edges].all(axis=1) if len(loops.edges) else np.zeros(0, dtype=bool)
 
 
-def _unplaced(views: Sequence[View], belief: Belief, placed: Sequence[int]) -> Iterator[Reason]:
+def _unplaced(views: Sequence[View], selection: EdgeSelection, placed: Sequence[int]) -> Iterator[Reason]:
     for view in views:
         if view.problem:
             yield Reason(f"{view.name} cannot be used: {view.problem}", "unreadable")
     islands: dict[int, list[int]] = {}
     for k, view in enumerate(views):
         if view.usable and k not in placed:
-            islands.setdefault(int(belief.island[k]), []).append(k)
+            islands.setdefault(int(selection.island[k]), []).append(k)
     alone: dict[str, list[int]] = {}
     for group in islands.values():
         if len(group) > 1:
             words = named(views, group)
-            why = ", or they show another object" if any(_has(belief, k, "misfit") for k in group) else ""
+            why = ", or they show another object" if any(_has(selection, k, "misfit") for k in group) else ""
             yield Reason(f"{words} are joined to each other and not to the rest: scan the part between{why}", "islands")
             continue
         why = "another object, or too little overlap"
-        if _has(belief, group[0], "looked_through"):
+        if _has(selection, group[0], "looked_through"):
             why = "where its pairs put it, the scanners of other scans looked through: another object, or wrong pairs"
-        elif _has(belief, group[0], "misfit"):
+        elif _has(selection, group[0], "misfit"):
             why = "where its pairs put it, it does not fit all others together: another object, moved, or wrong pairs"
-        elif _has(belief, group[0], "ambiguous"):
+        elif _has(selection, group[0], "ambiguous"):
             why = (
                 "it fits all others together in several ways, or too little holds it: scan more overlap, or give starts"
             )
@@ -108,21 +109,21 @@ def _unplaced(views: Sequence[View], belief: Belief, placed: Sequence[int]) -> I
         yield Reason(f"{named(views, scans)} {verb} joined to no other scan: {why}", "scan_left_out")
 
 
-def _has(belief: Belief, k: int, code: EdgeCode) -> bool:
+def _has(selection: EdgeSelection, k: int, code: EdgeCode) -> bool:
     """Whether an edge of a scan was left out for a reason."""
-    return any(edge.code == code and k in (edge.target, edge.source) for edge in belief.edges)
+    return any(edge.code == code and k in (edge.target, edge.source) for edge in selection.edges)
 
 
-def _weak(views: Sequence[View], belief: Belief, placed: Sequence[int]) -> Iterator[Reason]:
+def _weak(views: Sequence[View], selection: EdgeSelection, placed: Sequence[int]) -> Iterator[Reason]:
     """Scans that hang on suspect edges alone, which too few loops confirm, or on edges with other likely poses."""
-    closing = belief.loops.counts(_used_loops(belief), len(belief.rows))
-    confirmed = {int(row): int(n) for row, n in zip(belief.rows, closing, strict=True)}
+    closing = selection.loops.counts(_used_loops(selection), len(selection.rows))
+    confirmed = {int(row): int(n) for row, n in zip(selection.rows, closing, strict=True)}
     sure, ambiguous = set(), []
-    for row, edge in enumerate(belief.edges):
+    for row, edge in enumerate(selection.edges):
         if edge.used and (edge.level == "accepted" or confirmed.get(row, 0) >= CONFIRMING):
             sure |= {edge.source, edge.target}
     weak = [k for k in placed if k not in sure]
-    assumed = [k for k in weak if k in belief.on_steps]
+    assumed = [k for k in weak if k in selection.on_steps]
     if assumed:
         yield Reason(
             f"{named(views, assumed)}: no pair is accepted by itself, and that they stand where equal steps of the "
@@ -136,7 +137,7 @@ def _weak(views: Sequence[View], belief: Belief, placed: Sequence[int]) -> Itera
             "unconfirmed_scan",
         )
     for k in placed:
-        own = [edge for edge in belief.edges if edge.used and k in (edge.source, edge.target)]
+        own = [edge for edge in selection.edges if edge.used and k in (edge.source, edge.target)]
         if own and all(has_alternatives(edge) for edge in own):
             ambiguous.append(k)
     if ambiguous:
@@ -147,23 +148,23 @@ def _weak(views: Sequence[View], belief: Belief, placed: Sequence[int]) -> Itera
         )
 
 
-def _unconfirmed(views: Sequence[View], belief: Belief, placed: Sequence[int]) -> Iterator[Reason]:
+def _unconfirmed(views: Sequence[View], selection: EdgeSelection, placed: Sequence[int]) -> Iterator[Reason]:
     """Pairs that nothing else makes up for, and that no closing loop confirms or whose own verdicts doubt them.
 
     Doubted pairs confirm each other where all are wrong alike: the two sides of a sheet on each other, from every side.
     """
-    if len(placed) + (belief.anchor == PART) > 2:
-        confirmed = set(belief.rows[belief.confirmed].tolist())
-        sound = [edge for row, edge in enumerate(belief.edges) if edge.used and row in confirmed]
-        yield from _hang_on(views, belief, sound, "no closing loop confirms these pairs")
-    sound = [edge for edge in belief.edges if edge.used and not is_refused(edge)]
-    yield from _hang_on(views, belief, sound, "the registration of each of these pairs is doubted")
+    if len(placed) + (selection.anchor == PART) > 2:
+        confirmed = set(selection.rows[selection.confirmed].tolist())
+        sound = [edge for row, edge in enumerate(selection.edges) if edge.used and row in confirmed]
+        yield from _hang_on(views, selection, sound, "no closing loop confirms these pairs")
+    sound = [edge for edge in selection.edges if edge.used and not is_refused(edge)]
+    yield from _hang_on(views, selection, sound, "the registration of each of these pairs is doubted")
 
 
-def _hang_on(views: Sequence[View], belief: Belief, sound: Sequence[Edge], why: str) -> Iterator[Reason]:
+def _hang_on(views: Sequence[View], selection: EdgeSelection, sound: Sequence[Edge], why: str) -> Iterator[Reason]:
     """Used edges between groups of scans that sound ones do not join."""
     group = _joined(sound, len(views))
-    alone = [edge for edge in belief.edges if edge.used and group[edge.target] != group[edge.source]]
+    alone = [edge for edge in selection.edges if edge.used and group[edge.target] != group[edge.source]]
     if alone:
         words = pairs_named(views, [(edge.target, edge.source) for edge in alone])
         yield Reason(f"{words}: {why}, and nothing else joins their scans: scan more overlap there", "unconfirmed_edge")
@@ -240,13 +241,13 @@ def _uncertain(views: Sequence[View], placed: Sequence[int], covariances: FloatA
         )
 
 
-def _viewpoints(views: Sequence[View], belief: Belief) -> Iterator[Reason]:
+def _viewpoints(views: Sequence[View], selection: EdgeSelection) -> Iterator[Reason]:
     """Viewpoints that contradict most pairs, as those do from which the scans were seen through the part."""
     given = {k for k, view in enumerate(views) if view.cloud is not None and view.cloud.viewpoint is not None}
     sound = LOOSE | {"looked_through", "accepted"}
     telling = [
         edge.code == "looked_through" or "looked_through" in edge.registration.verdict.codes
-        for edge in belief.edges
+        for edge in selection.edges
         if edge.found and {edge.target, edge.source} & given and set(edge.registration.verdict.codes) <= sound
     ]
     if len(telling) >= TELLING and np.mean(telling) > CONTRADICTING:
@@ -258,13 +259,13 @@ def _viewpoints(views: Sequence[View], belief: Belief) -> Iterator[Reason]:
         )
 
 
-def _notes(views: Sequence[View], belief: Belief) -> Iterator[Reason]:
+def _notes(views: Sequence[View], selection: EdgeSelection) -> Iterator[Reason]:
     """What a user should know, and what speaks against no pose."""
     copies = [k for k, view in enumerate(views) if view.copy_of is not None]
     if copies:
         words = ", ".join(f"{views[k].name} (of {views[views[k].copy_of or 0].name})" for k in copies[:NAMED])
         yield Reason(f"copies of other scans, placed with them: {words}", "duplicate_scan")
-    against = [edge for edge in belief.edges if edge.code == "contradicts" and edge.level == "accepted"]
+    against = [edge for edge in selection.edges if edge.code == "contradicts" and edge.level == "accepted"]
     blind = [k for k, view in enumerate(views) if view.hidden > 0.0]
     if blind:
         share = 100.0 * float(np.median([views[k].hidden for k in blind]))

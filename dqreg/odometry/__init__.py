@@ -10,8 +10,7 @@ from dqreg.odometry.deskewing import deskew
 from dqreg.odometry.evaluation import Errors, evaluate, nees
 from dqreg.odometry.odometry import Odometry
 from dqreg.odometry.settings import OdometrySettings
-from dqreg.odometry.trajectory import bridge_gaps, read_trajectory, write_trajectory
-from dqreg.odometry.trajectory_files import load_trajectory
+from dqreg.odometry.trajectory import bridge_gaps, load_trajectory, read_trajectory, write_trajectory
 
 __all__ = [
     "Errors",

@@ -9,8 +9,9 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, as_float, warn_of_old_name
 from dqreg.errors import InputError
+from dqreg.files.trajectories import found_rows
 from dqreg.odometry.kiss import load_kiss, rigid
-from dqreg.odometry.trajectory import bridge_gaps, found_rows
+from dqreg.odometry.trajectory import bridge_gaps
 from dqreg.rigid import pose, twist
 
 # A single step worse than this is a lost frame, whatever the scene: half the everyday lattice, which finds its way.

@@ -10,8 +10,8 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.files.atomic import write_atomically
-from dqreg.odometry.engines import TrajectoryRun
 from dqreg.odometry.evaluation import relative_errors
+from dqreg.odometry.run_sequence import TrajectoryRun
 from dqreg.odometry.trajectory import bridge_gaps
 from dqreg.report.figure import PALETTE, encode, new_figure
 
@@ -26,7 +26,7 @@ def plot_trip(path: str | Path, trip: TrajectoryRun, truth: FloatArray | None = 
     grid = figure.add_gridspec(3, 1, height_ratios=[2.2, 1.0, 1.0])
     _draw_path(figure.add_subplot(grid[0]), poses, trip, truth)
     numbers = figure.add_subplot(grid[1])
-    _draw_errors(numbers, poses, trip, truth)
+    _draw_errors(numbers, poses, truth)
     _draw_trust(figure.add_subplot(grid[2], sharex=numbers), trip)
     write_atomically(path, encode(figure, kind))
 
@@ -63,7 +63,7 @@ def _draw_path(axes: Any, poses: FloatArray, trip: TrajectoryRun, truth: FloatAr
     axes.legend(loc="best", frameon=False)
 
 
-def _draw_errors(axes: Any, poses: FloatArray, trip: TrajectoryRun, truth: FloatArray | None) -> None:
+def _draw_errors(axes: Any, poses: FloatArray, truth: FloatArray | None) -> None:
     frames = np.arange(1, len(poses))
     if truth is not None and len(poses) > 1:
         turn, shift = relative_errors(poses, truth, 1)

@@ -1,28 +1,23 @@
-"""Trajectories on disk: KITTI (twelve numbers a line) and TUM (time, place, quaternion x y z w)."""
+"""The trajectory of a run: gaps bridged, written and read as KITTI or TUM, written as a pose graph (g2o)."""
 
 from __future__ import annotations
 
-import csv
-import io
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray, as_float
+from dqreg._arrays import FloatArray, IntArray, as_float
 from dqreg.errors import InputError
 from dqreg.files.atomic import write_atomically
-from dqreg.odometry.engines import TrajectoryRun
+from dqreg.files.g2o import to_g2o
+from dqreg.files.trajectories import Form, Gaps, form_by_name, found_rows, read_poses, to_kitti, to_tum
 from dqreg.odometry.kiss import rigid
-from dqreg.odometry.scans import Scans
-from dqreg.odometry.trajectory_files import form_of, graph_of, read_poses, text_of
-from dqreg.registration.result import Registration
 from dqreg.rigid import Trajectory
+from dqreg.rigid.twist import TRANSLATION_FIRST
 
-
-def found_rows(poses: FloatArray) -> BoolArray:
-    """Which poses were found, (n,). Shapes: poses (n, 4, 4)."""
-    return np.asarray(np.isfinite(poses).all(axis=(1, 2)))
+# Information that is written of a motion of which nothing is known.
+UNKNOWN = 1e-9
 
 
 def bridge_gaps(poses: Any) -> tuple[FloatArray, IntArray]:
@@ -77,32 +72,41 @@ def write_trajectory(
     ...     write_trajectory(f"{folder}/a.tum", [np.eye(4)], [0.5]), (Path(folder) / "a.tum").read_text()
     ('tum', '0.500000000 0.0 0.0 0.0 0.0 0.0 0.0 1.0\n')
     """
-    form = form_of(path, form)
+    form = _checked_form(path, form)
     if isinstance(poses, Trajectory):
         poses, times = poses.poses, poses.times if times is None else times
     bridged, missing = bridge_gaps(poses)
     stamps = np.arange(len(bridged), dtype=float) if times is None else as_float(times, "times").ravel()
     if len(stamps) != len(bridged):
         raise InputError(f"times must be one a frame; got {len(stamps)} for {len(bridged)} frames")
+    placed = np.setdiff1d(np.arange(len(bridged)), missing)
     if form == "g2o":
-        placed = np.setdiff1d(np.arange(len(bridged)), missing)
         spread = None if covariances is None else as_float(covariances, "covariances").reshape(-1, 6, 6)
         if spread is not None and len(spread) != len(bridged):
             raise InputError(f"covariances must be one a frame; got {len(spread)} for {len(bridged)} frames")
-        write_atomically(path, graph_of(placed, bridged[placed], None if spread is None else spread[placed]))
-        return form
-    keep = np.setdiff1d(np.arange(len(bridged)), missing if form == "tum" else ())
-    write_atomically(path, text_of(bridged[keep], stamps[keep], form))
+        text = _graph(placed, bridged[placed], None if spread is None else spread[placed])
+    else:
+        text = to_kitti(bridged) if form == "kitti" else to_tum(bridged[placed], stamps[placed])
+    write_atomically(path, text)
     return form
 
 
-def read_trajectory(path: str | Path) -> tuple[FloatArray, FloatArray | None]:
+def _checked_form(path: str | Path, form: str | None) -> str:
+    if form is not None and form not in get_args(Form):
+        raise InputError(f"unknown trajectory format {form!r}; known are {', '.join(get_args(Form))}")
+    return form or form_by_name(path)
+
+
+def read_trajectory(path: str | Path, *, gaps: Gaps = "refuse") -> tuple[FloatArray, FloatArray | None]:
     """Read a trajectory in either format; the number of columns tells which.
 
     Parameters
     ----------
     path : str or Path
         KITTI (12 or 16 numbers a line) or TUM (8).
+    gaps : {"refuse", "keep"}
+        What to do with lines of NaN, as `Multiway.save` writes for a scan that is not placed: raise, or return NaN
+        there, which `bridge_gaps` and `evaluate` take.
 
     Returns
     -------
@@ -116,77 +120,57 @@ def read_trajectory(path: str | Path) -> tuple[FloatArray, FloatArray | None]:
     InputError
         If it is missing or holds something else.
     """
-    return read_poses(path)
+    if gaps not in get_args(Gaps):
+        raise InputError(f'gaps must be "refuse" or "keep"; got {gaps!r:.60}')
+    return read_poses(path, gaps)
 
 
-HEADER = (
-    "frame",
-    "name",
-    "time",
-    "level",
-    "x",
-    "y",
-    "z",
-    "sigma_turn_deg",
-    "sigma_shift",
-    "on_map",
-    "rms",
-    "seconds",
-    "reasons",
-)
+def load_trajectory(path: str | Path) -> Trajectory:
+    """Read a trajectory in KITTI's or TUM's format; the number of columns tells which.
+
+    Parameters
+    ----------
+    path : str or Path
+        KITTI (12 or 16 numbers a line) or TUM (8).
+
+    Returns
+    -------
+    Trajectory
+        KITTI has no times: the numbers of the lines, from 0, stand in. Lines of NaN are left out, as TUM does.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or holds something else, or TUM's times do not increase.
+    """
+    poses, times = read_poses(path, "keep")
+    found = found_rows(poses)
+    try:
+        return Trajectory((np.arange(float(len(poses))) if times is None else times)[found], poses[found])
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
 
 
-def write_frames(path: str | Path, trip: TrajectoryRun, scans: Scans) -> None:
-    """Write verdict, place, one-sigmas and reasons of every frame as CSV."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(HEADER)
-    for number, name in enumerate(scans.names):
-        time = "" if scans.times is None else f"{scans.times[number]:.9f}"
-        place = [_number(value) for value in trip.poses[number, :3, 3]]
-        words = [""] * 6
-        if trip.results:
-            result = trip.results[number]
-            words = [
-                result.verdict.level,
-                *(_number(value) for value in (*_sigmas(result), result.inlier_fraction, result.rms)),
-                "; ".join(result.verdict.reasons),
-            ]
-        row = [number, name, time, words[0], *place, *words[1:5], _number(trip.seconds[number]), words[5]]
-        writer.writerow(row)
-    write_atomically(Path(path), text.getvalue())
+def _graph(numbers: IntArray, poses: FloatArray, covariances: FloatArray | None) -> str:
+    """The placed frames and the steps between them as a g2o file.
+
+    Covariances are of left increments about the sensors in the map's axes, rotation first; a step is as uncertain as
+    the later frame is in the map. Shapes: numbers (n,), poses (n, 4, 4), covariances (n, 6, 6).
+    """
+    steps = np.linalg.inv(poses[:-1]) @ poses[1:]
+    information = np.tile(np.eye(6), (len(steps), 1, 1))
+    if covariances is not None:
+        for k in range(len(steps)):
+            information[k] = _information(poses[k + 1, :3, :3], covariances[k + 1])
+    pairs = np.stack([numbers[:-1], numbers[1:]], axis=1)
+    return to_g2o(numbers, poses, int(numbers[0]), pairs, steps, information)
 
 
-def to_records(trip: TrajectoryRun, scans: Scans) -> list[dict[str, Any]]:
-    """The frames as plain values."""
-    records = []
-    for number, name in enumerate(scans.names):
-        result = trip.results[number] if trip.results else None
-        turn, shift = (None, None) if result is None else _sigmas(result)
-        records.append(
-            {
-                "frame": number,
-                "name": name,
-                "time": None if scans.times is None else float(scans.times[number]),
-                "level": None if result is None else result.verdict.level,
-                "T_target_source": trip.poses[number],
-                "sigma_turn_deg": turn,
-                "sigma_shift": shift,
-                "on_map": None if result is None else result.inlier_fraction,
-                "rms": None if result is None else result.rms,
-                "seconds": float(trip.seconds[number]),
-                "reasons": [] if result is None else list(result.verdict.reasons),
-                "codes": [] if result is None else list(result.verdict.codes),
-            }
-        )
-    return records
-
-
-def _sigmas(result: Registration) -> tuple[float, float]:
-    """One sigma of the turn in degrees and of the shift."""
-    turn, shift = (float(np.sqrt(np.trace(result.covariance[part, part]))) for part in (slice(3), slice(3, 6)))
-    return float(np.rad2deg(turn)), shift
-
-
-def _number(value: float) -> str:
-    return f"{value:.6g}" if np.isfinite(value) else ""
+def _information(R: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Information of a right increment in the sensor's axes, translation first."""
+    if not np.isfinite(covariance).all() or not covariance.any():
+        return UNKNOWN * np.eye(6)
+    axes = np.kron(np.eye(2), R)
+    found = np.asarray(np.linalg.pinv(axes.T @ covariance @ axes, hermitian=True), dtype=np.float64)
+    shifted: FloatArray = found[np.ix_(TRANSLATION_FIRST, TRANSLATION_FIRST)]
+    return shifted

@@ -11,6 +11,7 @@ from dqreg._arrays import FloatArray, as_float, as_vectors
 from dqreg.errors import InputError
 from dqreg.files.cloud_data import finite_rows
 from dqreg.rigid import DualQuaternion, pose
+from dqreg.rigid.twist import TRANSLATION_FIRST
 from dqreg.trust.covariance import TOUCHED
 from dqreg.trust.records import Direction, Verdict
 
@@ -18,8 +19,6 @@ Frame = Literal["source", "target", "centre"]
 Order = Literal["rt", "tr"]
 Side = Literal["left", "right"]
 
-# Rows of a twist with the translation first.
-SHIFT_FIRST = np.r_[3:6, 0:3]
 # An eigenvalue of a correlation matrix below this is zero: that motion was locked.
 LOCKED = 1e-13
 
@@ -201,7 +200,7 @@ class UncertainPose:
 def _rows(order: Order) -> Any:
     if order not in ("rt", "tr"):
         raise InputError(f'order must be "rt" (rotation first) or "tr" (translation first); got {order!r:.60}')
-    return SHIFT_FIRST if order == "tr" else np.arange(6)
+    return TRANSLATION_FIRST if order == "tr" else np.arange(6)
 
 
 def _inverse(covariance: FloatArray) -> FloatArray:

@@ -23,6 +23,8 @@ from dqreg.rigid.rotations import from_rotation_vector
 from dqreg.rigid.rotations import left_jacobian as rotation_jacobian
 from dqreg.rigid.rotations import left_jacobian_inverse as rotation_jacobian_inverse
 
+# Rows of a twist, or rows and columns of its covariance, with the translation first.
+TRANSLATION_FIRST = np.r_[3:6, 0:3]
 # Below this angle the series of the corner's ratios are exact to rounding, and the closed forms are not.
 _SERIES_RAD = 2.0
 _RATIO_SERIES = (

@@ -22,8 +22,8 @@ from dqreg.report.progress import NEXT, Steps
 from dqreg.solvers import Fit, solve
 from dqreg.studio.cleaning import cleaned_file, scan_points
 from dqreg.studio.drawing import drawn_pose, frame_of, true_pose
-from dqreg.studio.kept import MIRROR, Place, kept, remember
 from dqreg.studio.visit import PROGRESS, Visit
+from dqreg.studio.worker_cache import MIRROR, Place, cached, remember
 
 # Points and seconds that tell a mirror image.
 FEW, SECONDS = 5_000, 20.0
@@ -95,7 +95,7 @@ def result_of(place: Place) -> Registration:
             return Registration.load(place.folder / RESULT).attached(cleaned_file(place), place.part_path)
         return _registered(place)
 
-    return kept("result", [str(place.folder), _asked(place)], make)
+    return cached("result", [str(place.folder), _asked(place)], make)
 
 
 def _registered(place: Place) -> Registration:
@@ -196,7 +196,7 @@ def _asked(place: Place) -> dict[str, Any]:
 
 def _target(place: Place) -> Target:
     path: Path = place.part_path
-    return kept("target", [path, path.stat().st_mtime_ns], lambda: prepare_target(path))
+    return cached("target", [path, path.stat().st_mtime_ns], lambda: prepare_target(path))
 
 
 def register_options(visit: Visit) -> dict[str, Any]:

@@ -16,10 +16,10 @@ from dqreg.inspection.plan.file import plan_of
 from dqreg.inspection.regions import cut_of, regions_of
 from dqreg.registration.inspected import Inspected, inspect_registration
 from dqreg.studio.aligning import result_of
-from dqreg.studio.kept import Place, kept
 from dqreg.studio.plans import is_judged, plan_text
 from dqreg.studio.reading import faces_of_part, measure
 from dqreg.studio.visit import Visit
+from dqreg.studio.worker_cache import Place, cached
 
 # Normals of datums turn from each other by more than this cosine.
 SQUARE = 0.1
@@ -31,7 +31,7 @@ PLAN = "plan.toml"
 def deviations_of(place: Place) -> Deviations:
     """Deviations of the scan as it was registered."""
     result, reach = result_of(place), place.visit.reach
-    return kept(
+    return cached(
         "deviations",
         [result.T_target_source, place.visit.cuts, reach],
         lambda: inspect_registration(result, reach=reach).deviations,
@@ -57,7 +57,7 @@ def judged(place: Place) -> Inspected:
             plan = plan if is_judged(visit) else dataclasses.replace(plan, tolerance=None)
         return inspect_registration(result, plan, reach=visit.reach)
 
-    return kept("judged", [result.T_target_source, visit.cuts, visit.reach, text], make)
+    return cached("judged", [result.T_target_source, visit.cuts, visit.reach, text], make)
 
 
 def _require_chosen(visit: Visit) -> None:

@@ -13,9 +13,9 @@ from dqreg.files.write import write_cloud
 from dqreg.geometry import Mesh, PointCloud
 from dqreg.geometry.sampling import sample_mesh
 from dqreg.registration.source import MESH_SAMPLES
-from dqreg.studio.kept import Place, kept
+from dqreg.studio.equivalent_commands import cleaned_name
 from dqreg.studio.visit import Cut
-from dqreg.studio.words import cleaned_name
+from dqreg.studio.worker_cache import Place, cached
 
 # Points that are asked for a plane, draws, and the share of them that makes one worth a question.
 ASKED, DRAWS, WORTH = 40_000, 600, 0.08
@@ -81,7 +81,7 @@ def cleaned_file(place: Place) -> Path:
         write_cloud(path, points[stays], normals)
         return path
 
-    kept("cleaned", [str(path), *place.scan_key, cuts], make)
+    cached("cleaned", [str(path), *place.scan_key, cuts], make)
     # It was written once; whoever took it away meanwhile gets it again.
     return path if path.is_file() else make()
 
@@ -94,7 +94,7 @@ def leaving_plane(place: Place, spacing: float, noise: float) -> tuple[Cut, int]
     if len(points) < 100 or half <= 0.0:
         return None
     middle = np.median(points, axis=0)
-    cut = kept("plane", [*place.scan_key, place.visit.cuts], lambda: _largest_plane(points - middle, half))
+    cut = cached("plane", [*place.scan_key, place.visit.cuts], lambda: _largest_plane(points - middle, half))
     normal = np.array(cut.normal)
     cut = Cut("plane", normal=cut.normal, offset=cut.offset + float(normal @ middle), half=half)
     on = _at_plane(points, cut)

@@ -18,10 +18,10 @@ from dqreg.report.sheet import Label
 from dqreg.studio.aligning import RESULT, START
 from dqreg.studio.alignments import PLAN, deviations_of, judged, measured_at
 from dqreg.studio.drawing import drawn_pose, frame_of
-from dqreg.studio.kept import Place
+from dqreg.studio.equivalent_commands import cleaned_name
 from dqreg.studio.payloads import cloud_payload, rows_to_draw
 from dqreg.studio.plans import is_judged
-from dqreg.studio.words import cleaned_name
+from dqreg.studio.worker_cache import Place
 
 # Worst places that are listed, and the share of the points that the colours reach where no tolerance is given.
 WORST, SHOWN = 8, 0.98

@@ -11,7 +11,7 @@ from typing import Any
 
 from dqreg.errors import InputError
 from dqreg.files.untrusted import read_record
-from dqreg.registration.batch.marks import mark_of
+from dqreg.registration.batch.file_digests import digest_of
 from dqreg.registration.batch.resume import RESULTS
 from dqreg.registration.batch.row import BATCH
 from dqreg.registration.batch.run import SUMMARY_CSV
@@ -51,7 +51,7 @@ class Many:
             raise InputError(f"the result of {name} was not written by a batch ({error!r})") from error
         for place, mark in zip(places, marks, strict=True):
             # A result from elsewhere could name any file of this machine.
-            if mark_of(place) != mark:
+            if digest_of(place) != mark:
                 raise InputError(f"{place.name} has changed since the batch read it")
         scan, part = (Side(place.name, str(place), unit) for place, unit in zip(places, names, strict=True))
         plain = {"start": "rival", "T_start": T} if T and T[0][0] is not None else {}
@@ -97,7 +97,7 @@ def _asked(visit: Visit, asked: Any) -> Visit:
             return visit
         if asked["plan"] is not None:
             plan = Path(asked["plan"][0])
-            if mark_of(plan) != asked["plan"]:
+            if digest_of(plan) != asked["plan"]:
                 raise InputError(f"the plan {plan.name} has changed since the batch read it")
             visit = with_plan(visit, plan.read_text(encoding="utf-8"))
         if asked["tolerance"] is not None:

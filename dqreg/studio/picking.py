@@ -13,9 +13,9 @@ from dqreg.geometry import Mesh, PointCloud
 from dqreg.geometry.raycasting import RayScene
 from dqreg.studio.cleaning import kept_rows, scan_points
 from dqreg.studio.drawing import Frame, frame_of
-from dqreg.studio.kept import Place, kept
 from dqreg.studio.reading import triangle_labels
 from dqreg.studio.visit import Cut
+from dqreg.studio.worker_cache import Place, cached
 
 # Points that make a surface, and their share of the most at any depth; how deep it may lie, in radii of what is near.
 TOGETHER, MANY, DEEP = 3, 0.15, 2.0
@@ -116,4 +116,4 @@ def _scene(place: Place, part: Mesh) -> tuple[RayScene, IntArray]:
         assert labels is not None
         return RayScene(part.vertices, part.faces, frame.middle, frame.size), labels
 
-    return kept("rays", [place.part_path], make)
+    return cached("rays", [place.part_path], make)

@@ -15,8 +15,8 @@ from dqreg.inspection import Face, part_faces, why_unsigned
 from dqreg.inspection.regions import MOST_FACES
 from dqreg.studio.cleaning import kept_rows, leaving_plane, scan_points
 from dqreg.studio.drawing import drawn_pose, frame_of
-from dqreg.studio.kept import Place, kept
 from dqreg.studio.payloads import cloud_payload, part_payload, rows_to_draw, shades
+from dqreg.studio.worker_cache import Place, cached
 
 # Points that spacing and noise are measured on.
 MEASURED = 20_000
@@ -45,7 +45,7 @@ def measure(place: Place) -> Measure:
         found = prepare_scan(cloud, MEASURED)
         return Measure(found.spacing, found.noise)
 
-    return kept("measure", place.scan_key, make)
+    return cached("measure", place.scan_key, make)
 
 
 def read_scan(place: Place) -> dict[str, Any]:
@@ -150,13 +150,13 @@ def faces_of_part(place: Place) -> tuple[Face, ...]:
         labels = triangle_labels(place)
         return part_faces(part) if labels is not None and labels.max() < MOST_FACES else ()
 
-    return kept("faces", [place.part_path], make)
+    return cached("faces", [place.part_path], make)
 
 
 def triangle_labels(place: Place) -> IntArray | None:
     """Number of the face that each triangle of the part is of, (f,); None for a cloud."""
     part = place.part()
-    return kept("labels", [place.part_path], lambda: faces_of(part)[1]) if isinstance(part, Mesh) else None
+    return cached("labels", [place.part_path], lambda: faces_of(part)[1]) if isinstance(part, Mesh) else None
 
 
 def _faces(place: Place) -> list[dict[str, Any]]:

@@ -16,7 +16,7 @@ def replay(visit: str | os.PathLike[str] | Visit, folder: str | os.PathLike[str]
     """Do a visit again, and write its cleaned scan, pose, plan and report to a folder."""
     from dqreg.studio.aligning import result_of
     from dqreg.studio.judging import write_sheet
-    from dqreg.studio.kept import Place, forget
+    from dqreg.studio.worker_cache import Place, forget
 
     found = visit if isinstance(visit, Visit) else Visit.load(Path(visit))
     # Done again means all of it, in a process that has done it before too.

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dqreg.errors import InputError, MissingDependencyError
-from dqreg.studio.desk import Desk
+from dqreg.studio.sessions import Sessions
 
 if TYPE_CHECKING:
     from dqreg.studio.travel import Drive, Travel
@@ -45,10 +45,10 @@ def serve(
     many = None if batch is None else Many(batch.absolute())
     with _folder(folder) as home, _socket(port) as listening:
         travel = None if odometry is None or drive is None else _travel(odometry.absolute(), home, drive)
-        desk, token = Desk(home, scan, part, many, travel), secrets.token_urlsafe(24)
+        sessions, token = Sessions(home, scan, part, many, travel), secrets.token_urlsafe(24)
         number = listening.getsockname()[1]
         address = f"http://127.0.0.1:{number}/{token}/"
-        app = application(desk, token, number)
+        app = application(sessions, token, number)
         config = uvicorn.Config(
             app, log_level="critical", access_log=False, timeout_graceful_shutdown=1, lifespan="off", ws="none"
         )
@@ -62,7 +62,7 @@ def serve(
         try:
             _quiet(uvicorn.Server)(config).run(sockets=[listening])
         finally:
-            desk.close()
+            sessions.close()
 
 
 def _travel(scans: Path, home: Path, drive: Drive) -> Travel:

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 from dqreg.errors import DqregError, InputError
 from dqreg.studio import uploads
-from dqreg.studio.desk import NAMES, BrokenError, Desk, Room, StoppedError
+from dqreg.studio.equivalent_commands import cleaned_name
 from dqreg.studio.guard import REPORT_POLICY, App, Guard
 from dqreg.studio.plans import with_plan
+from dqreg.studio.sessions import NAMES, BrokenError, Session, Sessions, StoppedError
 from dqreg.studio.visit import PROGRESS, Visit
-from dqreg.studio.words import cleaned_name
 
 if TYPE_CHECKING:
     from starlette.requests import Request
@@ -42,13 +42,13 @@ BROKEN = (
 )
 
 
-def application(desk: Desk, token: str, port: int) -> App:
+def application(sessions: Sessions, token: str, port: int) -> App:
     """The server as an ASGI application."""
     import starlette.responses  # noqa: F401 - the first answer shall not wait for it
     from starlette.applications import Starlette
     from starlette.routing import Route
 
-    api = Api(desk)
+    api = Api(sessions)
     routes = [
         Route("/", api.page),
         Route("/page/{name}", api.asset),
@@ -74,8 +74,8 @@ def application(desk: Desk, token: str, port: int) -> App:
 class Api:
     """Answers to the page."""
 
-    def __init__(self, desk: Desk) -> None:
-        self._desk = desk
+    def __init__(self, sessions: Sessions) -> None:
+        self._sessions = sessions
 
     async def page(self, request: Request) -> Response:
         """The page itself."""
@@ -88,43 +88,43 @@ class Api:
     async def visits(self, request: Request) -> Response:
         """The visits of this server, or a new one."""
         if request.method == "POST":
-            return _told(self._desk.open())
-        rooms = sorted(self._desk.rooms.values(), key=lambda room: -room.touched)
-        return _json([{"visit": r.name, "scan": _name(r.visit.scan), "part": _name(r.visit.part)} for r in rooms])
+            return _told(self._sessions.open())
+        sessions = sorted(self._sessions.by_name.values(), key=lambda session: -session.touched)
+        return _json([{"visit": r.name, "scan": _name(r.visit.scan), "part": _name(r.visit.part)} for r in sessions])
 
     async def odometry(self, request: Request) -> Response:
         """How far the odometry is that the command line named."""
-        travel = self._desk.travel
+        travel = self._sessions.travel
         return _json(None if travel is None else await asyncio.to_thread(travel.state))
 
     async def travelled(self, request: Request) -> Response:
         """Map or frame of the odometry, to draw."""
-        travel, name = self._desk.travel, request.path_params["name"]
+        travel, name = self._sessions.travel, request.path_params["name"]
         known = {name: "application/octet-stream"} if DRAWN.fullmatch(name) else {}
         return _file(Path() if travel is None else travel.folder, name, known if travel else {})
 
     async def many(self, request: Request) -> Response:
         """The rows of the batch that the command line named."""
-        many = self._desk.many
+        many = self._sessions.many
         return _json(None if many is None else await asyncio.to_thread(many.rows))
 
     async def row(self, request: Request) -> Response:
         """A row of the batch as a visit of its own."""
-        many = self._desk.many
+        many = self._sessions.many
         if many is None:
             raise InputError("no batch is shown here: start dqreg studio --batch FOLDER")
-        return _told(self._desk.open(await asyncio.to_thread(many.visit, request.path_params["row"])))
+        return _told(self._sessions.open(await asyncio.to_thread(many.visit, request.path_params["row"])))
 
     async def visit(self, request: Request) -> Response:
         """A visit as it stands."""
-        return _told(self._room(request))
+        return _told(self._session(request))
 
     async def change(self, request: Request) -> Response:
         """Change what was chosen."""
-        room, values = self._room(request), await _values(request)
+        session, values = self._session(request), await _values(request)
         units = values.pop("units", {})
         text = values.pop("plan", None)
-        visit = room.visit.swapped() if values.pop("swap", False) else room.visit.changed(values)
+        visit = session.visit.swapped() if values.pop("swap", False) else session.visit.changed(values)
         if isinstance(text, str):
             visit = with_plan(visit, text)
         if not isinstance(units, dict):
@@ -132,20 +132,20 @@ class Api:
         for which in ("scan", "part"):
             if which in units:
                 visit = visit.with_units(which, units[which])
-        room.change(visit)
-        return _told(room)
+        session.change(visit)
+        return _told(session)
 
     async def undo(self, request: Request) -> Response:
         """Back to the state before."""
-        room = self._room(request)
-        room.undo()
-        return _told(room)
+        session = self._session(request)
+        session.undo()
+        return _told(session)
 
     async def cancel(self, request: Request) -> Response:
         """End what runs."""
-        room = self._room(request)
-        await asyncio.to_thread(room.cancel)
-        return _told(room)
+        session = self._session(request)
+        await asyncio.to_thread(session.cancel)
+        return _told(session)
 
     async def run(self, request: Request) -> Response:
         """Do a task, and answer with what came of it."""
@@ -153,65 +153,66 @@ class Api:
         if task not in NAMES:
             raise InputError(f"there is no task {task!r:.40}")
         values = await _values(request)
-        return _json(await self._desk.run(self._room(request), task, values))
+        return _json(await self._sessions.run(self._session(request), task, values))
 
     async def upload(self, request: Request) -> Response:
         """Take a file for a side."""
-        room, which = self._room(request), request.path_params["side"]
+        session, which = self._session(request), request.path_params["side"]
         if which not in ("scan", "part"):
             raise InputError("a file is a scan or a part")
         length = request.headers.get("content-length")
         size = int(length) if length is not None and length.isdecimal() else None
         name = request.query_params.get("name", "")
-        side = await uploads.receive(room.folder, which, name, size, request.stream())
+        side = await uploads.receive(session.folder, which, name, size, request.stream())
         # What was pointed at on another file means nothing on this one.
-        scan, part = (side if which == "scan" else room.visit.scan), (side if which == "part" else room.visit.part)
-        room.change(Visit(scan, part, head=room.visit.head))
-        room.results.pop(which, None)
-        return _told(room)
+        before = session.visit
+        scan, part = (side, before.part) if which == "scan" else (before.scan, side)
+        session.change(Visit(scan, part, head=before.head))
+        session.results.pop(which, None)
+        return _told(session)
 
     async def events(self, request: Request) -> Response:
         """Stages and iterations as they happen."""
         from starlette.responses import StreamingResponse
 
-        return StreamingResponse(_lines(self._room(request), request), media_type="text/event-stream")
+        return StreamingResponse(_lines(self._session(request), request), media_type="text/event-stream")
 
     async def data(self, request: Request) -> Response:
         """Points and triangles to draw."""
-        return _file(self._room(request).folder, request.path_params["name"], DATA)
+        return _file(self._session(request).folder, request.path_params["name"], DATA)
 
     async def file(self, request: Request) -> Response:
         """A file to keep."""
-        room, name = self._room(request), request.path_params["name"]
+        session, name = self._session(request), request.path_params["name"]
         keep = request.query_params.get("keep") is not None
-        cleaned = {cleaned_name(room.visit) or "": "application/octet-stream"}
-        return _file(room.folder, name, FILES | cleaned, keep=keep)
+        cleaned = {cleaned_name(session.visit) or "": "application/octet-stream"}
+        return _file(session.folder, name, FILES | cleaned, keep=keep)
 
     async def bad(self, request: Request, error: Exception) -> Response:
         """What is wrong, in a sentence; a file is called by its name, wherever it lies here."""
-        words, room = str(error), self._desk.rooms.get(request.path_params.get("visit", ""))
-        if room is not None:
-            for side in (room.visit.scan, room.visit.part):
-                folder = None if side is None else (room.folder / side.path).parent
+        words, session = str(error), self._sessions.by_name.get(request.path_params.get("visit", ""))
+        if session is not None:
+            for side in (session.visit.scan, session.visit.part):
+                folder = None if side is None else (session.folder / side.path).parent
                 words = words.replace(f"{folder}/", "")
         return _json({"error": words}, 422)
 
-    def _room(self, request: Request) -> Room:
-        return self._desk.room(request.path_params["visit"])
+    def _session(self, request: Request) -> Session:
+        return self._sessions.find(request.path_params["visit"])
 
 
-def _told(room: Room) -> Response:
+def _told(session: Session) -> Response:
     from dqreg.files.strict_json import plain
-    from dqreg.studio.words import words_of
+    from dqreg.studio.equivalent_commands import commands_of
 
     return _json(
         {
-            "name": room.name,
-            "visit": plain(room.visit),
-            "results": room.results,
-            "running": room.running,
-            "undo": len(room.past),
-            "words": words_of(room.visit),
+            "name": session.name,
+            "visit": plain(session.visit),
+            "results": session.results,
+            "running": session.running,
+            "undo": len(session.past),
+            "words": commands_of(session.visit),
         }
     )
 
@@ -237,8 +238,8 @@ async def _values(request: Request) -> dict[str, Any]:
     return found
 
 
-async def _lines(room: Room, request: Request) -> AsyncIterator[bytes]:
-    path, at = room.folder / PROGRESS, 0
+async def _lines(session: Session, request: Request) -> AsyncIterator[bytes]:
+    path, at = session.folder / PROGRESS, 0
     while not await request.is_disconnected():
         with contextlib.suppress(FileNotFoundError):
             size = path.stat().st_size

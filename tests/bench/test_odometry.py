@@ -49,7 +49,7 @@ def drive(rng: np.random.Generator) -> tuple[list[FloatArray], list[FloatArray],
 
 def test_a_drive_under_way_beside_kiss_icp(benchmark, capsys) -> None:
     pytest.importorskip("kiss_icp")
-    from dqreg.odometry.engines import KissEngine
+    from dqreg.odometry.peers import KissEngine
 
     frames, stamps, truth = drive(np.random.default_rng(0))
 

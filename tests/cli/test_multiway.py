@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from dqreg.files import read_cloud, write_cloud
+from dqreg.multiway import Multiway
 from dqreg.rigid import pose
 from tests.cli.command import run
 from tests.multiway.test_register_many import views_of_a_part
@@ -82,6 +83,22 @@ def test_a_contradictory_start_is_no_reason_to_give_up(made: Path, capsys: pytes
     wrong = np.loadtxt(made / "wrong.txt").reshape(2, 3, 4)
     # Either the right pose, or none: never the start, which puts the scan on nothing.
     assert not np.allclose(found[1, :3], wrong[1], atol=0.05)
+
+
+def test_a_truth_with_gaps_is_no_truth(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "truth.tum").write_text("1 0 0 0 0 0 0 1\n")
+    scans = folder / "view0.ply", folder / "view1.ply"
+    assert run("compare", *scans, "--multiway", "--truth", tmp_path / "truth.tum") == 2
+    assert "truth.tum holds scans without a pose" in capsys.readouterr().err
+
+
+def test_poses_alone_are_of_the_format_that_their_name_says(made: Path, tmp_path: Path) -> None:
+    found = Multiway.load(made / "poses.json")
+    for name in ("a.tum", "a_tum.txt", "a.txt"):
+        found.save(tmp_path / name)
+    tum, again, kitti = (np.loadtxt(tmp_path / name, ndmin=2) for name in ("a.tum", "a_tum.txt", "a.txt"))
+    np.testing.assert_array_equal(tum, again)
+    assert (tum.shape[1], kitti.shape[1]) == (8, 12)
 
 
 @pytest.mark.parametrize(

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from dqreg.geometry import PointCloud
-from dqreg.multiway import admit, consensus
+from dqreg.multiway import consensus, consistent_set
 from dqreg.multiway.consensus import _in_frame, by_consensus
 from dqreg.multiway.edges import Edge
 from dqreg.multiway.equal_steps import EqualSteps
-from dqreg.multiway.foreign import Judge
+from dqreg.multiway.outlier_scans import Judge
 from dqreg.multiway.pair_runs import PairRunner, Progress
 from dqreg.multiway.scans import View, read_views, typical_size
 from dqreg.multiway.sides import Sides
@@ -62,11 +62,11 @@ def test_a_scan_of_something_else_goes_though_its_pairs_confirm_each_other(
     assert np.isfinite(before.T_world_scan[VIEWS]).all()
     feeder_scan = views[VIEWS].cloud
 
-    def registered(cloud: PointCloud, union: object, start: np.ndarray | None, **_: object) -> Registration:
+    def registered(cloud: PointCloud, others: object, start: np.ndarray | None, **_: object) -> Registration:
         """What the verdict on each scan would be; the pose is where it began."""
         return said(edges_of(T, [(0, 1)], 1e-3, 0)[0], sure=cloud is not feeder_scan, T=start).registration
 
-    monkeypatch.setattr(admit, "register", registered)
+    monkeypatch.setattr(consistent_set, "register", registered)
     told: list[Progress] = []
     runner = PairRunner(views, None, "fast", 0, 1, np.inf, told.append, None)
     _, after = by_consensus(runner, judge, before)
@@ -119,7 +119,7 @@ def test_where_all_pairs_agree_loops_hold_what_is_weakly_held(
     before = judge(edges)
     assert np.isfinite(before.T_world_scan[:VIEWS]).all()
     calls: list[int] = []
-    monkeypatch.setattr(consensus, "largest_union", lambda *_: calls.append(1))
+    monkeypatch.setattr(consensus, "largest_consistent_set", lambda *_: calls.append(1))
     _, after = by_consensus(PairRunner(views, None, "fast", 0, 1, np.inf, None, None), judge, before)
     assert bool(calls) == asked
     assert after is before

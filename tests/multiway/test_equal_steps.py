@@ -4,7 +4,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import PointCloud
-from dqreg.multiway.believe import Belief, believe
+from dqreg.multiway.edge_selection import EdgeSelection, select_edges
 from dqreg.multiway.edges import Edge
 from dqreg.multiway.equal_steps import EqualSteps
 from dqreg.multiway.scans import View
@@ -46,26 +46,26 @@ def on_table(T: FloatArray, seed: int, doubts: tuple[Code, ...] = ("weakly_const
     return edges
 
 
-def judged(edges: list[Edge], *, steps: bool = True) -> Belief:
+def judged(edges: list[Edge], *, steps: bool = True) -> EdgeSelection:
     known = EqualSteps.of(edges, VIEWS, SIZE, 0.0) if steps else None
-    return believe(edges, COUNT, 0, SIZE, 0.0, np.eye(4), known)
+    return select_edges(edges, COUNT, 0, SIZE, 0.0, np.eye(4), known)
 
 
-def off(belief: Belief, T: FloatArray) -> FloatArray:
+def off(selection: EdgeSelection, T: FloatArray) -> FloatArray:
     """Distance of each scan's middle from where it belongs."""
-    return np.asarray(np.linalg.norm((belief.T_world_scan[:COUNT] - T) @ np.r_[CENTRE, 1.0], axis=1))
+    return np.asarray(np.linalg.norm((selection.T_world_scan[:COUNT] - T) @ np.r_[CENTRE, 1.0], axis=1))
 
 
 def test_doubted_pairs_that_come_to_the_step_place_views_that_nothing_else_does() -> None:
     T = poses()
     edges = on_table(T, seed=0)
     assert np.isnan(off(judged(edges, steps=False), T)).any()
-    belief = judged(edges)
+    selection = judged(edges)
     # The pairs slide by 1e-2; the step is known to 3e-4 over the root of the pairs, which adds up from the first scan.
-    assert off(belief, T).max() < 10 * SIGMA
-    assert set(EDGE_ON) <= belief.on_steps
+    assert off(selection, T).max() < 10 * SIGMA
+    assert set(EDGE_ON) <= selection.on_steps
     blocks = np.tile(1e-8 * np.eye(6), (COUNT, 1, 1))
-    verdict = judge_scans(VIEWS, belief, belief.T_world_scan[:COUNT], blocks, SIZE, converged=True, stopped="")
+    verdict = judge_scans(VIEWS, selection, selection.T_world_scan[:COUNT], blocks, SIZE, converged=True, stopped="")
     assert verdict.level == "suspect"
     assert "unconfirmed_scan" in verdict.codes
     assert "4, 5, 11" in str(verdict.reasons[0])
@@ -74,9 +74,11 @@ def test_doubted_pairs_that_come_to_the_step_place_views_that_nothing_else_does(
 
 def test_pairs_of_which_something_else_is_doubted_are_not_confirmed_by_steps() -> None:
     T = poses()
-    belief = judged(on_table(T, seed=1, doubts=("deviating_patches",)))
-    assert not belief.by_steps[[row for row, k in enumerate(belief.rows) if belief.edges[k].level != "accepted"]].any()
-    assert np.isnan(off(belief, T)).any()
+    selection = judged(on_table(T, seed=1, doubts=("deviating_patches",)))
+    assert not selection.by_steps[
+        [row for row, k in enumerate(selection.rows) if selection.edges[k].level != "accepted"]
+    ].any()
+    assert np.isnan(off(selection, T)).any()
 
 
 def test_a_doubted_pair_elsewhere_is_not_used() -> None:
@@ -88,9 +90,9 @@ def test_a_doubted_pair_elsewhere_is_not_used() -> None:
         edges[row].registration, T_target_source=other @ edges[row].registration.T_target_source
     )
     edges[row] = dataclasses.replace(edges[row], registration=moved)
-    belief = judged(edges)
-    assert not belief.edges[row].used
-    assert off(belief, T).max() < 10 * SIGMA
+    selection = judged(edges)
+    assert not selection.edges[row].used
+    assert off(selection, T).max() < 10 * SIGMA
 
 
 def test_steps_are_a_prior_and_no_law() -> None:
@@ -99,9 +101,9 @@ def test_steps_are_a_prior_and_no_law() -> None:
     T = poses([STEP if k != 7 else knock @ STEP for k in range(COUNT - 1)])
     T_all = on_table(T, seed=3)
     edges = [edge for edge in T_all if edge.source > edge.target]  # The table was not turned all the way round
-    belief = judged(edges)
-    assert off(belief, T).max() < 30 * SIGMA
-    assert all(edge.used for edge in belief.edges if {edge.target, edge.source} == {7, 8})
+    selection = judged(edges)
+    assert off(selection, T).max() < 30 * SIGMA
+    assert all(edge.used for edge in selection.edges if {edge.target, edge.source} == {7, 8})
 
 
 def test_unequal_steps_say_nothing() -> None:

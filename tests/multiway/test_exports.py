@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dqreg.multiway.edges import graph_of
-from dqreg.multiway.exports import factors_of, to_g2o, to_trajectory
+from dqreg.multiway.exports import factors_of, to_pose_graph, to_trajectory
 from dqreg.multiway.graph import solve_graph
 from dqreg.rigid import pose
 from tests.multiway.edges_of_truth import edges_of, world
@@ -35,7 +35,7 @@ def test_gtsam_takes_the_file_as_it_is(tmp_path) -> None:
     gtsam = pytest.importorskip("gtsam")
     T, edges = used(5)
     path = tmp_path / "graph.g2o"
-    path.write_text(to_g2o(T, edges, 0))
+    path.write_text(to_pose_graph(T, edges, 0))
     graph, values = gtsam.readG2o(str(path), True)
     assert (graph.size(), values.size()) == (10, 5)
     # Half of the sum of chi-squares, at the true poses.

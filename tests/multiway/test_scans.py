@@ -8,7 +8,7 @@ import pytest
 
 from dqreg.errors import InputError
 from dqreg.geometry import PointCloud
-from dqreg.multiway.believe import believe
+from dqreg.multiway.edge_selection import select_edges
 from dqreg.multiway.scans import View, read_views
 from dqreg.multiway.verdict import judge_scans
 from dqreg.rigid import pose
@@ -81,8 +81,10 @@ def verdict_of(codes: list[Code], views: list[View]) -> Verdict:
         )
         for edge, code in zip(edges, codes, strict=True)
     ]
-    belief = believe(edges, 5, 0, 2.0, 0.0, np.eye(4))
-    return judge_scans(views, belief, belief.T_world_scan[:5], np.zeros((5, 6, 6)), 2.0, converged=True, stopped="")
+    selection = select_edges(edges, 5, 0, 2.0, 0.0, np.eye(4))
+    return judge_scans(
+        views, selection, selection.T_world_scan[:5], np.zeros((5, 6, 6)), 2.0, converged=True, stopped=""
+    )
 
 
 def test_viewpoints_that_most_pairs_contradict_are_told() -> None:

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from dqreg.geometry import PointCloud
-from dqreg.multiway.scores import compare_many, many_table, score, squared_errors, worst_vertices
+from dqreg.multiway.peers import compare_many
+from dqreg.multiway.scores import many_table, score, squared_errors, worst_vertices
 from dqreg.rigid import pose
 from dqreg.synth.many_views import room_stops, turntable_views
 from dqreg.synth.parts import bracket

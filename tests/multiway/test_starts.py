@@ -87,17 +87,18 @@ def test_poses_of_a_file_come_back_with_gaps(tmp_path: Path) -> None:
     (tmp_path / "a.json").write_text(json.dumps({"T_world_scan": [T[0].tolist(), [[None] * 4] * 4, T[2].tolist()]}))
     np.savetxt(tmp_path / "a.txt", np.array([T[0, :3].ravel(), np.full(12, np.nan), T[2, :3].ravel()]), fmt="%.17g")
     for name in ("a.json", "a.txt"):
-        np.testing.assert_array_equal(read_starts_file(tmp_path / name), [T[0], np.full((4, 4), np.nan), T[2]])
+        np.testing.assert_array_equal(read_starts_file(tmp_path / name, 3), [T[0], np.full((4, 4), np.nan), T[2]])
 
 
 @pytest.mark.parametrize(
     ("name", "text", "words"),
     [
         ("a.txt", "", "an empty file"),
-        ("a.txt", "# nothing\n", "no table of initial poses"),
-        ("a.txt", "x y z", "no table of initial poses"),
-        ("a.txt", "1 2 3", "expected 12 .KITTI. or 8 .TUM. a scan"),
+        ("a.txt", "# nothing\n", "as initial poses: "),
+        ("a.txt", "x y z", "as initial poses: "),
+        ("a.txt", "1 2 3", "expected 12 .KITTI. or 8 .TUM. a pose"),
         ("a.tum", "0 1 2 3 0 0 0 0", "a quaternion of length 0"),
+        ("a.tum", "0 1 2 3 0 0 0 0.1", "a quaternion of length 0.1"),
         ("a.json", "{}", "the key 'T_world_scan' is missing"),
         ("a.json", '{"T_world_scan": ["a"]}', r"T_world_scan\[0\] must be 4x4 numbers"),
         ("a.json", '{"T_world_scan": [[[1, 2], [3]]]}', r"T_world_scan\[0\] must be 4x4 numbers"),
@@ -109,5 +110,13 @@ def test_a_file_without_poses_is_refused_by_name(tmp_path: Path, name: str, text
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         with pytest.raises(InputError, match=words) as error:
-            read_starts_file(tmp_path / name)
+            read_starts_file(tmp_path / name, 1)
     assert str(tmp_path / name) in str(error.value)
+
+
+@pytest.mark.parametrize("times", [(0, 3), (0.5, 1), (1, 1)])
+def test_a_line_for_each_scan_or_times_that_are_their_numbers(tmp_path: Path, times: tuple[float, float]) -> None:
+    (tmp_path / "a.tum").write_text("".join(f"{time} 1 2 3 0 0 0 1\n" for time in times))
+    assert len(read_starts_file(tmp_path / "a.tum", 2)) == 2
+    with pytest.raises(InputError, match=r"a\.tum: 2 poses for 3 scans; expected .* the numbers of the scans, 0 to 2"):
+        read_starts_file(tmp_path / "a.tum", 3)

@@ -248,7 +248,8 @@ def test_three_changed_lines_of_a_kiss_icp_user(jerky):
 def test_balm_sequence_no_frame_lost_and_better_than_kiss_icp(real_data: Path):
     # Twelve frames around the step of 43 degrees. Truth: LiDAR-inertial poses good to about 1 cm / 0.1 degrees.
     # KISS-ICP with its defaults is the best of the configurations tried on the whole sequence.
-    from dqreg.odometry.engines import KissEngine, run_engine, run_ours
+    from dqreg.odometry.peers import KissEngine, run_engine
+    from dqreg.odometry.run_sequence import run_sequence
     from dqreg.odometry.scans import open_scans
     from dqreg.odometry.settings import OdometrySettings
     from dqreg.odometry.trajectory import read_trajectory
@@ -257,7 +258,7 @@ def test_balm_sequence_no_frame_lost_and_better_than_kiss_icp(real_data: Path):
     scans = open_scans(folder)
     part = type(scans)(scans.names[28:40], lambda i: scans.read(i + 28), None)
     truth = read_trajectory(folder / "poses.txt")[0][28:40]
-    ours = run_ours(part, OdometrySettings())
+    ours = run_sequence(part, OdometrySettings())
     errors = evaluate(ours.poses, truth)
     theirs = evaluate(run_engine("kiss", KissEngine(), part).poses, truth)
     assert errors.lost == 0

@@ -11,7 +11,7 @@ from dqreg.errors import InputError
 from dqreg.files import write_cloud
 from dqreg.kernels import threads
 from dqreg.odometry import Odometry
-from dqreg.odometry.engines import run_ours
+from dqreg.odometry.run_sequence import run_sequence
 from dqreg.odometry.scans import FrameData, Scans, open_scans
 from dqreg.odometry.settings import OdometrySettings
 
@@ -122,7 +122,7 @@ def test_a_damaged_file_is_a_frame_that_failed(tmp_path, jerky):
     for i in (0, 2):
         write_cloud(tmp_path / f"{i}.ply", jerky.frames[i // 2])
     (tmp_path / "1.ply").write_text("ply\ncut short")
-    trip = run_ours(open_scans(tmp_path), OdometrySettings())
+    trip = run_sequence(open_scans(tmp_path), OdometrySettings())
     assert [r.verdict.level for r in trip.results] == ["accepted", "failed", "accepted"]
     assert "1.ply" in trip.results[1].verdict.reasons[0]
 
@@ -138,7 +138,7 @@ def test_frames_are_read_in_turn_by_one_thread_and_prepared_ahead_to_the_same_bi
         reads.append((number, threading.get_ident()))
         return FrameData(frames[number], times[number])
 
-    trip = run_ours(Scans(tuple("abcdefghi"), read), OdometrySettings())
+    trip = run_sequence(Scans(tuple("abcdefghi"), read), OdometrySettings())
     odometry = Odometry()
     results = [odometry.register_frame(*frame) for frame in zip(frames, times, strict=True)]
     assert reads == [(number, threading.get_ident()) for number in range(9)]

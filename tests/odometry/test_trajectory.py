@@ -9,7 +9,6 @@ pytest.importorskip("kiss_icp")
 
 from dqreg.errors import InputError
 from dqreg.odometry import bridge_gaps, evaluate, load_trajectory, nees, read_trajectory, write_trajectory
-from dqreg.odometry.table import match_truth
 from dqreg.rigid import Trajectory, pose, twist
 
 
@@ -161,17 +160,6 @@ def test_nees_of_errors_drawn_from_the_covariances_is_chi_square(seed):
     # Five standard deviations of the mean of 200 values, each of variance 12: one seed in a million.
     assert abs(values.mean() - 6.0) < 5.0 * np.sqrt(12.0 / 200.0)
     assert np.mean((values > 1.2373) & (values < 14.4494)) > 0.85
-
-
-def test_truth_is_matched_by_number_or_by_time():
-    truth = walk(4)
-    np.testing.assert_array_equal(match_truth(truth, None, None, 4), truth)
-    matched = match_truth(truth, np.arange(4.0), np.array([1.0, 3.0]), 2)
-    np.testing.assert_array_equal(matched, truth[[1, 3]])
-    with pytest.raises(InputError, match="4 poses for 2 frames"):
-        match_truth(truth, None, None, 2)
-    with pytest.raises(InputError, match="away from the nearest"):
-        match_truth(truth, np.arange(4.0), np.array([1.0, 9.0]), 2)
 
 
 @pytest.mark.parametrize("name", ["a.tum", "b.txt"])

@@ -9,8 +9,8 @@ import pytest
 from dqreg._open3d import load_open3d
 from dqreg.errors import InputError
 from dqreg.registration.result import Registration
-from dqreg.registration.uncertain_pose import SHIFT_FIRST
 from dqreg.rigid import pose
+from dqreg.rigid.twist import TRANSLATION_FIRST
 from dqreg.trust.covariance import covariance_of, observe_directions, partial_information_of
 from dqreg.trust.information import Information
 from tests.registration.test_result import failed, good
@@ -121,7 +121,7 @@ def test_each_convention_is_the_other_seen_from_elsewhere(twist: Any) -> None:
     np.testing.assert_allclose(A @ right @ A.T, left, atol=1e-12 * np.abs(left).max())
     np.testing.assert_allclose(found.covariance_in("centre"), found.covariance, atol=1e-18)
     swapped = found.covariance_in("source", order="tr")
-    np.testing.assert_array_equal(swapped, right[np.ix_(SHIFT_FIRST, SHIFT_FIRST)])
+    np.testing.assert_array_equal(swapped, right[np.ix_(TRANSLATION_FIRST, TRANSLATION_FIRST)])
     np.testing.assert_allclose(found.information_in("source") @ right, np.eye(6), atol=1e-7)
     np.testing.assert_allclose(found.information @ found.covariance, np.eye(6), atol=1e-10)
 

@@ -7,7 +7,7 @@ import json
 import pytest
 
 from dqreg.errors import InputError
-from dqreg.registration.batch.marks import mark_of
+from dqreg.registration.batch.file_digests import digest_of
 from dqreg.studio.many import Many
 from dqreg.studio.visit import FaceTolerance
 
@@ -21,7 +21,7 @@ def batch(tmp_path):
 
 
 def write(batch, name: str, **inputs) -> None:
-    marks = {"scan": mark_of(batch / "scan.xyz"), "target": mark_of(batch / "part.stl")} | inputs
+    marks = {"scan": digest_of(batch / "scan.xyz"), "target": digest_of(batch / "part.stl")} | inputs
     record = {
         "verdict": {"level": "accepted", "reasons": ["all is well"]},
         "rms": 0.01,
@@ -72,7 +72,13 @@ def test_a_row_opens_its_own_files_and_no_others(batch):
 def test_a_row_opens_with_the_plan_of_the_batch(batch):
     many, plan = Many(batch / "out"), batch / "plan.toml"
     plan.write_text('tolerance = 0.2\nrequired = 99\n[head]\npart = "p"\n[[face]]\nface = 2\ntolerance = 0.1\n')
-    asked = {"plan": mark_of(plan), "tolerance": None, "required_share": 0.9, "report": False, "head": {"serial": "7"}}
+    asked = {
+        "plan": digest_of(plan),
+        "tolerance": None,
+        "required_share": 0.9,
+        "report": False,
+        "head": {"serial": "7"},
+    }
     write(batch, "one", inspection=asked)
     visit = many.visit("one")
     assert (visit.tolerance, visit.required, visit.faces) == (0.2, 90.0, (FaceTolerance(2, 0.1),))

@@ -9,26 +9,26 @@ pytest.importorskip("httpx2", reason="starlette's test client asks with it")
 
 from starlette.testclient import TestClient
 
-from dqreg.studio import desk as desks
+from dqreg.studio import sessions as session_module
 from dqreg.studio import uploads
-from dqreg.studio.desk import Desk
 from dqreg.studio.server import application
+from dqreg.studio.sessions import Sessions
 
 KEY, PORT = "key-of-the-test", 8123
 HOST = f"127.0.0.1:{PORT}"
 
 
 @pytest.fixture
-def desk(tmp_path):
-    made = Desk(tmp_path / "visits")
+def sessions(tmp_path):
+    made = Sessions(tmp_path / "visits")
     made.folder.mkdir()
     yield made
     made.close()
 
 
 @pytest.fixture
-def client(desk):
-    return TestClient(application(desk, KEY, PORT), base_url=f"http://{HOST}/{KEY}/")
+def client(sessions):
+    return TestClient(application(sessions, KEY, PORT), base_url=f"http://{HOST}/{KEY}/")
 
 
 def opened(client) -> str:
@@ -81,20 +81,20 @@ def test_no_file_but_its_own_is_handed_out(client, name):
     assert client.get(f"visits/{visit}/files/visit.json").status_code == 200
 
 
-def test_an_upload_stays_in_its_folder(client, desk):
+def test_an_upload_stays_in_its_folder(client, sessions):
     visit = opened(client)
     told = client.put(f"visits/{visit}/scan", params={"name": "../../../<b>evil</b>.ply"}, content=b"ply\n").json()
     assert told["visit"]["scan"]["name"] == "b.ply"
-    written = list(desk.folder.rglob("*.ply"))
-    assert [path.parents[1] for path in written] == [desk.folder / visit / "scan"]
+    written = list(sessions.folder.rglob("*.ply"))
+    assert [path.parents[1] for path in written] == [sessions.folder / visit / "scan"]
 
 
-def test_a_file_that_was_replaced_can_be_brought_back(client, desk):
+def test_a_file_that_was_replaced_can_be_brought_back(client, sessions):
     visit = opened(client)
     for content in (b"first", b"second"):
         client.put(f"visits/{visit}/scan", params={"name": "scan.ply"}, content=content)
     told = client.post(f"visits/{visit}/undo").json()
-    assert (desk.folder / visit / told["visit"]["scan"]["path"]).read_bytes() == b"first"
+    assert (sessions.folder / visit / told["visit"]["scan"]["path"]).read_bytes() == b"first"
 
 
 @pytest.mark.parametrize("name", ["", "..", "scan", ".ply", "x.exe", "x.step.bat"])
@@ -105,7 +105,7 @@ def test_a_name_that_is_none_is_refused(client, name):
     assert answer.json()["error"]
 
 
-def test_uploads_are_bounded(client, desk, monkeypatch):
+def test_uploads_are_bounded(client, sessions, monkeypatch):
     monkeypatch.setattr(uploads, "MOST", 1000)
     visit = opened(client)
 
@@ -117,7 +117,7 @@ def test_uploads_are_bounded(client, desk, monkeypatch):
         answer = client.put(f"visits/{visit}/part", params={"name": "big.stl"}, content=content)
         assert answer.status_code == 422
         assert "room" in answer.json()["error"]
-    assert not list(desk.folder.rglob("*.stl"))
+    assert not list(sessions.folder.rglob("*.stl"))
     assert client.post(f"visits/{visit}/change", content=b"x" * (2 << 20)).status_code == 422
 
 
@@ -129,20 +129,20 @@ def test_two_visits_do_not_disturb_each_other(client):
     assert client.post(f"visits/{one}/undo").status_code == 422
 
 
-def test_a_server_that_starts_again_goes_on(client, desk):
+def test_a_server_that_starts_again_goes_on(client, sessions):
     visit = opened(client)
     client.post(f"visits/{visit}/change", json={"tolerance": 0.5, "head": [["serial", "7"]]})
-    again = Desk(desk.folder)
-    assert again.room(visit).visit.tolerance == 0.5
-    assert again.room(visit).visit.head == (("serial", "7"),)
+    again = Sessions(sessions.folder)
+    assert again.find(visit).visit.tolerance == 0.5
+    assert again.find(visit).visit.head == (("serial", "7"),)
 
 
-def test_files_that_were_dropped_are_there_on_another_day(client, desk):
+def test_files_that_were_dropped_are_there_on_another_day(client, sessions):
     visit = opened(client)
     client.put(f"visits/{visit}/scan", params={"name": "scan.ply"}, content=b"its points")
-    side = Desk(desk.folder).room(visit).visit.scan
+    side = Sessions(sessions.folder).find(visit).visit.scan
     assert side is not None
-    assert (desk.folder / visit / side.path).read_bytes() == b"its points"
+    assert (sessions.folder / visit / side.path).read_bytes() == b"its points"
 
 
 def test_a_plan_is_taken_and_a_wrong_one_is_a_sentence(client):
@@ -172,12 +172,12 @@ def test_a_name_is_no_option_and_no_command(client, name):
     assert not words[2].startswith("-")
 
 
-def test_a_cleaned_scan_is_kept_under_the_name_of_the_scan(client, desk):
+def test_a_cleaned_scan_is_kept_under_the_name_of_the_scan(client, sessions):
     visit = opened(client)
     for side, given in (("scan", 'té "1".pcd'), ("part", "part.stl")):
         client.put(f"visits/{visit}/{side}", params={"name": given}, content=b"x")
     client.post(f"visits/{visit}/change", json={"mirrored": True})
-    (desk.folder / visit / "té 1_cleaned.ply").write_bytes(b"points")
+    (sessions.folder / visit / "té 1_cleaned.ply").write_bytes(b"points")
     answer = client.get(f"visits/{visit}/files/té 1_cleaned.ply?keep")
     assert answer.content == b"points"
     assert "attachment" in answer.headers["content-disposition"]
@@ -203,13 +203,13 @@ def test_wrong_requests_are_a_sentence(client):
 
 
 def test_every_task_that_may_be_asked_for_is_done():
-    assert set(desks.tasks()) == set(desks.NAMES)
+    assert set(session_module.tasks()) == set(session_module.NAMES)
 
 
-def test_a_result_of_another_state_is_not_kept(client, desk):
-    room = desk.room(opened(client))
-    room.results.update(align={"level": "accepted"}, judge={}, report={})
-    room.change(room.visit.changed({"tolerance": 0.1}))
-    assert set(room.results) == {"align"}
-    room.change(room.visit.changed({"start": "identity"}))
-    assert room.results == {}
+def test_a_result_of_another_state_is_not_kept(client, sessions):
+    session = sessions.find(opened(client))
+    session.results.update(align={"level": "accepted"}, judge={}, report={})
+    session.change(session.visit.changed({"tolerance": 0.1}))
+    assert set(session.results) == {"align"}
+    session.change(session.visit.changed({"start": "identity"}))
+    assert session.results == {}

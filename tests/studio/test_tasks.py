@@ -17,8 +17,8 @@ from dqreg.registration.register import register
 from dqreg.rigid import pose, twist
 from dqreg.studio import alignments, cleaning, drawing, judging, payloads, picking, reading
 from dqreg.studio.aligning import align, align_pairs, pose_of_drawn, result_of
-from dqreg.studio.kept import Place
 from dqreg.studio.visit import Cut, FaceTolerance, Pair, PlaneCut, Reference, Side, Visit
+from dqreg.studio.worker_cache import Place
 from dqreg.synth.parts import box
 
 PART = Mesh(*box((30.0, 20.0, 10.0)))

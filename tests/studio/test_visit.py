@@ -13,9 +13,9 @@ from dqreg.inspection import read_plan
 from dqreg.inspection.plan.alignment import PlannedStep
 from dqreg.inspection.plan.file import plan_of
 from dqreg.inspection.tolerances import Tolerance
+from dqreg.studio.equivalent_commands import commands_of
 from dqreg.studio.plans import plan_text, with_plan
 from dqreg.studio.visit import Cut, FaceTolerance, Pair, PlaneCut, Reference, Side, Visit
-from dqreg.studio.words import words_of
 
 FULL = Visit(
     scan=Side("a scan.ply", "scan/a scan.ply", "mm"),
@@ -198,13 +198,13 @@ def test_a_mirrored_scan_forgets_what_was_pointed_at():
     visit = FULL.changed({"mirrored": True})
     assert (visit.cuts, visit.pairs, visit.start) == ((), (), "none")
     assert (visit.tolerance, visit.faces) == (FULL.tolerance, FULL.faces)
-    assert "a scan_cleaned.ply" in words_of(visit)["align"]["command"]
+    assert "a scan_cleaned.ply" in commands_of(visit)["align"]["command"]
 
 
 def test_every_step_has_words_that_parse():
     import ast
 
-    words = words_of(FULL)
+    words = commands_of(FULL)
     assert list(words) == ["load", "clean", "align", "judge", "report"]
     for step in words.values():
         ast.parse(step["python"])

@@ -13,7 +13,7 @@ from dqreg.errors import InputError
 from dqreg.files import read_cloud, read_mesh
 from dqreg.geometry.mesh import Mesh
 from dqreg.geometry.mesh_surface import MeshSurface
-from dqreg.multiway.starts import read_starts_file
+from dqreg.multiway.starts import read_result_poses
 from dqreg.odometry.trajectory import read_trajectory
 from dqreg.rigid import pose
 from dqreg.synth.many_cases import is_of_many, many_contents, write_many
@@ -36,7 +36,7 @@ def test_the_scans_of_a_turntable_lie_on_the_part_at_the_true_poses(tmp_path: Pa
     truth = json.loads((folder / "truth.json").read_text())
     mesh = read_mesh(folder / "part.stl")
     surface = MeshSurface(Mesh(mesh.vertices, mesh.faces))
-    poses = read_starts_file(folder / "truth.json")
+    poses = read_result_poses(folder / "truth.json")
     for name, T in zip(truth["scans"], poses, strict=True):
         points = read_cloud(folder / name).points
         # Without noise they are on it, but for the rounding of float32.

@@ -39,7 +39,7 @@ def zone_covariance(
     rng = np.random.default_rng(SEED)
     problem, count = ZoneProblem(kind, method, points), own.shape[1]
     steps = np.zeros((DRAWS, count))
-    drawn = _drawn(kind, rows, len(points), count, rng)
+    drawn = _drawn(rows, len(points), count, rng)
     scale = float(drawn.std())
     if scale == 0.0:
         return covariance_of(kind, shape, points, rows, own)
@@ -89,7 +89,7 @@ def _repeated(problem: ZoneProblem, values: FloatArray, slopes: FloatArray) -> F
     return np.asarray(step)
 
 
-def _drawn(kind: FeatureKind, rows: FloatArray, points: int, count: int, rng: np.random.Generator) -> FloatArray:
+def _drawn(rows: FloatArray, points: int, count: int, rng: np.random.Generator) -> FloatArray:
     """Residuals as they might have been, (draws, r): each component by itself."""
     parts = rows.reshape(-1, points)
     freedom = max(rows.size - count, 1) / rows.size

@@ -5,10 +5,10 @@
 
 from __future__ import annotations
 
-from dqreg.registration.batch.asked import Asked
 from dqreg.registration.batch.line import Line
 from dqreg.registration.batch.manifest import Defaults, read_manifest
 from dqreg.registration.batch.row import Row
+from dqreg.registration.batch.row_inspection import RowInspection
 from dqreg.registration.batch.run import Batch, Progress, Workers, run_batch
 
-__all__ = ["Asked", "Batch", "Defaults", "Line", "Progress", "Row", "Workers", "read_manifest", "run_batch"]
+__all__ = ["Batch", "Defaults", "Line", "Progress", "Row", "RowInspection", "Workers", "read_manifest", "run_batch"]

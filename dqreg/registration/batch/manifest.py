@@ -17,8 +17,8 @@ from dqreg.errors import DqregError, InputError, did_you_mean, printable
 from dqreg.files.poses import START_WORDS, read_start
 from dqreg.files.untrusted import read_record
 from dqreg.inspection.tolerances import Tolerance, tolerance_from
-from dqreg.registration.batch.asked import HEAD, Asked
 from dqreg.registration.batch.row import Row
+from dqreg.registration.batch.row_inspection import HEAD, RowInspection
 from dqreg.registration.batch.row_names import RowNames, natural_order
 
 # Told by the batch itself, or no text.
@@ -108,7 +108,7 @@ class Defaults:
     target: Path | None = None  # The part
     start: str = "none"  # As in `Row`
     options: Mapping[str, Any] = dataclasses.field(default_factory=dict)  # Keyword options of `dqreg.register`
-    asked: Asked = dataclasses.field(default_factory=Asked)  # How the parts are inspected
+    asked: RowInspection = dataclasses.field(default_factory=RowInspection)  # How the parts are inspected
 
 
 def read_manifest(path: str | os.PathLike[str], defaults: Defaults | None = None) -> tuple[Row, ...]:
@@ -226,7 +226,7 @@ def _row(line: int, values: Mapping[str, str], base: Path, defaults: Defaults) -
     return Row(values.get("name", ""), scan, target, start, options, line, asked=asked)
 
 
-def _asked(values: Mapping[str, str], base: Path, default: Asked) -> Asked:
+def _asked(values: Mapping[str, str], base: Path, default: RowInspection) -> RowInspection:
     """How the part of a row is inspected: its own cells, else the defaults."""
     from dqreg.inspection import read_plan
 

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from dqreg.errors import DqregError
 from dqreg.files.poses import read_start
-from dqreg.registration.batch.asked import Asked, answered
-from dqreg.registration.batch.marks import mark_of
+from dqreg.registration.batch.file_digests import digest_of
+from dqreg.registration.batch.row_inspection import RowInspection, inspect_row
 from dqreg.registration.batch.worker import Failure, Status, Worker
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ class Row:
     options: dict[str, Any] = dataclasses.field(default_factory=dict)  # Keyword options of `dqreg.register`
     line: int = 0  # Line of the manifest, or place in the folder, counted from 1
     fault: str = ""  # Why it cannot be run; "" if it can
-    asked: Asked = dataclasses.field(default_factory=Asked)  # How its part is inspected
+    asked: RowInspection = dataclasses.field(default_factory=RowInspection)  # How its part is inspected
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,11 +59,11 @@ class RowResult:
 
 def inputs_of(row: Row) -> dict[str, Any]:
     """All that the result of a row depends on, in plain JSON values."""
-    more = {"inspection": row.asked.mark()} if row.asked != Asked() else {}
+    more = {"inspection": row.asked.mark()} if row.asked != RowInspection() else {}
     return {
-        "scan": mark_of(row.scan),
-        "target": mark_of(row.target),
-        "start": row.start if row.start in ("none", "identity") else mark_of(Path(row.start)),
+        "scan": digest_of(row.scan),
+        "target": digest_of(row.target),
+        "start": row.start if row.start in ("none", "identity") else digest_of(Path(row.start)),
         "options": dict(sorted(row.options.items())),
         **more,
     }
@@ -80,7 +80,9 @@ class Targets:
         """Prepared target of a file."""
         return self.shown(path)[0]
 
-    def shown(self, path: Path, own: str | None = None, asked: Asked | None = None) -> tuple[Target, ShownTarget]:
+    def shown(
+        self, path: Path, own: str | None = None, asked: RowInspection | None = None
+    ) -> tuple[Target, ShownTarget]:
         """Prepared target of a file, in the unit that is asked for; read again where the file has changed since.
 
         ``own`` is the unit of a file that does not say.
@@ -88,9 +90,9 @@ class Targets:
         from dqreg.registration.display_unit import shown_target
         from dqreg.registration.target import prepare_target
 
-        asked = asked or Asked()
+        asked = asked or RowInspection()
         wanted = asked.units
-        mark = (*mark_of(path), own, wanted)
+        mark = (*digest_of(path), own, wanted)
         if mark not in self._prepared:
             # Makes room first: no more than the kept number are ever in memory.
             while len(self._prepared) >= self._kept:
@@ -107,8 +109,8 @@ def run_row(row: Row, targets: Targets, thumbnail: Thumbnail | None = None) -> R
     began = time.perf_counter()
     try:
         before = inputs_of(row)
-        result, shown = _registered(row, targets, keep_inputs=thumbnail is not None or row.asked != Asked())
-        inspected, page = answered(result, row.asked)
+        result, shown = _registered(row, targets, keep_inputs=thumbnail is not None or row.asked != RowInspection())
+        inspected, page = inspect_row(result, row.asked)
         if inputs_of(row) != before:
             return RowResult(
                 "error", "a file of this row changed while it was read; run it again once nothing writes to it"

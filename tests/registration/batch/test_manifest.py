@@ -10,7 +10,7 @@ import pytest
 
 from dqreg.errors import InputError
 from dqreg.inspection import Tolerance
-from dqreg.registration.batch import Asked, Defaults, read_manifest
+from dqreg.registration.batch import Defaults, RowInspection, read_manifest
 from dqreg.registration.batch.manifest import check_options, option_name, parse_option
 from dqreg.registration.batch.row import Row, inputs_of
 from dqreg.registration.batch.row_names import RESERVED, RowNames
@@ -153,12 +153,12 @@ def test_parts_are_inspected_by_columns_and_defaults(folder):
     (folder / "plan.toml").write_text('[[characteristic]]\nkind = "form"\nface = 0\ntolerance = 0.1\n')
     head = "scan,target,plan,tolerance,required,serial\n"
     text = f"{head}scan0.npy,bracket.off,plan.toml,,,S 7\nscan1.npy,bracket.off,,0.2,99,\n"
-    first, second = rows_of(folder, text, asked=Asked(tolerance=0.5, head=(("part", "4711"),)))
+    first, second = rows_of(folder, text, asked=RowInspection(tolerance=0.5, head=(("part", "4711"),)))
     assert (first.asked.plan, first.asked.tolerance) == (folder / "plan.toml", 0.5)
     assert dict(first.asked.head) == {"part": "4711", "serial": "S 7"}
     assert (second.asked.plan, second.asked.tolerance, second.asked.required_share) == (None, 0.2, 0.99)
     assert "inspection" in inputs_of(first)
-    assert "inspection" not in inputs_of(dataclasses.replace(first, asked=Asked()))
+    assert "inspection" not in inputs_of(dataclasses.replace(first, asked=RowInspection()))
     rows = rows_of(folder, text + "scan0.npy,bracket.off,no.toml,,,\nscan0.npy,bracket.off,,-1,,\n")
     assert "cannot read the plan" in rows[2].fault
     assert "tolerance must be a length above 0" in rows[3].fault
@@ -169,7 +169,9 @@ def test_a_tolerance_of_a_row_may_have_two_sides(folder):
     first, second, third = rows_of(folder, text)
     assert first.asked.tolerance == Tolerance(-0.05, 0.2)
     assert inputs_of(first)["inspection"]["tolerance"] == [-0.05, 0.2]
-    assert inputs_of(first) != inputs_of(dataclasses.replace(first, asked=Asked(tolerance=Tolerance(-0.05, 0.3))))
+    assert inputs_of(first) != inputs_of(
+        dataclasses.replace(first, asked=RowInspection(tolerance=Tolerance(-0.05, 0.3)))
+    )
     assert "line 3: tolerance: '0,2' is neither a length nor two sides such as +0.2/-0.05" in second.fault
     assert "line 4: tolerance: a tolerance lies between two lengths" in third.fault
 

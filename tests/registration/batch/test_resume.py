@@ -10,7 +10,7 @@ import pytest
 from dqreg.errors import InputError
 from dqreg.registration.batch import read_manifest
 from dqreg.registration.batch.resume import open_folder
-from dqreg.registration.batch.row import Targets, mark_of, run_row
+from dqreg.registration.batch.row import Targets, digest_of, run_row
 from tests.hostile.good_files import gltf_tree
 from tests.registration.batch.scenes import make_scene
 
@@ -145,6 +145,6 @@ def test_a_scene_is_its_buffers_too(tmp_path):
     tree, body = gltf_tree("a.bin")
     (tmp_path / "a.gltf").write_text(json.dumps(tree))
     (tmp_path / "a.bin").write_bytes(body)
-    before = mark_of(tmp_path / "a.gltf")
+    before = digest_of(tmp_path / "a.gltf")
     (tmp_path / "a.bin").write_bytes(body[::-1])
-    assert mark_of(tmp_path / "a.gltf") != before
+    assert digest_of(tmp_path / "a.gltf") != before

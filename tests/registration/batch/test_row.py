@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dqreg.inspection import Tolerance
-from dqreg.registration.batch import Asked, read_manifest
+from dqreg.registration.batch import RowInspection, read_manifest
 from dqreg.registration.batch.row import Targets, inputs_of, run_row
 from dqreg.registration.inspected import require_record
 from dqreg.registration.register import register
@@ -46,18 +46,20 @@ def test_a_part_is_inspected_and_what_cannot_be_measured_costs_no_pose(rows, tmp
     # Noise of 1e-4 of a part of 156 mm, drawn on its own surface: within 0.2 mm, and not within 0.001 mm.
     outcomes = {}
     for tolerance in (0.2, 0.001):
-        done = run_row(dataclasses.replace(rows[0], asked=Asked(tolerance=tolerance)), Targets())
+        done = run_row(dataclasses.replace(rows[0], asked=RowInspection(tolerance=tolerance)), Targets())
         require_record(done.record["batch"]["inspection"])
         outcomes[tolerance] = done.record["batch"]["inspection"]["outcome"]
         assert done.page is None
     assert outcomes == {0.2: "pass", 0.001: "fail"}
     # Deviations are about +-0.03 mm: nothing below the surface is allowed.
-    done = run_row(dataclasses.replace(rows[0], asked=Asked(tolerance=Tolerance(0.0, 0.2), report=True)), Targets())
+    done = run_row(
+        dataclasses.replace(rows[0], asked=RowInspection(tolerance=Tolerance(0.0, 0.2), report=True)), Targets()
+    )
     assert done.record["batch"]["inspection"]["outcome"] == "fail"
     assert "Part against +0.2/0" in done.page
     datum, row = '[[datum]]\nname = "A"\nface = 0\n', '[[characteristic]]\nkind = "form"\nface = 0\ntolerance = 1\n'
     (tmp_path / "plan.toml").write_text(datum + row)
-    done = run_row(dataclasses.replace(rows[0], asked=Asked(plan=tmp_path / "plan.toml")), Targets())
+    done = run_row(dataclasses.replace(rows[0], asked=RowInspection(plan=tmp_path / "plan.toml")), Targets())
     found = done.record["batch"]["inspection"]
     assert (done.status, found["outcome"], found["values"]) == ("ran", "undecided", [])
     assert "datums constrain" in found["error"]
@@ -67,7 +69,7 @@ def test_a_plan_requires_in_a_batch_what_it_requires_alone(rows, tmp_path):
     (tmp_path / "plan.toml").write_text("tolerance = 0.05\nrequired = 80\n")
     required = []
     for share in (None, 0.99):
-        asked = Asked(plan=tmp_path / "plan.toml", required_share=share)
+        asked = RowInspection(plan=tmp_path / "plan.toml", required_share=share)
         found = run_row(dataclasses.replace(rows[0], asked=asked), Targets()).record["batch"]["inspection"]
         required += [row["low"] for row in found["values"] if row["name"].startswith("points within")]
     assert required == [80.0, 99.0]
@@ -76,7 +78,7 @@ def test_a_plan_requires_in_a_batch_what_it_requires_alone(rows, tmp_path):
 def test_a_row_is_shown_in_another_unit_and_its_result_stays_in_the_part_s(rows):
     row = dataclasses.replace(rows[0], options={**rows[0].options, "source_units": "mm", "target_units": "mm"})
     plain = run_row(row, Targets()).record
-    asked = Asked(tolerance=0.2 / 25.4, display_units="inch")
+    asked = RowInspection(tolerance=0.2 / 25.4, display_units="inch")
     shown = run_row(dataclasses.replace(row, asked=asked), Targets()).record
     assert shown["settings"]["target_units"] == "mm"
     # Rounding in another unit: within 1e-9 of the part's 156 mm.

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from dqreg.registration.batch.asked import Asked
 from dqreg.registration.batch.line import Line, line_of
 from dqreg.registration.batch.row import Row, RowResult
+from dqreg.registration.batch.row_inspection import RowInspection
 from dqreg.registration.batch.summary import COLUMNS, VERDICTS, counts, summary_csv, to_html, to_records
 
 NASTY = '<script>alert("1")</script>&\'\n;,"'
@@ -92,7 +92,7 @@ def test_every_verdict_has_a_place_in_the_page(verdict):
 
 
 def test_lengths_are_in_the_unit_that_was_asked_for_and_the_heads_name_it():
-    row = dataclasses.replace(ROW, asked=Asked(display_units="mm"))
+    row = dataclasses.replace(ROW, asked=RowInspection(display_units="mm"))
     batch = {"seconds": 2.5, "shown": {"units": "mm", "rms": 123.0}}
     lines = [line_of(row, RowResult("ran", "", {**RECORD, "settings": {"target_units": "m"}, "batch": batch}))]
     (values,) = csv.DictReader(io.StringIO(summary_csv(lines), newline=""))

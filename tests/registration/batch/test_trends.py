@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dqreg.registration.batch.asked import Asked
 from dqreg.registration.batch.line import line_of
 from dqreg.registration.batch.row import Row, RowResult
+from dqreg.registration.batch.row_inspection import RowInspection
 from dqreg.registration.batch.summary import to_html
 from dqreg.registration.batch.trends import Trend, trends_csv, trends_of, trends_on_page, values_csv
 from dqreg.registration.inspected import require_record
@@ -32,7 +32,7 @@ def line(number: int, value: float | None, level: str = "accepted", **changes):
     row = {"name": "width <b>", "kind": "distance", "nominal": 10.0, "low": 9.9, "high": 10.1, "value": value,
            "uncertainty": 0.01, "outcome": "pass", "remark": "" if value else "not scanned", **changes}  # fmt: skip
     record["batch"]["inspection"] = {"outcome": "pass", "units": "mm", "values": [row]}
-    asked = Asked(plan=Path("p.toml"), report=True)
+    asked = RowInspection(plan=Path("p.toml"), report=True)
     return line_of(Row(f"part {number}", Path("s.ply"), Path("p.stl"), asked=asked), RowResult("ran", "", record))
 
 

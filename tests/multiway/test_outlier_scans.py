@@ -8,7 +8,7 @@ import pytest
 from dqreg._arrays import FloatArray
 from dqreg.geometry import PointCloud
 from dqreg.multiway.edges import Edge
-from dqreg.multiway.foreign import Judge, without_foreign
+from dqreg.multiway.outlier_scans import Judge, without_foreign
 from dqreg.multiway.scans import View, read_views, typical_size
 from dqreg.multiway.sides import Sides, viewpoints_of
 from dqreg.multiway.viewpoints import Viewpoints
@@ -72,9 +72,9 @@ def test_a_scan_that_agrees_with_its_neighbours_alone_is_left_out(turned: Turned
     judge = judge_of(views, right)
     # Free space between the two of a pair would refute such edges one by one.
     alone = dataclasses.replace(judge, sides=dataclasses.replace(judge.sides, known=dict.fromkeys(keys_of(wrong))))
-    belief = alone(right + wrong)
-    assert np.isfinite(belief.T_world_scan[VIEWS]).all()
-    _, found = without_foreign(alone, belief)
+    selection = alone(right + wrong)
+    assert np.isfinite(selection.T_world_scan[VIEWS]).all()
+    _, found = without_foreign(alone, selection)
     assert np.isnan(found.T_world_scan[VIEWS]).all()
     assert {e.code for e in found.edges if e.source == VIEWS} == {"looked_through"}
     assert all(e.used for e in found.edges if e.source != VIEWS)

@@ -4,7 +4,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from dqreg.multiway.believe import Belief, believe
+from dqreg.multiway.edge_selection import EdgeSelection, select_edges
 from dqreg.multiway.edges import Edge
 from dqreg.multiway.loops import LIMIT
 from dqreg.multiway.scans import View
@@ -16,18 +16,18 @@ from tests.multiway.edges_of_truth import edges_of, registration, world
 SIGMA = 1e-3
 
 
-def judged(edges: list[Edge], count: int, anchor: int = 0) -> Belief:
-    return believe(edges, count, anchor, size=2.0, floor=0.0, T_anchor=np.eye(4))
+def judged(edges: list[Edge], count: int, anchor: int = 0) -> EdgeSelection:
+    return select_edges(edges, count, anchor, size=2.0, floor=0.0, T_anchor=np.eye(4))
 
 
 def test_right_edges_are_used_and_their_loops_close() -> None:
     T = world(8, seed=0)
-    belief = judged(edges_of(T, combinations(range(8), 2), SIGMA, seed=1), 8)
-    assert all(edge.used for edge in belief.edges)
+    selection = judged(edges_of(T, combinations(range(8), 2), SIGMA, seed=1), 8)
+    assert all(edge.used for edge in selection.edges)
     # One loop in a thousand may miss: of 56, none or one.
-    assert np.count_nonzero(belief.loops.fails) <= 1
-    assert len(belief.loops.chi2) == 56
-    np.testing.assert_allclose(belief.T_world_scan[:8], T, atol=10 * SIGMA)
+    assert np.count_nonzero(selection.loops.fails) <= 1
+    assert len(selection.loops.chi2) == 56
+    np.testing.assert_allclose(selection.T_world_scan[:8], T, atol=10 * SIGMA)
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -36,10 +36,10 @@ def test_a_third_of_wrong_edges_changes_nothing_beyond_the_covariance(seed: int)
     pairs = list(combinations(range(10), 2))
     wrong = frozenset(pairs[k] for k in np.random.default_rng(50 + seed).choice(len(pairs), 15, replace=False))
     clean = judged(edges_of(T, pairs, SIGMA, seed=seed), 10)
-    belief = judged(edges_of(T, pairs, SIGMA, seed=seed, wrong=wrong), 10)
-    assert {(e.target, e.source) for e in belief.edges if not e.used} >= wrong
-    assert sum(edge.used for edge in belief.edges) >= len(pairs) - len(wrong) - 1
-    apart = pose.log(belief.T_world_scan[1:10] @ pose.inverse(clean.T_world_scan[1:10]))
+    selection = judged(edges_of(T, pairs, SIGMA, seed=seed, wrong=wrong), 10)
+    assert {(e.target, e.source) for e in selection.edges if not e.used} >= wrong
+    assert sum(edge.used for edge in selection.edges) >= len(pairs) - len(wrong) - 1
+    apart = pose.log(selection.T_world_scan[1:10] @ pose.inverse(clean.T_world_scan[1:10]))
     assert np.abs(apart).max() < 3 * SIGMA
 
 
@@ -57,20 +57,20 @@ def with_suspect_edges(edges: list[Edge], scan: int, *, wrong: bool) -> list[Edg
 
 def test_a_suspect_edge_is_used_only_where_loops_confirm_it() -> None:
     edges = edges_of(world(4, seed=3), combinations(range(4), 2), SIGMA, seed=4)
-    belief = judged(with_suspect_edges(edges, 3, wrong=False), 4)
-    assert [edge.code for edge in belief.edges if edge.source == 3] == ["confirmed"] * 3
-    belief = judged(with_suspect_edges(edges, 3, wrong=True), 4)
-    assert [edge.code for edge in belief.edges if edge.source == 3] == ["unconfirmed"] * 3
-    assert np.isnan(belief.T_world_scan[3]).all()
-    assert np.isfinite(belief.T_world_scan[:3]).all()
+    selection = judged(with_suspect_edges(edges, 3, wrong=False), 4)
+    assert [edge.code for edge in selection.edges if edge.source == 3] == ["confirmed"] * 3
+    selection = judged(with_suspect_edges(edges, 3, wrong=True), 4)
+    assert [edge.code for edge in selection.edges if edge.source == 3] == ["unconfirmed"] * 3
+    assert np.isnan(selection.T_world_scan[3]).all()
+    assert np.isfinite(selection.T_world_scan[:3]).all()
 
 
 def test_islands_are_told_apart_and_the_anchors_is_placed() -> None:
     edges = edges_of(world(7, seed=5), [(0, 1), (1, 2), (0, 2), (3, 4), (4, 5), (3, 5)], SIGMA, seed=6)
-    belief = judged(edges, 7, anchor=3)
-    assert np.flatnonzero(np.isfinite(belief.T_world_scan[:7, 0, 0])).tolist() == [3, 4, 5]
-    assert [edge.code for edge in belief.edges] == ["elsewhere"] * 3 + ["used"] * 3
-    assert len(set(belief.island.tolist())) == 3
+    selection = judged(edges, 7, anchor=3)
+    assert np.flatnonzero(np.isfinite(selection.T_world_scan[:7, 0, 0])).tolist() == [3, 4, 5]
+    assert [edge.code for edge in selection.edges] == ["elsewhere"] * 3 + ["used"] * 3
+    assert len(set(selection.island.tolist())) == 3
 
 
 def doubted(edge: Edge, confidence: float, code: Code = "weakly_constrained", *, wrong: bool = False) -> Edge:
@@ -104,11 +104,11 @@ def test_doubted_edges_that_agree_join_islands(
     sure, across = edges[: len(SIDE_BY_SIDE)], edges[len(SIDE_BY_SIDE) :]
     bridges = [doubted(edge, sureness, code) for edge, sureness in zip(across[:2], right, strict=False)]
     rivals = [doubted(edge, sureness, code, wrong=True) for edge, sureness in zip(across[2:], wrong, strict=False)]
-    belief = judged([*sure, *bridges, *rivals], 8)
-    assert np.isfinite(belief.T_world_scan[:8]).all() == joined
-    assert not any(edge.used for edge in belief.edges[len(sure) + len(bridges) :])
+    selection = judged([*sure, *bridges, *rivals], 8)
+    assert np.isfinite(selection.T_world_scan[:8]).all() == joined
+    assert not any(edge.used for edge in selection.edges[len(sure) + len(bridges) :])
     if joined:
-        np.testing.assert_allclose(belief.T_world_scan[:8], T, atol=20 * SIGMA)
+        np.testing.assert_allclose(selection.T_world_scan[:8], T, atol=20 * SIGMA)
 
 
 @pytest.mark.parametrize(
@@ -131,9 +131,9 @@ def test_pairs_agree_where_surer_ones_outweigh_what_is_left_out(
         edges[-1] = dataclasses.replace(
             edges[-1], registration=dataclasses.replace(edges[-1].registration, verdict=verdict)
         )
-    belief = judged(edges, 4)
-    assert belief.edges[-1].used == (confidence is None)
-    assert belief.is_unanimous == unanimous
+    selection = judged(edges, 4)
+    assert selection.edges[-1].used == (confidence is None)
+    assert selection.is_unanimous == unanimous
 
 
 def verdict_of(level: str, confidence: float) -> Verdict:
@@ -142,10 +142,10 @@ def verdict_of(level: str, confidence: float) -> Verdict:
 
 
 def test_an_anchor_that_hangs_on_nothing_is_replaced() -> None:
-    belief = judged(edges_of(world(4, seed=7), [(1, 2), (2, 3)], SIGMA, seed=8), 4, anchor=0)
-    assert belief.anchor == 1
-    np.testing.assert_allclose(belief.T_world_scan[1], np.eye(4), atol=1e-15)
-    assert np.isnan(belief.T_world_scan[0]).all()
+    selection = judged(edges_of(world(4, seed=7), [(1, 2), (2, 3)], SIGMA, seed=8), 4, anchor=0)
+    assert selection.anchor == 1
+    np.testing.assert_allclose(selection.T_world_scan[1], np.eye(4), atol=1e-15)
+    assert np.isnan(selection.T_world_scan[0]).all()
 
 
 def test_the_limit_is_the_chi_square_that_one_in_a_thousand_exceeds() -> None:
@@ -166,45 +166,45 @@ def test_what_confirmed_edges_hold_together_is_right_however_dense_the_graph(cou
     # The truth is what the edges were made of; errors are drawn from their covariances.
     T, pairs, rng = world(count, seed), ring(count, reach), np.random.default_rng(seed)
     wrong = frozenset(pairs[k] for k in rng.choice(len(pairs), round(0.3 * len(pairs)), replace=False))
-    belief = judged(edges_of(T, pairs, SIGMA, seed=seed, wrong=wrong), count)
-    sure = {(belief.edges[row].target, belief.edges[row].source) for row in belief.rows[belief.confirmed]}
+    selection = judged(edges_of(T, pairs, SIGMA, seed=seed, wrong=wrong), count)
+    sure = {(selection.edges[row].target, selection.edges[row].source) for row in selection.rows[selection.confirmed]}
     assert not sure & wrong
-    placed = set(np.flatnonzero(np.isfinite(belief.T_world_scan[:count, 0, 0])).tolist())
+    placed = set(np.flatnonzero(np.isfinite(selection.T_world_scan[:count, 0, 0])).tolist())
     for i, j in sorted(pair for pair in sure if placed >= set(pair)):
-        relative = pose.inverse(belief.T_world_scan[i]) @ belief.T_world_scan[j]
+        relative = pose.inverse(selection.T_world_scan[i]) @ selection.T_world_scan[j]
         apart = pose.log(relative @ pose.inverse(pose.inverse(T[i]) @ T[j]))
         # Centres of the edges lie some units away: a few standard deviations with their lever.
         assert np.abs(apart).max() < 20 * SIGMA
     # Both ends of what is wrong and used hang on nothing else: the verdict has a reason.
-    used = {(edge.target, edge.source) for edge in belief.edges if edge.used}
-    told = {reason.code for reason in judge_edges(belief, count).reasons}
+    used = {(edge.target, edge.source) for edge in selection.edges if edge.used}
+    told = {reason.code for reason in judge_edges(selection, count).reasons}
     assert not used & wrong or "unconfirmed_edge" in told
 
 
-def judge_edges(belief: Belief, count: int) -> Verdict:
+def judge_edges(selection: EdgeSelection, count: int) -> Verdict:
     views = [View(str(k)) for k in range(count)]
     covariances = np.zeros((count, 6, 6))
-    return judge_scans(views, belief, belief.T_world_scan[:count], covariances, 2.0, converged=True, stopped="")
+    return judge_scans(views, selection, selection.T_world_scan[:count], covariances, 2.0, converged=True, stopped="")
 
 
 def test_scans_that_hang_on_a_single_edge_are_not_accepted() -> None:
     pairs = [(0, 1), (1, 2), (0, 2), (3, 4), (4, 5), (3, 5)]
     for wrong in (frozenset[tuple[int, int]](), frozenset({(2, 3)})):
-        belief = judged(edges_of(world(6, seed=9), [*pairs, (2, 3)], SIGMA, seed=9, wrong=wrong), 6)
-        verdict = judge_edges(belief, 6)
+        selection = judged(edges_of(world(6, seed=9), [*pairs, (2, 3)], SIGMA, seed=9, wrong=wrong), 6)
+        verdict = judge_edges(selection, 6)
         assert verdict.level == "suspect"
         assert verdict.codes == ("unconfirmed_edge",)
         assert "2 - 3" in verdict.reasons[0]
-    belief = judged(edges_of(world(6, seed=9), [*pairs, (2, 3), (1, 4)], SIGMA, seed=9), 6)
-    assert judge_edges(belief, 6).level == "accepted"
+    selection = judged(edges_of(world(6, seed=9), [*pairs, (2, 3), (1, 4)], SIGMA, seed=9), 6)
+    assert judge_edges(selection, 6).level == "accepted"
 
 
 def test_scans_that_only_doubted_pairs_join_are_not_accepted() -> None:
     # Both sides of a sheet on each other from every side: such pairs confirm each other.
     edges = edges_of(world(4, seed=3), combinations(range(4), 2), SIGMA, seed=4)
-    belief = judged(with_suspect_edges(edges, 3, wrong=False), 4)
-    assert np.isfinite(belief.T_world_scan[3]).all()
-    told = judge_edges(belief, 4)
+    selection = judged(with_suspect_edges(edges, 3, wrong=False), 4)
+    assert np.isfinite(selection.T_world_scan[3]).all()
+    told = judge_edges(selection, 4)
     assert told.level == "suspect"
     assert "unconfirmed_edge" in told.codes
     assert judge_edges(judged(edges, 4), 4).level == "accepted"
@@ -213,11 +213,11 @@ def test_scans_that_only_doubted_pairs_join_are_not_accepted() -> None:
 @pytest.mark.parametrize("wrong", [frozenset[tuple[int, int]](), frozenset({(2, 3)}), frozenset({(2, 3), (1, 4)})])
 def test_of_two_threads_that_contradict_each_other_none_is_used(wrong: frozenset[tuple[int, int]]) -> None:
     pairs = [(0, 1), (1, 2), (0, 2), (3, 4), (4, 5), (3, 5)]
-    belief = judged(edges_of(world(6, seed=9), [*pairs, (2, 3), (1, 4)], SIGMA, seed=9, wrong=wrong), 6)
-    placed = np.flatnonzero(np.isfinite(belief.T_world_scan[:6, 0, 0])).tolist()
+    selection = judged(edges_of(world(6, seed=9), [*pairs, (2, 3), (1, 4)], SIGMA, seed=9, wrong=wrong), 6)
+    placed = np.flatnonzero(np.isfinite(selection.T_world_scan[:6, 0, 0])).tolist()
     # Two right ones make a loop; of a right and a wrong one, or of two wrong ones, nobody can tell which is which.
     assert placed == ([0, 1, 2] if wrong else list(range(6)))
-    told = judge_edges(belief, 6)
+    told = judge_edges(selection, 6)
     assert told.level == ("suspect" if wrong else "accepted")
     assert ("islands" in told.codes) == bool(wrong)
 
@@ -236,6 +236,6 @@ def test_an_edge_to_the_part_outweighs_one_between_two_scans() -> None:
     # A right edge to the part and a wrong, much sharper one to a scan are all that hold the last scan.
     edges += edges_of(nodes, [(-1, 3)], SIGMA, seed=7)
     edges += edges_of(nodes, [(1, 3)], 0.1 * SIGMA, seed=8, wrong=frozenset({(1, 3)}))
-    belief = judged(edges, 4, anchor=-1)
-    assert [edge.code for edge in belief.edges if edge.source == 3] == ["used", "contradicts"]
-    np.testing.assert_allclose(belief.T_world_scan[:4], T, atol=10 * SIGMA)
+    selection = judged(edges, 4, anchor=-1)
+    assert [edge.code for edge in selection.edges if edge.source == 3] == ["used", "contradicts"]
+    np.testing.assert_allclose(selection.T_world_scan[:4], T, atol=10 * SIGMA)

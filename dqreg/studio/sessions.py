@@ -1,4 +1,4 @@
-"""The visits of a server: each with its folder, its history and a worker process of its own."""
+"""The sessions of a server: each a visit with its folder, its history and a worker process of its own."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from dqreg.registration.batch.worker import Failure, Worker
 from dqreg.studio.visit import Side, Visit
 
 if TYPE_CHECKING:
-    from dqreg.studio.kept import Place
     from dqreg.studio.many import Many
     from dqreg.studio.travel import Travel
+    from dqreg.studio.worker_cache import Place
 
 Values = dict[str, Any]
 VISIT, RESULTS = "visit.json", "results.json"
@@ -78,8 +78,8 @@ class BrokenError(Exception):
 
 
 @dataclasses.dataclass(eq=False)
-class Room:
-    """A visit on the server."""
+class Session:
+    """A visit on the server, while it is worked on."""
 
     name: str
     folder: Path
@@ -193,7 +193,7 @@ def _memory(share: float) -> float:
 def perform(name: str, folder: Path, visit: Visit, values: Values) -> Any:
     """Do a task, in a worker process."""
     from dqreg.files.strict_json import plain
-    from dqreg.studio.kept import Place
+    from dqreg.studio.worker_cache import Place
 
     return plain(tasks()[name](Place(folder, visit), values))
 
@@ -229,8 +229,8 @@ def _warm() -> None:
     load_open3d()
 
 
-class Desk:
-    """All visits of a server, in one folder."""
+class Sessions:
+    """All sessions of a server, in one folder."""
 
     def __init__(
         self,
@@ -243,49 +243,51 @@ class Desk:
         self.folder, self.many, self.travel = folder, many, travel
         self.named = scan, part
         self._one_aside = asyncio.Lock()
-        self.rooms: dict[str, Room] = {}
+        self.by_name: dict[str, Session] = {}
         for place in sorted(folder.glob(f"*/{VISIT}")):
             try:
                 results = json.loads((place.parent / RESULTS).read_text(encoding="utf-8"))
-                self.rooms[place.parent.name] = Room(place.parent.name, place.parent, Visit.load(place), [], results)
+                self.by_name[place.parent.name] = Session(
+                    place.parent.name, place.parent, Visit.load(place), [], results
+                )
             except (DqregError, OSError, ValueError):
                 continue  # what is no visit of ours is left alone
 
-    def open(self, visit: Visit | None = None) -> Room:
+    def open(self, visit: Visit | None = None) -> Session:
         """A new visit, with the files that the command line named where no others are given."""
-        if len(self.rooms) >= MOST_VISITS:
-            oldest = min(self.rooms.values(), key=lambda room: room.touched)
+        if len(self.by_name) >= MOST_VISITS:
+            oldest = min(self.by_name.values(), key=lambda session: session.touched)
             oldest.close()
-            del self.rooms[oldest.name]
+            del self.by_name[oldest.name]
         name = secrets.token_hex(6)
         folder = self.folder / name
         folder.mkdir(parents=True)
         scan, part = (None if path is None else Side(path.name, str(path.absolute())) for path in self.named)
-        room = Room(name, folder, visit or Visit(scan, part))
-        self.rooms[name] = room
-        room.save()
-        return room
+        session = Session(name, folder, visit or Visit(scan, part))
+        self.by_name[name] = session
+        session.save()
+        return session
 
-    def room(self, name: str) -> Room:
-        """A visit by its name."""
-        if name not in self.rooms:
+    def find(self, name: str) -> Session:
+        """A session by its name."""
+        if name not in self.by_name:
             raise InputError("this visit is not here any more: begin a new one")
-        return self.rooms[name]
+        return self.by_name[name]
 
-    async def run(self, room: Room, task: str, values: Values) -> Any:
+    async def run(self, session: Session, task: str, values: Values) -> Any:
         """Do a task of a visit; the workers of visits that nobody looks at any more make room."""
-        idle = [each for each in self.rooms.values() if each.is_idle and each is not room]
+        idle = [each for each in self.by_name.values() if each.is_idle and each is not session]
         for each in sorted(idle, key=lambda other: other.touched)[: max(0, len(idle) - MOST_WORKERS + 1)]:
             each.close()
-        room.touched = time.time()
+        session.touched = time.time()
         if task in ASIDE:
             async with self._one_aside:
-                return await room.aside(task, values)
-        return await room.run(task, values)
+                return await session.aside(task, values)
+        return await session.run(task, values)
 
     def close(self) -> None:
         """End all worker processes."""
-        for room in self.rooms.values():
-            room.close()
+        for session in self.by_name.values():
+            session.close()
         if self.travel is not None:
             self.travel.close()

@@ -27,7 +27,7 @@ def cleaned_name(visit: Visit) -> str | None:
     return f"{PurePath(visit.scan.name).stem}_cleaned.ply"
 
 
-def words_of(visit: Visit) -> dict[str, dict[str, str]]:
+def commands_of(visit: Visit) -> dict[str, dict[str, str]]:
     """Command and Python of every step, by its name; none where its files are missing."""
     if visit.scan is None or visit.part is None:
         return {}

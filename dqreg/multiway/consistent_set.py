@@ -43,7 +43,7 @@ UNNAMED = 0.2
 
 
 @dataclasses.dataclass
-class Union:
+class ConsistentSet:
     """Scans that fit together, with their poses in the frame of the first one."""
 
     views: Sequence[View]
@@ -139,7 +139,7 @@ class Union:
         return frozenset(k for k, sure in self.surest.items() if k not in self.T and sure < REFUSED)
 
     def _admit_held(self, k: int) -> None:
-        """Admit a scan that several accepted pairs put to one pose, whatever a sparse union says."""
+        """Admit a scan that several accepted pairs put to one pose, whatever a sparse set says."""
         named = [T for edge, T in self._named(k) if edge.level == "accepted"]
         if len(named) >= HOLDING and all(self.close(k, T, named[0]) for T in named):
             self.T[k] = named[0]
@@ -230,7 +230,7 @@ def against(registration: Registration, scans: Iterable[int]) -> Registration:
     return dataclasses.replace(registration, settings={**registration.settings, "against": sorted(scans)})
 
 
-def largest_union(
+def largest_consistent_set(
     views: Sequence[View],
     edges: Sequence[Edge],
     size: float,
@@ -239,12 +239,12 @@ def largest_union(
     confirmed: frozenset[tuple[int, int]],
     is_over: Callable[[], bool],
     tell: Callable[[Edge], None] = lambda _: None,
-) -> Union | None:
+) -> ConsistentSet | None:
     """The largest set of scans that fit together, grown from the surest pairs; None where no pair is accepted."""
     sure = [edge for edge in edges if edge.level == "accepted" and edge.target != PART]
     sure.sort(key=lambda e: (-((e.target, e.source) in confirmed), -sureness(e)))
     usable = sum(view.usable for view in views)
-    best: Union | None = None
+    best: ConsistentSet | None = None
     for _ in range(SEEDS):
         # What is in already grows to the same again.
         new = [edge for edge in sure if best is None or not {edge.target, edge.source} <= set(best.T)]
@@ -252,7 +252,7 @@ def largest_union(
             break
         sure = new[1:]
         T = {new[0].target: np.eye(4), new[0].source: new[0].registration.T_target_source}
-        trial = Union(views, edges, size, effort, seed, is_over, tell, T)
+        trial = ConsistentSet(views, edges, size, effort, seed, is_over, tell, T)
         trial.grow()
         best = trial if best is None or len(trial.T) > len(best.T) else best
     return best

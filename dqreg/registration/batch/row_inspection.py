@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.inspection.tolerances import Tolerance
-from dqreg.registration.batch.marks import mark_of
+from dqreg.registration.batch.file_digests import digest_of
 
 if TYPE_CHECKING:
     from dqreg.registration.inspected import Inspected
@@ -19,7 +19,7 @@ HEAD = ("part", "drawing", "serial", "order", "operator", "device", "note")
 
 
 @dataclasses.dataclass(frozen=True)
-class Asked:
+class RowInspection:
     """How the part of a row is inspected."""
 
     plan: Path | None = None  # An inspection plan
@@ -50,7 +50,7 @@ class Asked:
     def mark(self) -> dict[str, Any]:
         """All that the inspection depends on, in plain JSON values."""
         return {
-            "plan": None if self.plan is None else mark_of(self.plan),
+            "plan": None if self.plan is None else digest_of(self.plan),
             "tolerance": [both.low, both.high] if isinstance(both := self.tolerance, Tolerance) else both,
             "required_share": self.required_share,
             "report": self.report,
@@ -59,7 +59,7 @@ class Asked:
         }
 
 
-def answered(result: Registration, asked: Asked) -> tuple[dict[str, Any] | None, str | None]:
+def inspect_row(result: Registration, asked: RowInspection) -> tuple[dict[str, Any] | None, str | None]:
     """The record of an inspection and the page of the row; None where nothing of it was asked."""
     import numpy as np
 
@@ -82,7 +82,7 @@ def answered(result: Registration, asked: Asked) -> tuple[dict[str, Any] | None,
     return record, _page(result, asked, found)
 
 
-def _page(result: Registration, asked: Asked, found: Inspected | None) -> str:
+def _page(result: Registration, asked: RowInspection, found: Inspected | None) -> str:
     from dqreg.report.page import to_html
     from dqreg.report.report_data import collect
 

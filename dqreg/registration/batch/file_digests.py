@@ -1,4 +1,4 @@
-"""Marks of files: what tells whether a file has changed since a result was made of it."""
+"""Digests of files: what tells whether a file has changed since a result was made of it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dqreg.files.gltf_guards import buffers_of
 from dqreg.files.untrusted import require_readable
 
 
-def mark_of(path: Path) -> list[Any]:
+def digest_of(path: Path) -> list[Any]:
     """Path, size and digest of a file, and of the buffers that a glTF file names."""
     digests, size = [], 0
     for place in (path, *(buffers_of(path) if path.suffix.lower() in (".gltf", ".glb") else ())):

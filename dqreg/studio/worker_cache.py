@@ -26,7 +26,7 @@ MIRROR = np.array([-1.0, 1.0, 1.0])
 _VALUES: OrderedDict[str, Any] = OrderedDict()
 
 
-def kept(name: str, key: Any, make: Callable[[], Value]) -> Value:
+def cached(name: str, key: Any, make: Callable[[], Value]) -> Value:
     """The value of a key, made where it is not known; one that was made of anything else is forgotten in time."""
     word = _word(name, key)
     if word not in _VALUES:
@@ -37,7 +37,7 @@ def kept(name: str, key: Any, make: Callable[[], Value]) -> Value:
 
 
 def remember(name: str, key: Any, value: Any) -> None:
-    """Have a value at hand for `kept`."""
+    """Have a value at hand for `cached`."""
     while len(_VALUES) >= MOST:
         _VALUES.popitem(last=False)
     _VALUES[_word(name, key)] = value
@@ -83,13 +83,13 @@ class Place:
     def scan(self) -> PointCloud | Mesh:
         """The scan: as it was given, or its mirror image."""
         path = self.scan_path
-        given = kept("geometry", _mark(path), lambda: open_geometry(path, "scan"))
-        return kept("mirrored", _mark(path), lambda: _mirrored(given)) if self.visit.mirrored else given
+        given = cached("geometry", _mark(path), lambda: open_geometry(path, "scan"))
+        return cached("mirrored", _mark(path), lambda: _mirrored(given)) if self.visit.mirrored else given
 
     def part(self) -> PointCloud | Mesh:
         """The part, as it was given."""
         path = self.part_path
-        return kept("geometry", _mark(path), lambda: open_geometry(path, "part"))
+        return cached("geometry", _mark(path), lambda: open_geometry(path, "part"))
 
     def units(self) -> tuple[str | None, str | None]:
         """Units of scan and part: what was named, else what the files say; None where neither does."""

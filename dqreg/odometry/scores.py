@@ -1,4 +1,4 @@
-"""Rows of the comparison table: one engine a row, words and numbers ready to be shown."""
+"""Trajectories of engines against the truth: one engine a row, words and numbers ready to be shown."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
-from dqreg.odometry.engines import TrajectoryRun
 from dqreg.odometry.evaluation import CHI2_HIGH, evaluate, nees
+from dqreg.odometry.run_sequence import TrajectoryRun
 from dqreg.report.table import Column, Table
 
 # Median / worst error of the motions over one and ten frames; frames lost; the path's error.

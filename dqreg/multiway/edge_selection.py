@@ -1,4 +1,4 @@
-"""Which edges to believe: verdicts of the pairs, loops that close, then graduated non-convexity on the graph."""
+"""Which edges to use: verdicts of the pairs, loops that close, then graduated non-convexity on the graph."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ OUTWEIGHED = 0.6
 
 
 @dataclasses.dataclass(frozen=True)
-class Belief:
+class EdgeSelection:
     """Edges that were judged, and the poses that follow from those used."""
 
     edges: tuple[Edge, ...]
@@ -63,7 +63,7 @@ class Belief:
         )
 
 
-def believe(
+def select_edges(
     edges: Sequence[Edge],
     count: int,
     anchor: int,
@@ -71,7 +71,7 @@ def believe(
     floor: float,
     T_anchor: FloatArray,
     steps: EqualSteps | None = None,
-) -> Belief:
+) -> EdgeSelection:
     """Judge all edges that were tried, and place what they hold together.
 
     The anchor, a scan or -1 for the part, gets the pose given. Poses of pairs need not agree to better than the floor,
@@ -116,7 +116,7 @@ def believe(
             code = "elsewhere"
         judged.append(dataclasses.replace(edge, code=code, used=code in ("used", "confirmed"), chi2=float(chi2[k])))
     home_node = PART if node == count else node
-    return Belief(tuple(judged), final, island[:count], home_node, loops, rows, told.confirmed, by_steps)
+    return EdgeSelection(tuple(judged), final, island[:count], home_node, loops, rows, told.confirmed, by_steps)
 
 
 def _first_look(edge: Edge, size: float) -> EdgeCode:

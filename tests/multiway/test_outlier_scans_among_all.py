@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from dqreg.geometry import PointCloud
-from dqreg.multiway import foreign
+from dqreg.multiway import outlier_scans
 from dqreg.multiway.edges import better, is_refused
-from dqreg.multiway.foreign import Judge, without_misfits
+from dqreg.multiway.outlier_scans import Judge, without_misfits
 from dqreg.multiway.scans import View, read_views, typical_size
 from dqreg.multiway.sides import Sides
 from dqreg.registration.result import Registration
@@ -56,10 +56,10 @@ def test_a_scan_goes_only_where_something_speaks_against_its_pose(
         else e
         for e in edges
     ]
-    belief = judge(edges)
-    assert np.isfinite(belief.T_world_scan[COUNT - 1]).all()
-    monkeypatch.setattr(foreign, "register", lambda cloud, model, start, **_: said(start, judge.size, code))
-    _, found = without_misfits(views, judge, belief, "fast", 0)
+    selection = judge(edges)
+    assert np.isfinite(selection.T_world_scan[COUNT - 1]).all()
+    monkeypatch.setattr(outlier_scans, "register", lambda cloud, model, start, **_: said(start, judge.size, code))
+    _, found = without_misfits(views, judge, selection, "fast", 0)
     assert np.isfinite(found.T_world_scan[COUNT - 1]).all() == stays
 
 

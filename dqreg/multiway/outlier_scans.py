@@ -12,7 +12,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import DqregError
-from dqreg.multiway.believe import Belief, believe
+from dqreg.multiway.edge_selection import EdgeSelection, select_edges
 from dqreg.multiway.edges import HELD_BY_LOOPS, Edge, EdgeCode
 from dqreg.multiway.equal_steps import EqualSteps
 from dqreg.multiway.merge import merged_target
@@ -56,7 +56,7 @@ class Judge:
     # Edges that contradict scans besides their own two, and how
     refuted: Mapping[Key, EdgeCode] = dataclasses.field(default_factory=dict)
 
-    def __call__(self, edges: Sequence[Edge]) -> Belief:
+    def __call__(self, edges: Sequence[Edge]) -> EdgeSelection:
         """What is to be believed of edges, whatever was believed of them before."""
         fresh = [dataclasses.replace(edge, code="unconfirmed") if edge.found else edge for edge in edges]
         checked = [
@@ -65,75 +65,75 @@ class Judge:
             else edge
             for edge in self.sides.checked(fresh)
         ]
-        return believe(checked, self.count, self.home, self.size, self.floor, self.T_home, self.steps)
+        return select_edges(checked, self.count, self.home, self.size, self.floor, self.T_home, self.steps)
 
     def without(self, edges: Iterable[Edge], code: EdgeCode) -> Judge:
         """The same judge, to whom some edges are refuted."""
         return dataclasses.replace(self, refuted={**self.refuted, **{key_of(edge): code for edge in edges}})
 
-    def contradictions(self, belief: Belief) -> FloatArray:
+    def contradictions(self, selection: EdgeSelection) -> FloatArray:
         """By how much free space speaks against each two scans, (n, n)."""
-        return self.sides.free.contradictions(belief.T_world_scan[: self.count])
+        return self.sides.free.contradictions(selection.T_world_scan[: self.count])
 
 
-def without_foreign(judge: Judge, belief: Belief) -> tuple[Judge, Belief]:
-    """The belief without the edges of scans that cannot stand where they were placed.
+def without_foreign(judge: Judge, selection: EdgeSelection) -> tuple[Judge, EdgeSelection]:
+    """The selection without the edges of scans that cannot stand where they were placed.
 
     A scan of something else bends those that its edges join, which then contradict the others too: each scan in
     question is left out for a trial, and that one stays out without which the least contradicts. Edges of it that put
     it where nothing speaks against it are taken back.
     """
-    against = judge.contradictions(belief)
+    against = judge.contradictions(selection)
     for _ in range(int(MOST * judge.count)):
         pairs = _count(against)
         if not pairs:
             break
-        trials: list[tuple[int, int, Judge, Belief, FloatArray]] = []
+        trials: list[tuple[int, int, Judge, EdgeSelection, FloatArray]] = []
         for k in np.argsort(-against.sum(axis=1), kind="stable")[:TRIED].tolist():
             if not against[k].any() or (trials and min(trials, key=_cost)[0] == 0):
                 break
-            trial, rest, left = _left_out(judge, belief, k)
+            trial, rest, left = _left_out(judge, selection, k)
             if _count(left) < pairs:
-                trials.append((_count(left) + _loss(belief, rest), -_placed_of(rest), trial, rest, left))
+                trials.append((_count(left) + _loss(selection, rest), -_placed_of(rest), trial, rest, left))
         if not trials:
             break
-        _, _, judge, belief, against = min(trials, key=_cost)
-    return judge, belief
+        _, _, judge, selection, against = min(trials, key=_cost)
+    return judge, selection
 
 
-def _cost(trial: tuple[int, int, Judge, Belief, FloatArray]) -> tuple[int, int]:
+def _cost(trial: tuple[int, int, Judge, EdgeSelection, FloatArray]) -> tuple[int, int]:
     """Contradictions that remain and accepted pairs lost; then scans lost."""
     return trial[0], trial[1]
 
 
-def _loss(before: Belief, after: Belief) -> int:
+def _loss(before: EdgeSelection, after: EdgeSelection) -> int:
     """Accepted pairs that are used no longer: a scan of something else has few."""
     used = {_ends_of(edge) for edge in after.edges if edge.used}
     return sum(edge.used and edge.level == "accepted" and _ends_of(edge) not in used for edge in before.edges)
 
 
-def _edges_at(belief: Belief, k: int) -> list[Edge]:
+def _edges_at(selection: EdgeSelection, k: int) -> list[Edge]:
     """Edges of a scan that have a pose."""
-    return [edge for edge in belief.edges if edge.found and k in _ends_of(edge)]
+    return [edge for edge in selection.edges if edge.found and k in _ends_of(edge)]
 
 
-def _left_out(judge: Judge, belief: Belief, k: int) -> tuple[Judge, Belief, FloatArray]:
-    """Judge, belief and contradictions without the edges of a scan, but for those that nothing speaks against."""
-    own = [edge for edge in _edges_at(belief, k) if key_of(edge) not in judge.refuted]
+def _left_out(judge: Judge, selection: EdgeSelection, k: int) -> tuple[Judge, EdgeSelection, FloatArray]:
+    """Judge, selection and contradictions without the edges of a scan, but for those that nothing speaks against."""
+    own = [edge for edge in _edges_at(selection, k) if key_of(edge) not in judge.refuted]
     without = judge.without(own, "looked_through")
-    rest = without(belief.edges)
+    rest = without(selection.edges)
     against = without.contradictions(rest)
     wrong = [edge for edge in own if not _fits(judge, rest, edge, k)]
     if len(wrong) < len(own):
         fewer = judge.without(wrong, "looked_through")
-        again = fewer(belief.edges)
+        again = fewer(selection.edges)
         more = fewer.contradictions(again)
         if _count(more) <= _count(against):
             return fewer, again, more
     return without, rest, against
 
 
-def _fits(judge: Judge, rest: Belief, edge: Edge, k: int) -> bool:
+def _fits(judge: Judge, rest: EdgeSelection, edge: Edge, k: int) -> bool:
     """Whether an edge puts a scan where nothing speaks against it."""
     T = rest.T_world_scan[: judge.count].copy()
     other = edge.source if edge.target == k else edge.target
@@ -159,51 +159,51 @@ def _count(against: FloatArray) -> int:
     return int(np.count_nonzero(np.triu(against, 1)))
 
 
-def _placed_of(belief: Belief) -> int:
+def _placed_of(selection: EdgeSelection) -> int:
     """How many scans have a pose."""
-    return int(np.isfinite(belief.T_world_scan[:-1]).all(axis=(1, 2)).sum())
+    return int(np.isfinite(selection.T_world_scan[:-1]).all(axis=(1, 2)).sum())
 
 
 def without_misfits(
-    views: Sequence[View], judge: Judge, belief: Belief, effort: Effort, seed: int
-) -> tuple[Judge, Belief]:
-    """The belief without scans that suspect pairs alone hold, and that the others together do not accept.
+    views: Sequence[View], judge: Judge, selection: EdgeSelection, effort: Effort, seed: int
+) -> tuple[Judge, EdgeSelection]:
+    """The selection without scans that suspect pairs alone hold, and that the others together do not accept.
 
     Suspect pairs confirm each other by loops, and those of another object do so too where its faces meet. All other
     scans together show more than each of them: a right scan fits there, by the verdict on a registration.
     """
-    for k in _weak(judge, belief)[:TESTED]:
-        T_scan = belief.T_world_scan[k]
+    for k in _weak(judge, selection)[:TESTED]:
+        T_scan = selection.T_world_scan[k]
         if not np.isfinite(T_scan).all():
             continue
-        without = judge.without(_edges_at(belief, k), "misfit")
-        rest = without(belief.edges)
-        if _placed_of(rest) < max(_placed_of(belief) - 1, FEWEST) or rest.anchor != belief.anchor:
+        without = judge.without(_edges_at(selection, k), "misfit")
+        rest = without(selection.edges)
+        if _placed_of(rest) < max(_placed_of(selection) - 1, FEWEST) or rest.anchor != selection.anchor:
             continue
-        if not _fits_all(views, k, belief, rest, judge.size, effort, seed):
-            judge, belief = without, rest
-    return judge, belief
+        if not _fits_all(views, k, selection, rest, judge.size, effort, seed):
+            judge, selection = without, rest
+    return judge, selection
 
 
-def _weak(judge: Judge, belief: Belief) -> list[int]:
+def _weak(judge: Judge, selection: EdgeSelection) -> list[int]:
     """Placed scans none of whose used edges is accepted by itself."""
-    sure = {k for edge in belief.edges if edge.used and edge.level == "accepted" for k in (edge.target, edge.source)}
-    placed = np.isfinite(belief.T_world_scan[: judge.count]).all(axis=(1, 2))
+    sure = {k for edge in selection.edges if edge.used and edge.level == "accepted" for k in (edge.target, edge.source)}
+    placed = np.isfinite(selection.T_world_scan[: judge.count]).all(axis=(1, 2))
     return [k for k in np.flatnonzero(placed).tolist() if k not in sure and k != judge.home]
 
 
 def _fits_all(
-    views: Sequence[View], k: int, belief: Belief, rest: Belief, size: float, effort: Effort, seed: int
+    views: Sequence[View], k: int, selection: EdgeSelection, rest: EdgeSelection, size: float, effort: Effort, seed: int
 ) -> bool:
     """Whether nothing in all other scans together speaks against the pose of one, or one near by."""
-    T, cloud = belief.T_world_scan[k], views[k].cloud
+    T, cloud = selection.T_world_scan[k], views[k].cloud
     assert cloud is not None
     others = merged_target(views, rest.T_world_scan[: len(views)])
     try:
         found = register(cloud, others, T, effort=effort, seed=seed, search="never", keep_inputs=False, units="ignore")
     except DqregError:
         return False
-    unheld = ON_TABLE if k in belief.on_steps else AGREED if belief.is_unanimous else UNHELD
+    unheld = ON_TABLE if k in selection.on_steps else AGREED if selection.is_unanimous else UNHELD
     if found.verdict.level != "accepted" and not set(found.verdict.codes) <= unheld:
         return False
     middle = cloud.points.mean(axis=0)[None]

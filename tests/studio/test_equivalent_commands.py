@@ -21,9 +21,9 @@ from dqreg.rigid import pose, twist
 from dqreg.studio import judging
 from dqreg.studio.aligning import align
 from dqreg.studio.cleaning import kept_rows
-from dqreg.studio.kept import Place
+from dqreg.studio.equivalent_commands import cleaned_name, commands_of
 from dqreg.studio.visit import Cut, FaceTolerance, Pair, PlaneCut, Reference, Side, Visit
-from dqreg.studio.words import cleaned_name, words_of
+from dqreg.studio.worker_cache import Place
 from dqreg.synth.parts import box
 
 pytestmark = pytest.mark.soak
@@ -119,7 +119,7 @@ def test_what_is_shown_gives_what_is_shown(files, tmp_path, case, monkeypatch):
     visit.save(tmp_path / "visit.json")
     shown, judged = align(place), plain(judging.judge(place))
     judging.write_sheet(place)
-    words = words_of(visit)
+    words = commands_of(visit)
     for name in ("a scan.ply", "part.stl"):
         (tmp_path / name).symlink_to(files / name)
     pose_file = tmp_path / "result.json"
@@ -172,7 +172,7 @@ def test_the_python_gives_what_is_shown(files, tmp_path, case, monkeypatch, caps
     for name in ("a scan.ply", "part.stl"):
         (tmp_path / name).symlink_to(files / name)
     monkeypatch.chdir(tmp_path)
-    words = words_of(visit)
+    words = commands_of(visit)
     for step in ("load", "align", "judge", "report"):
         names: dict[str, Any] = {}
         exec(words[step]["python"], names)
