@@ -17,7 +17,7 @@ from dqreg.odometry.deskewing import WORTHWHILE, Deskewed, fits_no_worse
 from dqreg.odometry.follow import off_at
 from dqreg.odometry.frame import DownsampledFrame, RawFrame, downsample_frame
 from dqreg.odometry.kiss import KissParts, rigid
-from dqreg.odometry.prediction import Prediction
+from dqreg.odometry.prediction import COVERED, Prediction
 from dqreg.odometry.rivals import facing, looked_at, placed, similar_shifts
 from dqreg.odometry.self_similarity import View
 from dqreg.odometry.settings import OdometrySettings, Resolved
@@ -167,7 +167,9 @@ class Tracker:
         frame = frame.without(motion)
         # Points farther off than its own can reach cannot be met.
         surface.about(self._T_last[:3, 3], frame.reach + lengths.reach)
-        search = FrameSearch(surface, lengths, self.settings, self._usual_fraction, self._anchors(rigid(T_likely)))
+        is_measured = expected is not None and expected.spread <= COVERED * lengths.reach
+        anchors = self._anchors(rigid(T_likely))
+        search = FrameSearch(surface, lengths, self.settings, self._usual_fraction, anchors, is_measured)
         # With times it is deskewed once more, and seen then.
         seen = self._seen(frame, lengths) if frame.back is None else None
         deskewed = self._deskewed(search, frame, trusted=expected is not None or kiss.deviation <= lengths.voxel_size)
