@@ -23,7 +23,7 @@ from dqreg.kernels.voxel_blocks import put_blocks
 from dqreg.kernels.voxel_nearest import distances_in_voxels
 from dqreg.kernels.voxel_planes import closest_in_voxels
 from dqreg.kernels.voxel_points import CELLS, SUMS, admit_points
-from dqreg.kernels.voxel_rows import first_of_voxels, means_of_voxels, measured_rows
+from dqreg.kernels.voxel_rows import VoxelSums, first_of_voxels, measured_rows, one_of_voxels
 
 CORNERS, FLAT, ONE = np.eye(3), np.eye(3), np.zeros(3)
 FIRST = np.zeros(1, dtype=np.int64)
@@ -71,7 +71,8 @@ def keep_maps() -> None:
     """The map of the odometry."""
     flat, one, first = np.eye(3), np.zeros(3), np.zeros(1, dtype=np.int64)
     first_of_voxels(flat, 1.0)
-    means_of_voxels(flat, None, 1.0, 1.0)
+    one_of_voxels(flat, 1.0)
+    VoxelSums.of(flat, None, 1.0, 1.0).means_at(flat)
     measured_rows(flat, 1.0, np.zeros(3), np.zeros(3))
     swept_rows(0, 0, flat, one, np.zeros(6), flat)
     many, table, cells = (

@@ -59,11 +59,11 @@ class FrameSearch:
     settings: OdometrySettings  # Method and largest rotation
     usual: float  # Fraction of inliers in the frames before; NaN where there are none
     anchors: list[tuple[FloatArray, FloatArray]]  # Poses (4, 4) around which is searched, the likeliest first
-    is_measured: bool = False  # Whether other sensors tell what the frame leaves free, so that it need not slide
+    is_told: bool = False  # Whether other sensors tell what the frame leaves free, so that it need not slide
 
     def asked(self, frame: DownsampledFrame) -> Scan:
         """What is asked of a frame: its own normals where few points, or the method, need them."""
-        return frame.scan if self.settings.method == "plane" and len(frame.rows) >= MANY else frame.fitted
+        return frame.scan if self.settings.method == "plane" and len(frame.seen) >= MANY else frame.fitted
 
     def find(self, frame: DownsampledFrame, *, trust_motion: bool, near: bool = False) -> Alignment:
         """The pose of a frame; near the prediction, where that has been good to a voxel."""
@@ -178,7 +178,7 @@ class FrameSearch:
 
     @property
     def _holds(self) -> int:
-        return 0 if self.is_measured else LATE
+        return 0 if self.is_told else LATE
 
     def _floor(self, scan: Scan) -> float:
         if self.settings.method == "plane":

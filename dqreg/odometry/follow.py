@@ -151,7 +151,7 @@ class Sweep:
     def __init__(self, frame: DownsampledFrame, worthwhile: float) -> None:
         self.scan, self.is_still, self._frame, self._worthwhile = frame.scan, False, frame, worthwhile
         assert frame.back is not None
-        self._seen, self._back = np.take(frame.seen, frame.rows, axis=0), as_plain(frame.back[frame.rows])
+        self._seen, self._back = frame.seen, as_plain(frame.back)
         self._step = single_pose.log(frame.motion[:3, :3], frame.motion[:3, 3])
 
     @property
@@ -168,6 +168,8 @@ class Sweep:
         from dqreg.kernels.plane_steps import FIGURES
         from dqreg.kernels.sweep_steps import step_on_planes_of_sweep
 
+        # The search before wanted both threads; these steps, and most searches after them, do not.
+        self._frame.whole.begin()
         found, scan, T = pairs.closest, pairs.scan, pairs.T_target_source.copy()
         weights, figures, change = np.zeros(len(scan)), np.zeros(FIGURES), np.zeros(6)
         limits = np.array(
