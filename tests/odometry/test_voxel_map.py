@@ -4,6 +4,7 @@ import functools
 import gc
 import os
 import pickle
+import threading
 import time
 import weakref
 
@@ -68,7 +69,11 @@ def test_it_forgets_what_is_out_of_range() -> None:
     assert not (ours.points[:, 0] < 10.0).any()
 
 
+begun = threading.Event()
+
+
 def slow_points() -> np.ndarray:
+    begun.set()
     time.sleep(0.2)
     return np.random.default_rng(1).uniform(-4, 4, (2_000, 3))
 
@@ -84,7 +89,9 @@ def test_a_copy_of_a_map_that_grows_holds_all_of_it() -> None:
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
 def test_a_fork_waits_for_a_map_that_grows() -> None:
     ours = VoxelMap(lengths(1e3))
+    begun.clear()
     ours.insert(slow_points, np.eye(4))
+    assert begun.wait(10.0)
     # In another process no thread goes on with it.
     child = os.fork()
     if child == 0:
