@@ -23,7 +23,7 @@ from dqreg.kernels.voxel_blocks import put_blocks
 from dqreg.kernels.voxel_nearest import distances_in_voxels
 from dqreg.kernels.voxel_planes import closest_in_voxels
 from dqreg.kernels.voxel_points import CELLS, SUMS, admit_points
-from dqreg.kernels.voxel_rows import first_of_voxels, means_of_voxels, measured_rows
+from dqreg.kernels.voxel_rows import VoxelSums, first_of_voxels, measured_rows, one_of_voxels
 
 CORNERS, FLAT, ONE = np.eye(3), np.eye(3), np.zeros(3)
 FIRST = np.zeros(1, dtype=np.int64)
@@ -71,7 +71,8 @@ def keep_maps() -> None:
     """The map of the odometry."""
     flat, one, first = np.eye(3), np.zeros(3), np.zeros(1, dtype=np.int64)
     first_of_voxels(flat, 1.0)
-    means_of_voxels(flat, None, 1.0, 1.0)
+    one_of_voxels(flat, 1.0)
+    VoxelSums.of(flat, None, 1.0, 1.0).means_at(flat)
     measured_rows(flat, 1.0, np.zeros(3), np.zeros(3))
     swept_rows(0, 0, flat, one, np.zeros(6), flat)
     many, table, cells = (
@@ -95,6 +96,6 @@ def keep_maps() -> None:
     runs_around(np.zeros((1, 1), dtype=np.bool_))
     count_on_runs(steps, keys, first, grid)
     count_at_shifts(0, 0, steps, steps, np.zeros((1, 1), dtype=np.bool_), grid[0])
-    figures = np.zeros(FIGURES)
-    step_on_planes(flat, flat, flat, flat, one, np.ones(9), 0, np.eye(4), np.zeros(3), figures)
-    step_on_planes_of_sweep(flat, one, flat, flat, one, np.ones(8), 0, np.eye(4), np.zeros(6), np.zeros(3), figures)
+    figures, planes = np.zeros(FIGURES), (flat, flat, one, one)
+    step_on_planes(flat, flat, *planes, np.ones(10), 0, np.eye(4), np.zeros(3), figures)
+    step_on_planes_of_sweep(flat, one, *planes, np.ones(9), 0, np.eye(4), np.zeros(6), np.zeros(3), figures)

@@ -8,6 +8,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.kernels.compiled import compiled, inside_kernels
+from dqreg.kernels.free_shifts import hold_free_shifts
 from dqreg.kernels.row_products import COLUMNS, LANES, PRODUCTS, SIX, WEIGHT, add_rows, place_sums
 
 # Damping of unknowns that nothing holds, over the mean of their kind.
@@ -25,6 +26,7 @@ def step_on_planes(
     feet: FloatArray,
     normals: FloatArray,
     distances: FloatArray,
+    variances: FloatArray,
     limits: FloatArray,
     steps: int,
     T: FloatArray,
@@ -37,8 +39,9 @@ def step_on_planes(
     says how well it fits, and moves nothing. Weights and figures are those before the last step.
 
     Limits: largest distance, least cosine of the normals, scale, fraction of inliers, the least scale, the largest fall
-    of the scale in a step, root mean square range of the points, motion below which the step is the last, and whether a
-    point without a plane says nothing: it counts as the others do on average.
+    of the scale in a step, root mean square range of the points, motion below which the step is the last, whether a
+    point without a plane says nothing: it counts as the others do on average; and information, in variances of the
+    normals, below which a translation is left as it is.
     """
     count = len(points)
     farthest, cosine, scale, fraction = limits[0], limits[1], limits[2], limits[3]
@@ -54,7 +57,7 @@ def step_on_planes(
         odds = (1.0 - fraction) / farthest * scale * math.sqrt(0.5 * math.pi) / fraction
         beyond = math.log(math.exp(-0.5 * (farthest / scale) ** 2) + odds)
         sums[:], waiting = 0.0, 0
-        total, squares, used, energy, near, many = 0.0, 0.0, 0.0, 0.0, 0.0, 1.0
+        total, squares, used, energy, near, many, noise = 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0
         for i in range(count):
             weights[i] = 0.0
             if aside[i] < 0.0:
@@ -83,6 +86,7 @@ def step_on_planes(
             total, squares, used = total + w, squares + w * square, used + (1.0 if w > 0.0 else 0.0)
             if not known:
                 continue
+            noise += w * min(variances[i], 1.0)
             rows[0, waiting], rows[1, waiting], rows[2, waiting] = y * nz - z * ny, z * nx - x * nz, x * ny - y * nx
             rows[3, waiting], rows[4, waiting], rows[5, waiting] = nx, ny, nz
             rows[6, waiting], rows[7, waiting] = h, w
@@ -99,7 +103,7 @@ def step_on_planes(
         figures[6] = 0.0
         if used < SIX or not total > 0.0:
             return
-        figures[6] = _move(A, g, lever, T)
+        figures[6] = _move(A, g, lever, limits[9] * noise, T)
         learned = max(math.sqrt(squares / total), floor)
         figures[0] = max(learned, steepest * scale)
         figures[1] = min(max(total / near, 1e-3), 1.0 - 1e-3)
@@ -148,9 +152,10 @@ def _aside(
 
 
 @inside_kernels
-def _move(A: FloatArray, g: FloatArray, lever: float, T: FloatArray) -> float:
+def _move(A: FloatArray, g: FloatArray, lever: float, least: float, T: FloatArray) -> float:
     """Solve the normal equations by Cholesky, in place, and move the pose; how far that moves the points."""
     turns, shifts = A[0, 0] + A[1, 1] + A[2, 2], A[3, 3] + A[4, 4] + A[5, 5]
+    hold_free_shifts(A, int(np.int64(3)), least)
     for k in range(SIX):
         A[k, k] += DAMPING * (turns if k < 3 else shifts) + 1e-300
     solve_in_place(A, g)

@@ -8,6 +8,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.kernels.compiled import compiled, inside_kernels
+from dqreg.kernels.free_shifts import hold_free_shifts
 from dqreg.kernels.plane_steps import solve_in_place, turn_and_shift
 from dqreg.kernels.row_products import COLUMNS, LANES, PRODUCTS, SIX, WEIGHT, add_rows, place_sums
 
@@ -19,6 +20,7 @@ def step_on_planes_of_sweep(
     feet: FloatArray,
     normals: FloatArray,
     distances: FloatArray,
+    variances: FloatArray,
     limits: FloatArray,
     steps: int,
     T: FloatArray,
@@ -32,19 +34,20 @@ def step_on_planes_of_sweep(
     Points without a plane count as the others do on average. O(steps n).
 
     Limits: largest distance, scale, fraction of inliers, the least scale, the largest fall of the scale in a step, root
-    mean square range of the points, motion below which the step is the last, and share of the weights that has to face
-    a motion for it to count: at this share, half of it is believed in a step.
+    mean square range of the points, motion below which the step is the last, share of the weights that has to face a
+    motion for it to count: at this share, half of it is believed in a step; and information, in variances of the
+    normals, below which a translation is left as it is.
     """
     count, unknowns = len(points), 2 * SIX
     farthest, scale, fraction, floor, steepest, lever = limits[0], limits[1], limits[2], limits[3], limits[4], limits[5]
     A, g = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
     # Of the type of other numbers: for each plain one what it is given to would be compiled once more.
-    none, twist = int(np.int64(0)), int(np.int64(SIX))
+    none, twist, shift = int(np.int64(0)), int(np.int64(SIX)), int(np.int64(3))
     rows, sums = np.zeros((COLUMNS, LANES)), np.zeros((3, PRODUCTS, LANES))
     for _ in range(steps):
         odds = (1.0 - fraction) / farthest * scale * math.sqrt(0.5 * math.pi) / fraction
         sums[:], waiting = 0.0, 0
-        total, squares, used, near, first, second = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        total, squares, used, near, first, second, noise = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for i in range(count):
             weights[i] = 0.0
             if not distances[i] <= farthest:
@@ -63,6 +66,7 @@ def step_on_planes_of_sweep(
             weights[i] = w
             total, squares, used = total + w, squares + w * h * h, used + (1.0 if w > 0.0 else 0.0)
             first, second = first + w * s, second + w * s * s
+            noise += w * min(variances[i], 1.0)
             rows[0, waiting], rows[1, waiting] = (y * nz - z * ny) / lever, (z * nx - x * nz) / lever
             rows[2, waiting], rows[3, waiting], rows[4, waiting] = (x * ny - y * nx) / lever, nx, ny
             rows[5, waiting], rows[6, waiting], rows[7, waiting], rows[8, waiting] = nz, h, w, s
@@ -83,6 +87,8 @@ def step_on_planes_of_sweep(
         figures[2] = figures[6] = 0.0
         if used < unknowns or not total > 0.0:
             return
+        hold_free_shifts(A, shift, limits[8] * noise)
+        hold_free_shifts(A, twist + shift, limits[8] * noise * second / total)
         damping = limits[7] * max(second - first * first / total, 0.0) + 1e-9 * total
         for k in range(unknowns):
             A[k, k] += damping

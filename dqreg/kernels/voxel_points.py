@@ -43,10 +43,16 @@ def admit_points(
     one more than the numbers of the voxels of a block, before eight bits that tell which of its cells hold something.
     ``counts`` are the points, the voxels and the blocks so far.
     """
+    # Along a curve the next point lies mostly in the same block.
+    u = v = w = int(np.int64(0))
+    block = int(np.int64(-1))
     for i in range(len(given)):
         x, y, z = given[i, 0], given[i, 1], given[i, 2]
         a, b, c = int(np.floor(x / size)), int(np.floor(y / size)), int(np.floor(z / size))
-        block, place = block_at(a >> BITS, b >> BITS, c >> BITS, table, keys), place_in_block(a, b, c)
+        place = place_in_block(a, b, c)
+        if block < 0 or a >> BITS != u or b >> BITS != v or c >> BITS != w:
+            u, v, w = a >> BITS, b >> BITS, c >> BITS
+            block = block_at(u, v, w, table, keys)
         if block < 0:
             block = counts[2]
             counts[2] += 1

@@ -19,7 +19,7 @@ from dqreg.icp import (
     smallest_kernel_scale,
 )
 from dqreg.icp.correspondences import Correspondences
-from dqreg.odometry.follow import Following, Sweep, follow, is_in_cells
+from dqreg.odometry.follow import LATE, Following, Sweep, follow, is_in_cells
 from dqreg.odometry.frame import DownsampledFrame
 from dqreg.odometry.map_surface import MapSurface
 from dqreg.odometry.settings import OdometrySettings, Resolved
@@ -59,10 +59,11 @@ class FrameSearch:
     settings: OdometrySettings  # Method and largest rotation
     usual: float  # Fraction of inliers in the frames before; NaN where there are none
     anchors: list[tuple[FloatArray, FloatArray]]  # Poses (4, 4) around which is searched, the likeliest first
+    is_told: bool = False  # Whether other sensors tell what the frame leaves free, so that it need not slide
 
     def asked(self, frame: DownsampledFrame) -> Scan:
         """What is asked of a frame: its own normals where few points, or the method, need them."""
-        return frame.scan if self.settings.method == "plane" and len(frame.rows) >= MANY else frame.fitted
+        return frame.scan if self.settings.method == "plane" and len(frame.seen) >= MANY else frame.fitted
 
     def find(self, frame: DownsampledFrame, *, trust_motion: bool, near: bool = False) -> Alignment:
         """The pose of a frame; near the prediction, where that has been good to a voxel."""
@@ -125,7 +126,9 @@ class FrameSearch:
         """A run with few points, from anywhere."""
         wide = InlierMixture.starting(WIDE * self.lengths.reach, self.lengths.reach)
         if self.settings.method == "plane":
-            how = Following("quick", *QUICK_STEPS, enough=NEAR_ENOUGH * self.lengths.voxel_size, cells=False)
+            how = Following(
+                "quick", *QUICK_STEPS, enough=NEAR_ENOUGH * self.lengths.voxel_size, cells=False, holds=self._holds
+            )
             return follow(few, self.surface, start, wide, how, floor=self._floor(few))
         return self._level(few, self.lengths.reach).descend(wide, start, QUICK, None, 1)
 
@@ -162,7 +165,9 @@ class FrameSearch:
         before: Correspondences | None = None,
         sweep: Sweep | None = None,
     ) -> Alignment:
-        how = Following("fine", *FINE_STEPS, enough=TOLERANCE * self.surface.diagonal, cells=len(scan) >= MANY)
+        how = Following(
+            "fine", *FINE_STEPS, enough=TOLERANCE * self.surface.diagonal, cells=len(scan) >= MANY, holds=self._holds
+        )
         floor = self._floor(scan)
         found = follow(scan, self.surface, T, mixture, how, floor=floor, first=first, before=before, sweep=sweep)
         if sweep is not None or not how.cells or is_in_cells(found):
@@ -170,6 +175,10 @@ class FrameSearch:
         # A sparse sensor, in its first frames.
         how = dataclasses.replace(how, cells=False)
         return follow(scan, self.surface, T, mixture, how, floor=floor, first=first)
+
+    @property
+    def _holds(self) -> int:
+        return 0 if self.is_told else LATE
 
     def _floor(self, scan: Scan) -> float:
         if self.settings.method == "plane":

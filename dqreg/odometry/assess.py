@@ -10,25 +10,20 @@ import numpy as np
 from dqreg._arrays import FloatArray, product
 from dqreg.geometry.vector_rows import nonzero_rows, row_dots
 from dqreg.icp import NO_POSE, Alignment
+from dqreg.odometry.follow import SPURIOUS
 from dqreg.odometry.frame import DownsampledFrame
 from dqreg.odometry.kiss import rigid
 from dqreg.odometry.prediction import Prediction, contradiction, held_directions, held_notes
 from dqreg.odometry.rivals import Placed
 from dqreg.registration.assess import Uncertainty
 from dqreg.registration.result import Registration
-from dqreg.rigid import pose, single_pose, twist
+from dqreg.rigid import single_pose
 from dqreg.solvers.row_sums import MotionSums
-from dqreg.solvers.status import Status
 from dqreg.trust import Evidence, Information, information_of, judge
 from dqreg.trust.records import Reason, Verdict
 
 # Fraction of inliers below which there is no pose to speak of: a frame of another place reaches 0.3.
 LOST = 1.0 / 3.0
-# Information below so many times what the noise of the normals alone would give constrains nothing: on real frames all
-# six motions reach 15, the one along a corridor 1.
-SPURIOUS = 3.0
-# A step of so many standard deviations is none.
-STILL = 0.1
 TINY = float(np.finfo(float).tiny)
 
 
@@ -49,15 +44,12 @@ def frame_result(
     uncertainty = None if information is None else Uncertainty.of(information)
     T = rigid(run.T_target_source)
     doubts: tuple[Reason, ...] = ()
-    status: Status = run.status
     if uncertainty is not None and prediction is not None and prediction.information is not None:
         doubts = contradiction(T, uncertainty.directions, prediction, settings["near"])
         T, weighed = _with_prediction(T, uncertainty, prediction, frame.reach, settings["reach"])
         held = held_notes(uncertainty.directions, weighed.directions)
-        # Along what it leaves free a frame slides for ever; what ends the slide is the prediction.
-        status = "converged" if held and _stands(run, uncertainty) else run.status
         notes, uncertainty = (*held, *notes), weighed
-    verdict = judge(_evidence(place, status, usual, uncertainty, settings["near"]))
+    verdict = judge(_evidence(place, usual, uncertainty, settings["near"]))
     for doubt in doubts:
         verdict = verdict.doubted(doubt)
     reasons = (*verdict.reasons, *notes)
@@ -79,13 +71,11 @@ def frame_result(
     )
 
 
-def _evidence(
-    place: Placed, status: Status, usual: float, uncertainty: Uncertainty | None, max_distance: float
-) -> Evidence:
+def _evidence(place: Placed, usual: float, uncertainty: Uncertainty | None, max_distance: float) -> Evidence:
     """What a frame gives the verdict to judge by."""
     run = place.aligned
     return Evidence(
-        status=status,
+        status=run.status,
         found=run.found,
         inliers=float(run.weights.sum()),
         share_near=run.inlier_fraction,
@@ -103,17 +93,6 @@ def _evidence(
         alternatives=place.rivals,
         looked_through=place.looked_through,
     )
-
-
-def _stands(run: Alignment, uncertainty: Uncertainty) -> bool:
-    """Whether the last step was small against the standard deviations of the motions that are held."""
-    if len(run.history) < 2 or uncertainty.partial_information is None:
-        return False
-    before, after = (record.T_target_source for record in run.history[-2:])
-    step = twist.log(rigid(after @ pose.inverse(before)))
-    # A left increment about the sensor.
-    step[3:] += np.cross(step[:3], after[:3, 3])
-    return bool(step @ uncertainty.partial_information @ step < STILL**2)
 
 
 def _with_prediction(

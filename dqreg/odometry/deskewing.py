@@ -102,7 +102,7 @@ class Deskewed:
     @staticmethod
     def at_once(frame: DownsampledFrame, search: FrameSearch, worthwhile: float, *, near: bool) -> Deskewed | None:
         """A frame near its prediction, pose and motion found at once; None where that does not fit as usual."""
-        if frame.back is None or search.settings.method != "plane" or len(frame.rows) < MANY:
+        if frame.back is None or search.settings.method != "plane" or len(frame.seen) < MANY:
             return None
         sweep = Sweep(frame, worthwhile)
         aligned = search.find_with_sweep(sweep, near=near)
@@ -156,7 +156,7 @@ def sweep_steps(frame: DownsampledFrame, aligned: Alignment) -> tuple[FloatArray
     With heights h over the planes and rows ``a = [x x n, n]`` a point of time ``s``, -1 to 0, comes to lie on its plane
     where ``h + a (step + s change) = 0``. What the times hardly tell, as along a corridor, is left as it was.
     """
-    pairs, s = aligned.pairs, frame.scan_back
+    pairs, s = aligned.pairs, frame.back
     assert s is not None
     normals = pairs.closest.normals @ pairs.T_target_source[:3, :3]
     points, weights = pairs.scan.points, np.where(normals.any(axis=1), aligned.weights, 0.0)

@@ -13,7 +13,7 @@ import time
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.geometry import Scan
+from dqreg.geometry import Closest, Scan
 from dqreg.icp import Alignment, InlierMixture
 from dqreg.icp.correspondences import Correspondences, find_correspondences, moved_points
 from dqreg.icp.history import Iteration
@@ -34,6 +34,11 @@ SHORT = 0.05
 HELD = 0.05
 # Share of the points that has to meet planes in their cells: 0.13 where 6 rings met one sweep, 0.5 where 16 did.
 FEWEST_IN_CELLS = 1.0 / 3.0
+# Information below so many times what the noise of the normals alone would give constrains nothing: on real frames all
+# six motions reach 15, the one along a corridor 1.
+SPURIOUS = 3.0
+# Search from which on what is free to slide is left where it is: else the rest would not come to rest for it.
+LATE = 10
 # A scale that falls by less in all steps of a search is settled.
 SETTLED = 0.8
 
@@ -47,6 +52,7 @@ class Following:
     searches: int  # At most
     enough: float  # Root mean square motion of the points since the search that ends it, a length; 0: their noise does
     cells: bool  # Whether matches are the planes of cells, in place of nearest points: for a pose that is near
+    holds: int = LATE  # Search from which on translations that nothing holds are left as they are
 
 
 def follow(
@@ -73,7 +79,9 @@ def follow(
         began = time.perf_counter()
         pairs = before = (_in_cells if how.cells else find_correspondences)(scan, surface, T, before)
         enough = max(how.enough, PLACED * mixture.scale / math.sqrt(max(len(scan), 1)))
-        ends = floor, lever, SHORT * enough
+        # Normals err about two axes, each by half of their variance.
+        least = 0.5 * SPURIOUS if len(history) >= how.holds else 0.0
+        ends = floor, lever, SHORT * enough, least
         moved, weights, figures = (
             _steps(pairs, mixture, how, ends) if sweep is None else sweep.steps(pairs, mixture, how, ends)
         )
@@ -110,7 +118,7 @@ def follow(
 
 
 def _steps(
-    pairs: Correspondences, mixture: InlierMixture, how: Following, ends: tuple[float, float, float]
+    pairs: Correspondences, mixture: InlierMixture, how: Following, ends: tuple[float, float, float, float]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Pose after steps on the planes of correspondences, their weights, and figures of the last step."""
     from dqreg.kernels.plane_steps import FIGURES, step_on_planes
@@ -119,11 +127,16 @@ def _steps(
     weights, figures = np.zeros(len(scan)), np.zeros(FIGURES)
     angle = min(max(math.pi * mixture.scale / mixture.limit, NEAR_ANGLE_RAD), 0.5 * math.pi)
     scales = mixture.scale, mixture.inlier_fraction, ends[0], STEEPEST
-    limits = np.array([mixture.limit, math.cos(angle), *scales, *ends[1:], float(how.cells)])
+    limits = np.array([mixture.limit, math.cos(angle), *scales, *ends[1:3], float(how.cells), ends[3]])
     points, own = as_plain(scan.points), as_plain(scan._gating)
-    planes = as_plain(found.points), as_plain(found.normals), as_plain(found.distances)
-    step_on_planes(points, own, *planes, limits, how.steps, T, weights, figures)
+    step_on_planes(points, own, *_planes(found), limits, how.steps, T, weights, figures)
     return T, weights, figures
+
+
+def _planes(found: Closest) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Feet, normals, distances, and variances of the normals: the map knows all."""
+    assert found.variances is not None
+    return as_plain(found.points), as_plain(found.normals), as_plain(found.distances), as_plain(found.variances)
 
 
 def is_in_cells(run: Run) -> bool:
@@ -138,7 +151,7 @@ class Sweep:
     def __init__(self, frame: DownsampledFrame, worthwhile: float) -> None:
         self.scan, self.is_still, self._frame, self._worthwhile = frame.scan, False, frame, worthwhile
         assert frame.back is not None
-        self._seen, self._back = np.take(frame.seen, frame.rows, axis=0), as_plain(frame.back[frame.rows])
+        self._seen, self._back = frame.seen, as_plain(frame.back)
         self._step = single_pose.log(frame.motion[:3, :3], frame.motion[:3, 3])
 
     @property
@@ -149,17 +162,20 @@ class Sweep:
         return found
 
     def steps(
-        self, pairs: Correspondences, mixture: InlierMixture, how: Following, ends: tuple[float, float, float]
+        self, pairs: Correspondences, mixture: InlierMixture, how: Following, ends: tuple[float, float, float, float]
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """As without a sweep; the scan is one with the motion undone that was found."""
         from dqreg.kernels.plane_steps import FIGURES
         from dqreg.kernels.sweep_steps import step_on_planes_of_sweep
 
+        # The search before wanted both threads; these steps, and most searches after them, do not.
+        self._frame.whole.begin()
         found, scan, T = pairs.closest, pairs.scan, pairs.T_target_source.copy()
         weights, figures, change = np.zeros(len(scan)), np.zeros(FIGURES), np.zeros(6)
-        limits = np.array([mixture.limit, mixture.scale, mixture.inlier_fraction, ends[0], STEEPEST, *ends[1:], HELD])
-        planes = as_plain(found.points), as_plain(found.normals), as_plain(found.distances)
-        points = as_plain(scan.points)
+        limits = np.array(
+            [mixture.limit, mixture.scale, mixture.inlier_fraction, ends[0], STEEPEST, *ends[1:3], HELD, ends[3]]
+        )
+        planes, points = _planes(found), as_plain(scan.points)
         step_on_planes_of_sweep(points, self._back, *planes, limits, how.steps, T, change, weights, figures)
         self.is_still = off_at(self._frame.reach, change) <= self._worthwhile
         self._step = self._step + change

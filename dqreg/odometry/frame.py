@@ -4,23 +4,24 @@ from __future__ import annotations
 
 import dataclasses
 import os
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, IntArray, as_float, bounds, median
+from dqreg._arrays import FloatArray, as_float, bounds, median
 from dqreg.errors import InputError
 from dqreg.files import read_cloud
 from dqreg.files.cloud_data import TimedCloudData
 from dqreg.geometry import Mesh, Scan
 from dqreg.geometry.morton import morton_order
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.geometry.normals import PlaneFits, fit_planes_at, sample_rows
+from dqreg.geometry.normals import PlaneFits, fit_planes, sample_rows
 from dqreg.geometry.objects import recognise
 from dqreg.geometry.spacing import spacing_of
 from dqreg.geometry.vector_rows import nonzero_rows
-from dqreg.kernels.threads import unlocked_property
+from dqreg.kernels.threads import Later, unlocked_property
 from dqreg.odometry.settings import Resolved
 from dqreg.odometry.sweep import swept
 from dqreg.trust.records import Reason
@@ -38,6 +39,9 @@ STRIDE = 15_485_863
 NEIGHBOURS = 12
 # Coordinates beyond which a return is no measurement.
 LARGEST = 1e150
+
+# Points, (n, 3), and the time of each, (n,).
+Timed = tuple[FloatArray, FloatArray]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -107,25 +111,45 @@ def _values_of(points: Any) -> tuple[FloatArray, FloatArray | None]:
     return found.points, found.times
 
 
+class Whole:
+    """All of a frame that enters the map, each point where the sensor saw it, made when it is begun or asked for."""
+
+    def __init__(self, make: Callable[[], Timed]) -> None:
+        self._make = make
+        self._made: Later[Timed] | None = None
+
+    def begin(self) -> None:
+        """Make it beside what the caller does."""
+        if self._made is None:
+            self._made = Later(self._make)
+
+    def result(self) -> Timed:
+        """Points, (n, 3), along a Morton curve, and the time of each, (n,)."""
+        if self._made is None:
+            self._made = Later(self._make, beside=False)
+        return self._made.result()
+
+
 class OwnPlanes:
     """Planes fitted to a frame alone, for who asks."""
 
-    def __init__(self, points: FloatArray, rows: IntArray) -> None:
-        self._points, self._rows = points, rows
+    def __init__(self, whole: Whole, at: FloatArray) -> None:
+        self._whole, self._at = whole, at
 
     @unlocked_property
     def fits(self) -> PlaneFits:
         """At some of the points, among all of them."""
-        return fit_planes_at(NeighbourTree(self._points, in_order=True), self._points, self._rows, NEIGHBOURS)
+        points, _ = self._whole.result()
+        return fit_planes(NeighbourTree(points, in_order=True), points, self._at, NEIGHBOURS)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class DownsampledFrame:
     """A frame downsampled twice."""
 
-    seen: FloatArray  # (n, 3): What enters the map, each point where the sensor saw it
-    back: FloatArray | None  # (n,): Time of each, from -1 at the beginning of the sweep to 0 at its end, if it is known
-    rows: IntArray  # (m,): Those of which the pose is found from
+    whole: Whole
+    seen: FloatArray  # (m, 3): What that is found from, each point where the sensor saw it
+    back: FloatArray | None  # (m,): Time of each, from -1 at the beginning of the sweep to 0 at its end, if it is known
     reach: float  # Distance of the farthest of these from the sensor
     spacing: float  # Edge of the voxels of which one point each enters the map
     own: OwnPlanes  # Planes of these, as they were seen
@@ -134,27 +158,23 @@ class DownsampledFrame:
     @cached_property
     def dense(self) -> FloatArray:
         """What enters the map, (n, 3)."""
-        return self.seen if self.back is None else swept(self.seen, self.back, self.motion)
-
-    @cached_property
-    def scan_back(self) -> FloatArray | None:
-        """Time of each point of the scan, (m,)."""
-        return None if self.back is None else self.back[self.rows]
+        points, back = self.whole.result()
+        return points if self.back is None else swept(points, back, self.motion)
 
     @cached_property
     def scan(self) -> Scan:
         """What the pose is found from, without normals: the map has some."""
-        points, back = np.take(self.seen, self.rows, axis=0), self.scan_back
+        count = len(self.seen)
         return Scan(
-            points=points if back is None else swept(points, back, self.motion),
-            normals=np.zeros(points.shape),
-            levers=np.zeros(len(points)),
-            residuals=np.full(len(points), np.nan),
-            fitted=np.arange(len(points)),
+            points=self.seen if self.back is None else swept(self.seen, self.back, self.motion),
+            normals=np.zeros((count, 3)),
+            levers=np.zeros(count),
+            residuals=np.full(count, np.nan),
+            fitted=np.arange(count),
             oriented=False,
             spacing=self.spacing,
             noise=0.0,
-            total=len(self.seen),
+            total=count,
         )
 
     @cached_property
@@ -164,7 +184,7 @@ class DownsampledFrame:
         known, normals = fits.known, np.where(fits.known[:, None], fits.normals, 0.0)
         return dataclasses.replace(
             self.scan,
-            normals=normals if back is None else swept(normals, back[self.rows], self.motion, directions=True),
+            normals=normals if back is None else swept(normals, back, self.motion, directions=True),
             levers=np.where(known, fits.lever, 0.0),
             residuals=fits.residuals,
             spacing=spacing_of(fits, self.seen),
@@ -178,26 +198,37 @@ class DownsampledFrame:
 
 def downsample_frame(raw: RawFrame, lengths: Resolved) -> DownsampledFrame | None:
     """Downsample a frame."""
-    from dqreg.kernels.voxel_rows import first_of_voxels, means_of_voxels
+    from dqreg.kernels.voxel_rows import VoxelSums, first_of_voxels, one_of_voxels
 
     points, times = _in_range(raw, lengths)
     if not len(points):
         return None
-    size = (DENSE if times is None else DENSE_TIMED) * lengths.voxel_size
-    when = None if times is None else (times - times.max()) / np.ptp(times)
-    dense, back = means_of_voxels(points, when, size, TOGETHER)
-    order = morton_order(dense)
-    dense, back = np.take(dense, order, axis=0), back[order]
-    # In an order that is none: the first along the curve would be the same corner of each voxel.
-    mixed = np.arange(len(dense)) * STRIDE % len(dense)
-    chosen = np.zeros(len(dense), dtype=bool)
-    chosen[mixed[first_of_voxels(np.take(dense, mixed, axis=0), SPARSE * lengths.voxel_size)]] = True
-    rows = np.flatnonzero(chosen)
-    rows = rows[sample_rows(len(rows), MOST if when is None else MOST_TIMED)]
-    if len(rows) < 3:
+    size, apart = (DENSE if times is None else DENSE_TIMED) * lengths.voxel_size, SPARSE * lengths.voxel_size
+    if times is None:
+        dense = _in_order(*VoxelSums.of(points, None, size, TOGETHER).means())
+        # In an order that is none: the first along the curve would be the same corner of each voxel.
+        mixed = np.arange(len(dense[0])) * STRIDE % len(dense[0])
+        chosen = np.sort(mixed[first_of_voxels(np.take(dense[0], mixed, axis=0), apart)])
+        seen, back = np.take(dense[0], chosen[sample_rows(len(chosen), MOST)], axis=0), None
+        whole = Whole(lambda: dense)
+    else:
+        when = (times - times.max()) / np.ptp(times)
+        began = Later(lambda: VoxelSums.of(points, when, size, TOGETHER))
+        some = np.take(points, one_of_voxels(points, apart), axis=0)
+        rows = morton_order(some)[sample_rows(len(some), MOST_TIMED)]
+        sums = began.result()
+        seen, back = sums.means_at(np.take(some, rows, axis=0))
+        whole = Whole(lambda: _in_order(*sums.means()))
+    if len(seen) < 3:
         return None
-    reach = float(np.linalg.norm(np.take(dense, rows, axis=0), axis=1).max())
-    return DownsampledFrame(dense, None if when is None else back, rows, reach, size, OwnPlanes(dense, rows))
+    reach = float(np.linalg.norm(seen, axis=1).max())
+    return DownsampledFrame(whole, seen, back, reach, size, OwnPlanes(whole, seen))
+
+
+def _in_order(points: FloatArray, back: FloatArray) -> Timed:
+    """Points along a Morton curve, with their times."""
+    order = morton_order(points)
+    return np.take(points, order, axis=0), back[order]
 
 
 def _in_range(raw: RawFrame, lengths: Resolved) -> tuple[FloatArray, FloatArray | None]:

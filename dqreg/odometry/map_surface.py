@@ -34,7 +34,7 @@ SLOTS = 16
 # far apart, and the planes of all of them are the same.
 KEPT = 0.03
 # Queries that one thread answers in one go: of planes, of nearest points, and of planes that were asked for before.
-CHUNK, FEWER, ALONE = 512, 64, 8_192
+CHUNK, FEWER, ALONE = 256, 64, 8_192
 # Number, voxels and blocks; sums of a voxel; plane of a point: see the kernels.
 COUNTS, SUMS, PLANE = 3, (8, 10), 8
 

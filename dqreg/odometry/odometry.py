@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import time as clock
 from pathlib import Path
@@ -152,8 +151,7 @@ class Odometry(Tracker):
             If the shapes are wrong.
         """
         began = clock.perf_counter()
-        with contextlib.nullcontext() if self._map is None else self._map.growing():
-            raw = self._ahead(read_frame(points, timestamps))
+        raw = self._ahead(read_frame(points, timestamps))
         expected = Prediction.of(prediction, prediction_covariance)
         return self._registered(raw, stamp_of(points) if stamp is None else stamp, expected, began, insert=insert)
 

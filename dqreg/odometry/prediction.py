@@ -56,6 +56,10 @@ class Prediction:
         place = np.linalg.inv(self.information)[3:, 3:]
         return COVERED * float(np.sqrt(np.linalg.eigvalsh(place)[-1]))
 
+    def holds(self, limit: float) -> bool:
+        """Whether it tells the place to within a limit, by one sigma."""
+        return self.spread <= COVERED * limit
+
     def fused(self, T: FloatArray, information: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Pose and covariance of a frame with the prediction.
 

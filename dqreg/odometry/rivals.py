@@ -66,11 +66,18 @@ class Placed:
         return self.share < FREE
 
 
+def standing_in(surface: MapSurface) -> FloatArray:
+    """Some points of the map, (n, 3)."""
+    points = surface.points
+    return points[sample_rows(len(points), VIEWED)]
+
+
 def looked_at(
     place: Placed,
     search: FrameSearch,
     frame: DownsampledFrame,
     seen: Later[View],
+    standing: FloatArray,
     similar: Later[FloatArray] | None,
 ) -> Placed:
     """The same with what speaks against it: what the frame looked through, and places where it is like itself.
@@ -81,8 +88,7 @@ def looked_at(
     if not place.aligned.found:
         return place
     T, view = place.aligned.T_target_source, seen.result()
-    points = search.surface.points
-    nearer, alike = view.compared(points[sample_rows(len(points), VIEWED)], pose.inverse(T))
+    nearer, alike = view.compared(standing, pose.inverse(T))
     if nearer + alike >= FEWEST:
         place = dataclasses.replace(place, looked_through=nearer / (nearer + alike))
     if similar is None or place.rivals:
@@ -99,7 +105,7 @@ def looked_at(
 def facing(frame: DownsampledFrame, aligned: Alignment) -> Scan:
     """A frame with the normals of the planes that it met, which cost nothing; with its own where too few met any."""
     met = aligned.pairs.closest.normals
-    if len(met) != len(frame.rows) or np.count_nonzero(nonzero_rows(met)) < MET * len(met):
+    if len(met) != len(frame.seen) or np.count_nonzero(nonzero_rows(met)) < MET * len(met):
         return frame.fitted
     return dataclasses.replace(frame.scan, normals=product(met, aligned.T_target_source[:3, :3]))
 

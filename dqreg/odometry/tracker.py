@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 from collections import deque
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import FloatArray, as_pose, median
+from dqreg.icp import Alignment
 from dqreg.kernels.threads import Later
 from dqreg.odometry.align import BEFORE_SWEEP, FrameSearch
 from dqreg.odometry.assess import LOST, MapLink, first_frame, frame_result, information_of_place, without_pose
@@ -18,7 +18,7 @@ from dqreg.odometry.follow import off_at
 from dqreg.odometry.frame import DownsampledFrame, RawFrame, downsample_frame
 from dqreg.odometry.kiss import KissParts, rigid
 from dqreg.odometry.prediction import Prediction
-from dqreg.odometry.rivals import facing, looked_at, placed, similar_shifts
+from dqreg.odometry.rivals import facing, looked_at, placed, similar_shifts, standing_in
 from dqreg.odometry.self_similarity import View
 from dqreg.odometry.settings import OdometrySettings, Resolved
 from dqreg.odometry.starts import Pace, predict
@@ -77,11 +77,10 @@ class Tracker:
             # What deskews the frame: the motion that is expected, over the frames that it spans.
             step = rigid(pose.inverse(self._T_last) @ expected.T_map_frame)
             self._motion = rigid(predict(np.eye(4), step, 1.0 / max(ratio, 1.0)))
-        with contextlib.nullcontext() if self._map is None else self._map.growing():
-            frame = _downsampled(raw, lengths)
-        if frame is None or len(frame.rows) < FEWEST_POINTS:
+        frame = _downsampled(raw, lengths)
+        if frame is None or len(frame.seen) < FEWEST_POINTS:
             why = (
-                f"downsampling leaves {0 if frame is None else len(frame.rows)} of {len(raw.points)} points (within "
+                f"downsampling leaves {0 if frame is None else len(frame.seen)} of {len(raw.points)} points (within "
                 f"{lengths.max_range:.4g}, voxels of {lengths.voxel_size:.4g}); {FEWEST_POINTS} are needed"
             )
             return self._failed(why, raw, "too few points")
@@ -122,7 +121,7 @@ class Tracker:
         if off_at(frame.reach, mean - half) <= WORTHWHILE * lengths.voxel_size:
             return True
         made = VoxelMap(lengths)
-        made.insert(first.without(twist.exp(mean - half)).dense, self._T_last)
+        made.insert(lambda: first.without(twist.exp(mean - half)).dense, self._T_last)
         there = dataclasses.replace(search, surface=made.surface)
         # As few as it is compared with were placed by.
         scan = search.asked(frame.without(self._motion)).thinned(BEFORE_SWEEP)
@@ -167,7 +166,8 @@ class Tracker:
         frame = frame.without(motion)
         # Points farther off than its own can reach cannot be met.
         surface.about(self._T_last[:3, 3], frame.reach + lengths.reach)
-        search = FrameSearch(surface, lengths, self.settings, self._usual_fraction, self._anchors(rigid(T_likely)))
+        anchors, is_told = self._anchors(rigid(T_likely)), expected is not None and expected.holds(lengths.reach)
+        search = FrameSearch(surface, lengths, self.settings, self._usual_fraction, anchors, is_told)
         # With times it is deskewed once more, and seen then.
         seen = self._seen(frame, lengths) if frame.back is None else None
         deskewed = self._deskewed(search, frame, trusted=expected is not None or kiss.deviation <= lengths.voxel_size)
@@ -184,8 +184,12 @@ class Tracker:
         asked = first.aligned.found and not (timed or measured or self._is_unlike(frame, T, lengths.reach))
         # After the depth image, beside the information.
         similar = Later(lambda: similar_shifts(search, facing(frame, first.aligned))) if asked else None
+        standing, enters = standing_in(surface), self._enters(first.aligned, trusted=first.is_escaped)
+        # What is said of it changes neither its pose nor whether it enters; places that it is like ask the map.
+        if grows := insert and enters and not asked and not measured:
+            world.insert(lambda: frame.dense, rigid(T))
         information = information_of_place(first, frame.reach)
-        place = looked_at(first, search, frame, seen, similar)
+        place = looked_at(first, search, frame, seen, standing, similar)
         # For the next frame, which is taken for as dense.
         self._view = seen.result()
         found = frame_result(place, information, frame, self._usual_fraction, notes, self._words(frame), expected)
@@ -195,7 +199,7 @@ class Tracker:
             self._unlike = None if len(similar.result()) else T
         if result.verdict.level != "accepted":
             self._unlike = None
-        self._learn(kiss, world, frame, result, T_predicted, trusted=place.is_escaped, insert=insert)
+        self._learn(kiss, world, frame, result, T_predicted, enters=enters, insert=insert and not grows)
         return result
 
     def _deskewed(self, search: FrameSearch, frame: DownsampledFrame, *, trusted: bool) -> Deskewed:
@@ -224,6 +228,11 @@ class Tracker:
         before = self._view
         return Later(lambda: View.of(frame.dense, lengths.near, before))
 
+    def _enters(self, aligned: Alignment, *, trusted: bool) -> bool:
+        """Whether a frame is absorbed: one that has a pose, and fits as usual, or the last ones did not either."""
+        fits = trusted or fraction_fits(aligned.inlier_fraction, self._usual_fraction)
+        return aligned.found and aligned.inlier_fraction >= LOST and (fits or self._kept_out >= self.settings.patience)
+
     def _fits(self, result: Registration) -> bool:
         return fraction_fits(result.inlier_fraction, self._usual_fraction)
 
@@ -240,14 +249,14 @@ class Tracker:
         result: Registration,
         T_predicted: FloatArray,
         *,
-        trusted: bool,
+        enters: bool,
         insert: bool,
     ) -> None:
         if result.verdict.level == "failed":
             self._timeline.missed += 1
             return
         T = result.T_target_source
-        if not (trusted or self._fits(result)) and self._kept_out < self.settings.patience:
+        if not enters:
             # Reported, not absorbed: neither the map nor the motion learns from it.
             self._kept_out += 1
             self._timeline.missed += 1
@@ -270,7 +279,7 @@ class Tracker:
 
     def _merge(self, world: VoxelMap, frame: DownsampledFrame, *, insert: bool = True) -> None:
         if insert:
-            world.insert(frame.dense, self._T_last)
+            world.insert(lambda: frame.dense, self._T_last)
         self._kept_out, self._T_doubtful, self._first = 0, None, None
 
     def _words(self, frame: DownsampledFrame) -> dict[str, Any]:
@@ -278,7 +287,7 @@ class Tracker:
             **({} if self._lengths is None else dataclasses.asdict(self._lengths)),
             "method": self.settings.method,
             "centre": self._T_last[:3, 3].tolist(),
-            "used_points": len(frame.rows),
+            "used_points": len(frame.seen),
             "source_points": len(frame.dense),
             "source_scale": 1.0,
         }

@@ -19,8 +19,8 @@ def test_steps_on_planes_find_the_pose_among_outliers(outliers: int) -> None:
     # Normals of another face count for nothing.
     own[-50:], points[-50:] = own[:50], points[-50:] + 0.3
     distances = np.linalg.norm(points - feet, axis=1)
-    limits = np.array([2.0, 0.5, 0.5, 0.5, 1e-3, 0.5, 8.0, 0.0, 0.0])
-    step_on_planes(points, own, feet, normals, distances, limits, 60, T, weights, figures)
+    limits = np.array([2.0, 0.5, 0.5, 0.5, 1e-3, 0.5, 8.0, 0.0, 0.0, 0.0])
+    step_on_planes(points, own, feet, normals, distances, np.zeros(900), limits, 60, T, weights, figures)
     assert not weights[-50:].any()
     # Points that slide on their planes stay as far aside as they were: the kernel's width is of that size.
     assert np.linalg.norm(twist.log(T @ pose.inverse(true))) < (0.03 if outliers else 1e-6)
@@ -32,8 +32,8 @@ def test_what_nothing_holds_stays() -> None:
     feet, normals = rng.uniform(-5, 5, (400, 3)) * [1.0, 1.0, 0.0], np.tile([0.0, 0.0, 1.0], (400, 1))
     points, T = feet + np.array([0.0, 0.0, 0.1]), np.eye(4)
     distances, weights, figures = np.full(400, 0.1), np.zeros(400), np.zeros(FIGURES)
-    limits = np.array([2.0, 0.5, 0.5, 0.5, 1e-3, 0.5, 5.0, 0.0, 0.0])
-    step_on_planes(points, normals, feet, normals, distances, limits, 10, T, weights, figures)
+    limits = np.array([2.0, 0.5, 0.5, 0.5, 1e-3, 0.5, 5.0, 0.0, 0.0, 0.0])
+    step_on_planes(points, normals, feet, normals, distances, np.zeros(400), limits, 10, T, weights, figures)
     np.testing.assert_allclose(T[:3, 3], [0.0, 0.0, -0.1], atol=1e-6)
 
 
@@ -47,10 +47,32 @@ def test_points_without_a_plane_may_say_nothing(silent: float) -> None:
         [np.zeros((400, 2)), np.where(np.arange(400) % 2, 0.01, 0.2) * rng.normal(size=400)]
     )
     T, weights, figures = np.eye(4), np.zeros(400), np.zeros(FIGURES)
-    limits = np.array([1.0, 0.5, 0.1, 0.9, 1e-3, 0.5, 5.0, 0.0, silent])
-    step_on_planes(points, np.zeros((400, 3)), feet, normals, np.zeros(400), limits, 20, T, weights, figures)
+    limits = np.array([1.0, 0.5, 0.1, 0.9, 1e-3, 0.5, 5.0, 0.0, silent, 0.0])
+    none = np.zeros(400)
+    step_on_planes(points, np.zeros((400, 3)), feet, normals, none, none, limits, 20, T, weights, figures)
     if silent:
         assert 0.005 < figures[0] < 0.015
         np.testing.assert_allclose(weights[::2], weights[1::2].mean(), rtol=0.02)
     else:
         assert figures[0] > 0.05
+
+
+@pytest.mark.parametrize("free", [[0], [1], [2], [0, 2], [1, 2]])
+@pytest.mark.parametrize("facing", [0, 60])
+def test_what_the_noise_of_the_normals_alone_holds_stays(free: list[int], facing: int) -> None:
+    # Truth: a shift along all axes, of which the planes face some; a few points more that face the others tell it.
+    rng, turn = np.random.default_rng(facing), twist.exp(np.array([0.3, -0.2, 0.5, 0.0, 0.0, 0.0]))[:3, :3]
+    held = [axis for axis in range(3) if axis not in free]
+    towards = np.array(held)[np.arange(1200) % len(held)]
+    towards[:facing] = np.array(free)[np.arange(facing) % len(free)]
+    normals = np.eye(3)[towards] + 0.03 * rng.normal(size=(1200, 3))
+    normals = normals / np.linalg.norm(normals, axis=1, keepdims=True) @ turn.T
+    feet, shift = rng.uniform(-5, 5, (1200, 3)), 0.05 * turn.sum(axis=1)
+    heights = 0.01 * rng.normal(size=(1200, 1)) * normals
+    T, figures, variances = np.eye(4), np.zeros(FIGURES), np.full(1200, 2.0 * 0.03**2)
+    limits = np.array([2.0, 0.5, 0.3, 0.9, 1e-3, 0.5, 5.0, 0.0, 0.0, 1.5])
+    none, planes = np.zeros((1200, 3)), (feet, normals, np.zeros(1200), variances)
+    step_on_planes(feet - shift + heights, none, *planes, limits, 200, T, np.zeros(1200), figures)
+    found = turn.T @ T[:3, 3]
+    np.testing.assert_allclose(found[held], 0.05, atol=5e-3)
+    np.testing.assert_allclose(found[free], 0.05 if facing else 0.0, atol=0.01 if facing else 1e-3)

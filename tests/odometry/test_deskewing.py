@@ -13,7 +13,7 @@ from dqreg.icp.correspondences import Correspondences
 from dqreg.icp.history import Iteration
 from dqreg.odometry import Odometry, deskew
 from dqreg.odometry.deskewing import fits_no_worse, sweep_steps
-from dqreg.odometry.frame import DownsampledFrame, OwnPlanes
+from dqreg.odometry.frame import DownsampledFrame, OwnPlanes, Whole
 from dqreg.odometry.sweep import swept
 from dqreg.rigid import Trajectory, pose, twist
 
@@ -83,7 +83,8 @@ def test_what_was_seen_early_and_late_tells_the_motion():
     one = np.ones(4000)
     scan = Scan(points, normals @ T[:3, :3], one, 0.01 * one, False, 0.1, 0.01, 4000)
     pairs = Correspondences(scan, T, Closest(places, normals, one, np.arange(4000)), same_sign=False)
-    frame = DownsampledFrame(points, back, np.arange(4000), 14.0, 0.1, OwnPlanes(points, np.arange(4000)))
+    whole = Whole(lambda: (points, back))
+    frame = DownsampledFrame(whole, points, back, 14.0, 0.1, OwnPlanes(whole, points))
     aligned = Alignment(T, "converged", (), pairs, one, mixture=InlierMixture(0.1, 0.9, 1.0))
     found = sweep_steps(frame, aligned)
     # What a third of the points tells is believed to three quarters: the rest is left to the next round.

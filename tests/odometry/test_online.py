@@ -47,6 +47,24 @@ def test_a_corridor_is_followed_with_wheels_and_told_without():
     assert deviations[1:].max() < 0.01
 
 
+@pytest.mark.parametrize("seed", [3, 6, 9, 15, 19])
+def test_a_frame_comes_to_rest_along_a_corridor(seed):
+    # Truth: the noise of the map's normals tells nothing of x, where a frame would slide for ever; wheels do.
+    sigma = np.diag([1e-3, 1e-3, 1e-3, 0.02, 0.02, 0.02]) ** 2
+    for wheels in (False, True):
+        rng, odometry = np.random.default_rng(seed), Odometry()
+        for step in range(4):
+            T = pose.from_parts(np.eye(3), [0.3 * step, 0.0, 0.0])
+            options = {"prediction": T, "prediction_covariance": sigma} if wheels and step else {}
+            result = odometry.register_frame(corridor(0.3 * step, rng), **options)
+            assert not step or result.status == "converged"
+            assert ("unconstrained" in result.verdict.codes) == (not wheels and step > 0)
+            assert (result.verdict.level == "accepted") == (wheels or step == 0)
+            if step and wheels:
+                # Before both are weighed: the frame itself has not slid.
+                assert abs(result.history[-1].T_target_source[0, 3] - 0.3 * step) < 5e-3
+
+
 def test_a_prediction_and_a_pose_are_weighed_as_two_gaussians():
     # By hand: one dimension, information 4 at 0 and 1 at 1 give 0.2 with variance 1/5.
     T = pose.from_parts(np.eye(3), [5.0, 0.0, 0.0])

@@ -1,5 +1,13 @@
 from __future__ import annotations
 
+import functools
+import gc
+import os
+import pickle
+import threading
+import time
+import weakref
+
 import numpy as np
 import pytest
 
@@ -26,7 +34,7 @@ def test_it_takes_the_points_that_the_map_of_kiss_icp_takes(most: int) -> None:
         T = pose.exp(np.array([0.0, 0.0, 0.1 * step, 0.4 * step, 0.0, 0.0]))
         points = rng.uniform(-6, 6, (3_000, 3)) * [1.0, 1.0, 0.2]
         points[:100] = points[100:200]
-        ours.insert(points, T)
+        ours.insert(functools.partial(np.copy, points), T)
         theirs.update(points, T)
         assert rows(ours.points) == rows(theirs.point_cloud())
         # The surface is that of these points.
@@ -39,14 +47,14 @@ def test_a_map_that_is_saved_and_taken_anew_is_the_same() -> None:
     rng, given = np.random.default_rng(0), lengths(1e3)
     first = VoxelMap(given)
     for _ in range(3):
-        first.insert(rng.uniform(-4, 4, (2_000, 3)), np.eye(4))
+        first.insert(lambda: rng.uniform(-4, 4, (2_000, 3)), np.eye(4))
     np.testing.assert_array_equal(VoxelMap(given, first.points).points, first.points)
 
 
 def test_room_does_not_follow_the_largest_number_of_a_voxel() -> None:
     points = np.random.default_rng(0).uniform(-1, 1, (1_000, 3))
     ours = VoxelMap(lengths(1e3, most=10**12))
-    ours.insert(points, np.eye(4))
+    ours.insert(lambda: points, np.eye(4))
     np.testing.assert_array_equal(ours.points, points)
 
 
@@ -55,7 +63,57 @@ def test_it_forgets_what_is_out_of_range() -> None:
     ours = VoxelMap(given)
     for step in range(60):
         T = pose.exp(np.array([0.0, 0.0, 0.0, 0.5 * step, 0.0, 0.0]))
-        ours.insert(rng.uniform(-5, 5, (2_000, 3)), T)
+        ours.insert(lambda: rng.uniform(-5, 5, (2_000, 3)), T)
         far = np.linalg.norm(ours.points - T[:3, 3], axis=1) > given.max_range + 2.0 * given.voxel_size
         assert np.mean(far) < 2.0 * FAR
     assert not (ours.points[:, 0] < 10.0).any()
+
+
+begun = threading.Event()
+
+
+def slow_points() -> np.ndarray:
+    begun.set()
+    time.sleep(0.2)
+    return np.random.default_rng(1).uniform(-4, 4, (2_000, 3))
+
+
+def test_a_copy_of_a_map_that_grows_holds_all_of_it() -> None:
+    ours = VoxelMap(lengths(1e3))
+    ours.insert(slow_points, np.eye(4))
+    taken = pickle.loads(pickle.dumps(ours))
+    assert len(taken.points) > 1_000
+    np.testing.assert_array_equal(taken.points, ours.points)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
+def test_a_fork_waits_for_a_map_that_grows() -> None:
+    ours = VoxelMap(lengths(1e3))
+    begun.clear()
+    ours.insert(slow_points, np.eye(4))
+    assert begun.wait(10.0)
+    # In another process no thread goes on with it.
+    child = os.fork()
+    if child == 0:
+        os._exit(0 if len(ours.points) > 1_000 else 1)
+    deadline = time.monotonic() + 20.0
+    while (done := os.waitpid(child, os.WNOHANG)) == (0, 0) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    if done == (0, 0):
+        os.kill(child, 9)
+        os.waitpid(child, 0)
+    assert done == (child, 0)
+
+
+def test_a_map_that_grew_is_freed_at_once() -> None:
+    ours = VoxelMap(lengths(1e3))
+    ours.insert(slow_points, np.eye(4))
+    assert ours._added is not None
+    ours._added.result()
+    known = weakref.ref(ours)
+    gc.disable()
+    try:
+        del ours
+        assert known() is None
+    finally:
+        gc.enable()
