@@ -8,6 +8,10 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Iterable
     from types import ModuleType
+    from typing import Any, Final, Self
+
+# No value was given: None is one.
+NOTHING: Final = object()
 
 
 class DqregError(Exception):
@@ -16,6 +20,28 @@ class DqregError(Exception):
 
 class InputError(DqregError, ValueError):
     """An argument or a file does not hold what the call needs."""
+
+    # Of one argument that is at fault: what is wrong with it, its name, which of its items, what it was, in which unit.
+    message: str = ""
+    name: str | None = None
+    index: int | None = None
+    given: object = NOTHING
+    unit: str = ""
+
+    @classmethod
+    def of(
+        cls, message: str, *, name: str, index: int | None = None, given: object = NOTHING, unit: str = ""
+    ) -> Self:
+        """The error of one argument: its name, what is wrong with it, and what it was."""
+        at = f"[{index}]" if index is not None else ""
+        end = "" if given is NOTHING else f"; got {given!r:.80}" + (f" {unit}" if unit else "")
+        found = cls(f"{name}{at} {message}{end}")
+        found.message, found.name, found.index, found.given, found.unit = message, name, index, given, unit
+        return found
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Another process gets the words: what was given may be of any size and kind.
+        return type(self), self.args
 
 
 class UnitsError(InputError):
