@@ -72,11 +72,17 @@ def test_a_row_opens_its_own_files_and_no_others(batch):
 def test_a_row_opens_with_the_plan_of_the_batch(batch):
     many, plan = Many(batch / "out"), batch / "plan.toml"
     plan.write_text('tolerance = 0.2\nrequired = 99\n[head]\npart = "p"\n[[face]]\nface = 2\ntolerance = 0.1\n')
-    asked = {"plan": mark_of(plan), "tolerance": None, "required_share": 0.9, "report": False, "head": {"serial": "7"}}
+    asked = {
+        "plan": mark_of(plan),
+        "tolerance": None,
+        "required_share": 0.9,
+        "report": False,
+        "head": {"serial": "7", "order": "A-12"},
+    }
     write(batch, "one", inspection=asked)
     visit = many.visit("one")
     assert (visit.tolerance, visit.required, visit.faces) == (0.2, 90.0, (FaceTolerance(2, 0.1),))
-    assert visit.head == (("part", "p"), ("serial", "7"))
+    assert visit.head == (("part", "p"), ("serial", "7"), ("order", "A-12"))
     # The tolerance of the command wins over the plan's.
     write(batch, "one", inspection=asked | {"tolerance": 0.5})
     assert many.visit("one").tolerance == 0.5
