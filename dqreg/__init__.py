@@ -13,12 +13,13 @@ from __future__ import annotations
 
 import importlib
 
+from dqreg import errors
+
 # Every type checker takes this name for true; `typing` itself is a third of what this file costs.
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from dqreg import compare as compare
     from dqreg import compat as compat
-    from dqreg import errors as errors
     from dqreg import files as files
     from dqreg import geometry as geometry
     from dqreg import inspection as inspection
@@ -108,6 +109,13 @@ _HOMES = {
     "solve": "dqreg.solvers",
     "solve_many": "dqreg.solvers",
 }
+# Old places of public names, which still have them, with a warning: the room where each was, and where it lives now.
+_MOVED = {
+    "dqreg.trust": dict.fromkeys(
+        ("Band", "Bands", "Deviations", "Place", "Summary", "colours_of", "measure_deviations", "why_unsigned"),
+        "dqreg.inspection",
+    )
+}
 
 
 if not TYPE_CHECKING:
@@ -120,6 +128,18 @@ if not TYPE_CHECKING:
         found = getattr(importlib.import_module(_HOMES[name]), name)
         globals()[name] = found
         return found
+
+
+def _moved(room: str, name: str) -> object:
+    from dqreg._arrays import warn_of_old_name
+
+    home = _MOVED[room][name]
+    warn_of_old_name(f"{room}.{name}", f"{home}.{name}")
+    return getattr(importlib.import_module(home), name)
+
+
+# No room looks upward: they are handed what finds their old names.
+errors.MOVED.update({(room, name): _moved for room, names in _MOVED.items() for name in names})
 
 
 def __dir__() -> list[str]:

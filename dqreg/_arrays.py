@@ -133,7 +133,9 @@ def as_float(value: Any, name: str) -> FloatArray:
         with np.errstate(invalid="ignore", over="ignore"):
             return np.ascontiguousarray(array, dtype=np.float64).reshape(array.shape)
     except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"{name} must be an array of real numbers; got {type(value).__name__} ({error})") from error
+        raise InputError.of(
+            f"must be an array of real numbers; got {type(value).__name__} ({error})", name=name
+        ) from error
 
 
 def as_vectors(value: Any, name: str, *, finite: bool = True) -> FloatArray:
@@ -147,7 +149,8 @@ def as_vectors(value: Any, name: str, *, finite: bool = True) -> FloatArray:
             remedy = "; where the first three columns are x, y, z, pass array[:, :3]"
         elif array.ndim == 3 and array.shape[2] == 3:
             remedy = "; an image of points goes in as array.reshape(-1, 3)"
-        raise InputError(f"{name} must have shape (n, 3), one x, y, z row per item; got shape {array.shape}{remedy}")
+        wanted = f"must have shape (n, 3), one x, y, z row per item; got shape {array.shape}{remedy}"
+        raise InputError.of(wanted, name=name)
     if finite:
         require_finite(array, name)
     return array
@@ -250,7 +253,7 @@ def require_finite(array: FloatArray, name: str) -> None:
     bad = ~np.isfinite(array)
     if bad.any():
         first = tuple(int(i) for i in np.argwhere(bad)[0])
-        raise InputError(f"{name} holds {int(bad.sum())} numbers that are NaN or infinite, the first at {first}")
+        raise InputError.of(f"holds {int(bad.sum())} numbers that are NaN or infinite, the first at {first}", name=name)
 
 
 def require_workable(points: FloatArray, name: str) -> tuple[FloatArray, FloatArray]:
@@ -270,13 +273,16 @@ def require_workable_ends(low: FloatArray, high: FloatArray, name: str) -> None:
     """The same, where the lowest and highest coordinates, (3,), are known."""
     far = float(max(-low.min(), high.max()))
     if far > LARGEST:
-        raise InputError(
-            f"{name} hold coordinates up to {far:.3g}, and lengths beyond {LARGEST:g} cannot be worked with; remove "
-            "those rows (is it a mark for a missing measurement?), or use a larger unit"
+        raise InputError.of(
+            f"hold coordinates up to {far:.3g}, and lengths beyond {LARGEST:g} cannot be worked with; remove "
+            "those rows (is it a mark for a missing measurement?), or use a larger unit",
+            name=name,
         )
     extent = float((high - low).max())
     if 0.0 < extent < 1.0 / LARGEST:
-        raise InputError(f"{name} differ by {extent:.3g} at most, too little to work with; give them in a finer unit")
+        raise InputError.of(
+            f"differ by {extent:.3g} at most, too little to work with; give them in a finer unit", name=name
+        )
 
 
 def renamed(old: str, old_value: Any, new: str, new_value: Any, default: Any) -> Any:

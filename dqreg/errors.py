@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 import importlib
-from typing import TYPE_CHECKING
 
+# Every type checker takes this name for true; the root imports this file, and `typing` would be most of what it costs.
+TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
     from types import ModuleType
+    from typing import Any, Final, Self
+
+# No value was given: None is one.
+NOTHING: Final = object()
+# (room, name): what finds a public name that lives in a room above now; the root of the package fills it.
+MOVED: dict[tuple[str, str], Callable[[str, str], object]] = {}
 
 
 class DqregError(Exception):
@@ -16,6 +23,26 @@ class DqregError(Exception):
 
 class InputError(DqregError, ValueError):
     """An argument or a file does not hold what the call needs."""
+
+    # Of one argument that is at fault: what is wrong with it, its name, which of its items, what it was, in which unit.
+    message: str = ""
+    name: str | None = None
+    index: int | None = None
+    given: object = NOTHING
+    unit: str = ""
+
+    @classmethod
+    def of(cls, message: str, *, name: str, index: int | None = None, given: object = NOTHING, unit: str = "") -> Self:
+        """The error of one argument: its name, what is wrong with it, and what it was."""
+        at = f"[{index}]" if index is not None else ""
+        end = "" if given is NOTHING else f"; got {given!r:.80}" + (f" {unit}" if unit else "")
+        found = cls(f"{name}{at} {message}{end}")
+        found.message, found.name, found.index, found.given, found.unit = message, name, index, given, unit
+        return found
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Another process gets the words: what was given may be of any size and kind.
+        return type(self), self.args
 
 
 class UnitsError(InputError):
@@ -42,6 +69,13 @@ def load_package(module: str, distribution: str, user: str = "this engine") -> M
         else:
             message = f"{distribution} cannot load: {error}; run: pip install --force-reinstall {distribution}"
         raise MissingDependencyError(message) from error
+
+
+def moved_name(room: str, name: str) -> object:
+    """What a room was asked for that is not there: a name that has moved; else it is an `AttributeError`."""
+    if (room, name) not in MOVED:
+        raise AttributeError(f"module {room!r} has no attribute {name!r}")
+    return MOVED[room, name](room, name)
 
 
 def did_you_mean(word: str, known: Iterable[str], prefix: str = "") -> str:

@@ -76,6 +76,7 @@ def faults_of(name: str) -> list[str]:
     return [f"{code} {words}" for code, words in errors]
 
 
+@pytest.mark.filterwarnings("ignore:dqreg.trust:DeprecationWarning")
 def test_public_names_are_documented_in_full() -> None:
     faults = {name: faults for name in NAMES if (faults := faults_of(name))}
     assert faults == {}
@@ -105,6 +106,7 @@ def public_definitions() -> set[tuple[str, str]]:
     return places
 
 
+@pytest.mark.filterwarnings("ignore:dqreg.trust:DeprecationWarning")
 def test_everything_else_says_what_it_is_without_tables() -> None:
     public = public_definitions()
     tabled = []

@@ -18,8 +18,8 @@ from dqreg._open3d import load_open3d
 from dqreg.errors import MissingDependencyError, printable
 
 LEAST_PYTHON = (3, 11)
-# Extras of those who work on dqreg itself.
-OWN_EXTRAS = ("test", "fuzz", "docs", "lint", "dev")
+# Extras of those who work on dqreg itself, and the one of all others: what is recommended is the least that brings it.
+UNNAMED_EXTRAS = ("test", "fuzz", "docs", "lint", "dev", "all")
 # Both unpack into the same folder; what loads is looked at, not what is installed.
 OPEN3D = ("open3d", "open3d-cpu")
 # Wheels of Open3D 0.20, as its own metadata names them.
@@ -59,7 +59,7 @@ def requirements() -> list[tuple[Requirement, str]]:
     """What the package's own metadata asks for on this machine, each with the first extra that brings it."""
     found: dict[str, tuple[Requirement, str]] = {}
     for each in map(Requirement, _metadata()):
-        extras = [extra for extra in _extras(each) if extra not in OWN_EXTRAS]
+        extras = [extra for extra in _extras(each) if extra not in UNNAMED_EXTRAS]
         if each.name == "dqreg" or (_extras(each) and not extras):
             continue
         if each.marker is None or each.marker.evaluate({"extra": extras[0] if extras else ""}):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -120,13 +119,11 @@ def tell_deviations(
         return None
     from dqreg.registration.inspected import deviations_within
 
-    with warnings.catch_warnings(), console.status("measuring deviations") as status:
+    with console.status("measuring deviations") as status:
 
         def show(done: int, total: int) -> None:
             status.update(f"measuring deviations: {done:,} of {total:,} points")
 
-        # Why there are no signs stands in the first line.
-        warnings.simplefilter("ignore", UserWarning)
         deviations = deviations_within(result, tolerance, progress=show, **options)
     for name, text in deviation_lines(deviations):
         say(console, f"{name:>10}  {text}")

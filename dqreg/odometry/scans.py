@@ -6,7 +6,6 @@ import contextlib
 import dataclasses
 import io
 import re
-import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -115,8 +114,10 @@ def _from_bag(path: Path, topic: str | None) -> Scans:
 
 def _read_times(file: Path) -> FloatArray:
     try:
-        readable = require_readable(file)
-        times = np.loadtxt(readable, ndmin=1, dtype=np.float64).reshape(-1)
+        lines = require_readable(file).read_text(encoding="utf-8").splitlines()
+        if not any(line.partition("#")[0].strip() for line in lines):
+            raise unreadable(file, "no times", "one finite number a line")
+        times = np.loadtxt(lines, ndmin=1, dtype=np.float64).reshape(-1)
     except InputError:
         raise
     except (OSError, ValueError) as error:
@@ -192,8 +193,7 @@ def _from_loader(path: Path, loader: str, sequence: str | None) -> Scans:
         raise InputError(f"unknown data loader {loader!r}; KISS-ICP has {', '.join(known)}")
     try:
         # The loaders talk to the screen, and some leave the program where a package is missing.
-        with contextlib.redirect_stdout(io.StringIO()) as said, warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # a loader that is not asked for has a bad escape in its source
+        with contextlib.redirect_stdout(io.StringIO()) as said:
             data = datasets.dataset_factory(loader, data_dir=path, sequence=sequence, meta=None, topic=None)
     except (Exception, SystemExit) as error:
         words = " ".join([*str(said.getvalue()).split(), str(error)]).strip()

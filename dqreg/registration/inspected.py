@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import warnings
 from collections.abc import Sequence
 from typing import Any, get_args
 
@@ -56,10 +55,7 @@ def inspect_registration(
 ) -> Inspected:
     """Measure a registered scan by a plan, against a tolerance (it wins over the plan's), or both."""
     allowed = None if tolerance is None else tolerance_of(tolerance)
-    with warnings.catch_warnings():
-        # Why there are no signs stands in the deviations.
-        warnings.simplefilter("ignore", UserWarning)
-        deviations = deviations_within(result, allowed, reach=reach, keep=keep, exclude=exclude)
+    deviations = deviations_within(result, allowed, reach=reach, keep=keep, exclude=exclude)
     if plan is None:
         decision = None if allowed is None else decide(deviations, allowed, required_share or REQUIRED_SHARE)
         return Inspected(result, deviations, None, decision)
@@ -70,8 +66,8 @@ def inspect_registration(
 
 
 def deviations_within(result: Registration, tolerance: Tolerance | None, **options: Any) -> Deviations:
-    """Deviations with the tolerance that they are held against."""
-    found = result.deviations(None if tolerance is None else tolerance.size, **options)
+    """Deviations with the tolerance that they are held against; why there are no signs stands in them."""
+    found = result._deviations(None if tolerance is None else tolerance.size, **options)
     if tolerance is None or tolerance.equal:
         return found
     limits = limits_at(np.zeros(len(found), dtype=np.int64), tolerance, {})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -177,11 +178,20 @@ class Registration(UncertainPose, ShownResult):
         >>> len(found), found.signed, found.summary().share_within
         (100000, True, 1.0)
         """
-        found, sides = self._found(), self.inputs
-        options = {"tolerance": tolerance, "exclude": exclude, "progress": progress}
+        found = self._deviations(tolerance, reach=reach, keep=keep, exclude=exclude, progress=progress)
+        if not found.signed:
+            warnings.warn(found.reason, UserWarning, stacklevel=2)
+        return found
+
+    def _deviations(
+        self, tolerance: float | None = None, *, reach: float | None = None, keep: bool = False, **options: Any
+    ) -> Deviations:
+        """`deviations` for those who show themselves why there are no signs: it does not warn."""
         # What inspects a part takes a tenth of the first registration to import, and few ask for it.
         from dqreg.registration.scan_deviations import scan_deviations
 
+        found, sides = self._found(), self.inputs
+        options = {"tolerance": tolerance, **options}
         return scan_deviations(sides, found, self.covariance, self.settings, reach=reach, keep=keep, **options)
 
     def aligned(self, alignment: Alignment, name: str = "alignment") -> Registration:

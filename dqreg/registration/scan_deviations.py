@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import Any
 
 import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
-from dqreg.inspection import Deviations, measure_deviations, why_unsigned
+from dqreg.inspection import Deviations, measure_deviations
 from dqreg.registration.evidence import NEAR
 from dqreg.registration.problem import SourceAndTarget
 
@@ -31,9 +30,6 @@ def scan_deviations(
             "call result.attached(source, target).deviations()"
         )
     target = inputs.target
-    unsigned = why_unsigned(target.geometry)
-    if unsigned:
-        warnings.warn(unsigned, UserWarning, stacklevel=3)
     return measure_deviations(
         inputs.placed(T_target_source),
         target.geometry,

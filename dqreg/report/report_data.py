@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import warnings
 from typing import Any
 
 import numpy as np
@@ -92,7 +91,7 @@ def collect(
     if decision is not None:
         tolerance = decision.tolerance
     if found and deviations is None:
-        deviations = _quiet_deviations(result, tolerance, reach)
+        deviations = result._deviations(tolerance, reach=reach)
     regions: tuple[Region, ...] = ()
     how, view = "", "iso"
     if deviations is not None:
@@ -158,13 +157,6 @@ def _before(result: RegistrationResult, T_start: ArrayLike | None) -> tuple[Floa
 # The scale of the colours reaches that share of the points on the part, at least the first and at most the second
 # number of widths of the inliers: much clutter near the part must not wash out its colours.
 SHOWN, LEAST, MOST = 0.98, 3.0, 12.0
-
-
-def _quiet_deviations(result: RegistrationResult, tolerance: float | None, reach: float | None = None) -> Deviations:
-    """Deviations of a result; that they have no sign is said on the page, not as a warning."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)
-        return result.deviations(tolerance, reach=reach)
 
 
 def _scale_of(deviations: Deviations, result: RegistrationResult) -> Scale:

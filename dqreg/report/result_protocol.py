@@ -117,5 +117,5 @@ class RegistrationResult(Protocol):
     def scale_sigma(self) -> float:
         """Its standard deviation."""
 
-    def deviations(self, tolerance: float | None = None, *, reach: float | None = None) -> Deviations:
-        """Signed distances of the scan from the target."""
+    def _deviations(self, tolerance: float | None = None, *, reach: float | None = None) -> Deviations:
+        """Signed distances of the scan from the target; where they have no sign, the record says so, no warning."""

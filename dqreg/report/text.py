@@ -14,6 +14,8 @@ from dqreg.rigid import DualQuaternion, quaternion
 # Settings that are lengths in the target's unit.
 LENGTHS = frozenset({"max_distance", "width", "source_noise", "source_spacing", "diagonal", "centre", "near", "reach"})
 
+# Rounding of a quaternion, with room to spare: two Euler axes that are no farther apart fall together.
+ALIKE = 1e-12
 # Numbers below this are written without a power of ten.
 PLAIN = 1e7
 
@@ -198,7 +200,7 @@ def pose_forms(T_target_source: FloatArray, unit: str) -> list[PoseForm]:
                  f"rotation {_short(np.rad2deg(screw.angle_rad))}\ntranslation {_short(screw.distance)}"),
         PoseForm("Rotation vector", f"axis times angle [radians], then translation x y z [{unit}]",
                  f"{_row(vector)}\n{_row(T[:3, 3])}"),
-        _euler(T, _fixed_axes(T), "Euler angles, fixed axes", "rx ry rz in degrees: rotation by rx about the "
+        _euler(T, _fixed_axes(q), "Euler angles, fixed axes", "rx ry rz in degrees: rotation by rx about the "
                "target's fixed x, then by ry about fixed y, then by rz about fixed z; R = Rz(rz) Ry(ry) Rx(rx) "
                "(roll, pitch, yaw)", unit),
         _euler(T, _moving_axes(q), "Euler angles, moving axes", "a b c in degrees: rotation by a about z, then "
@@ -206,16 +208,19 @@ def pose_forms(T_target_source: FloatArray, unit: str) -> list[PoseForm]:
     ]  # fmt: skip
 
 
-def _fixed_axes(T: FloatArray) -> FloatArray:
-    import warnings
-
-    from scipy.spatial.transform import Rotation
-
-    with warnings.catch_warnings():
-        # Two of the axes fall together: any split of the rotation between them is right, and SciPy says which it took.
-        warnings.simplefilter("ignore")
-        angles: FloatArray = Rotation.from_matrix(T[:3, :3]).as_euler("xyz", degrees=True)
-    return angles
+def _fixed_axes(q: FloatArray) -> FloatArray:
+    # As below, of the quaternion after a quarter-turn about y: rotations about x and z alone are left.
+    w, x, y, z = q
+    up, down = np.array([w - y, x + z]), np.array([w + y, z - x])
+    half_sum, half_difference = np.arctan2(up[1], up[0]), np.arctan2(down[1], down[0])
+    b = 2.0 * np.arctan2(np.hypot(*down), np.hypot(*up)) - 0.5 * np.pi
+    # Two of the axes fall together: any split of the rotation between them is right, and all of it goes to the first.
+    if np.hypot(*up) < ALIKE:
+        half_sum = -half_difference
+    elif np.hypot(*down) < ALIKE:
+        half_difference = -half_sum
+    a, c = half_sum - half_difference, half_sum + half_difference
+    return np.rad2deg([_within_a_half_turn(a), b, _within_a_half_turn(c)])
 
 
 def _moving_axes(q: FloatArray) -> FloatArray:
@@ -225,7 +230,11 @@ def _moving_axes(q: FloatArray) -> FloatArray:
     half_sum, half_difference = np.arctan2(z, w), np.arctan2(-x, y)
     b = 2.0 * np.arctan2(np.hypot(x, y), np.hypot(w, z))
     a, c = half_sum + half_difference, half_sum - half_difference
-    return np.rad2deg([(a + np.pi) % (2.0 * np.pi) - np.pi, b, (c + np.pi) % (2.0 * np.pi) - np.pi])
+    return np.rad2deg([_within_a_half_turn(a), b, _within_a_half_turn(c)])
+
+
+def _within_a_half_turn(angle: float) -> float:
+    return angle - 2.0 * np.pi * round(angle / (2.0 * np.pi))
 
 
 def _euler(T: FloatArray, angles: FloatArray, name: str, convention: str, unit: str) -> PoseForm:

@@ -9,8 +9,8 @@ import tomllib
 from typing import Any
 
 from dqreg.errors import InputError
-from dqreg.inspection.plan.file import plan_of
-from dqreg.studio.visit import HEAD, FaceTolerance, PlaneCut, Reference, Visit
+from dqreg.inspection.plan.file import HEAD, plan_of
+from dqreg.studio.visit import FaceTolerance, PlaneCut, Reference, Visit
 
 LETTERS = "ABC"
 NAMES = {"faces": "chosen faces", "points": "reference points"}

@@ -13,6 +13,7 @@ import numpy as np
 from dqreg.errors import InputError
 from dqreg.files.atomic import write_atomically
 from dqreg.files.strict_json import plain, record_from
+from dqreg.inspection.plan.file import HEAD
 
 Vector = tuple[float, float, float]
 Matrix = tuple[tuple[float, ...], ...]
@@ -27,7 +28,6 @@ PROGRESS = "progress.jsonl"
 # Largest numbers of each, so that a visit stays small.
 MOST_CUTS, MOST_PAIRS, MOST_CORNERS, MOST_WORDS = 100, 200, 2_000, 400
 UNITS = ("mm", "cm", "m", "inch", "ft")
-HEAD = ("part", "drawing", "serial", "operator", "device", "note")
 
 
 @dataclasses.dataclass(frozen=True)

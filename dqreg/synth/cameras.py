@@ -39,12 +39,10 @@ def check_views(views: object, stand_off: object) -> FloatArray:
     directions = as_vectors(views, "views")
     require_workable(np.vstack([directions, np.zeros(3)]), "views")
     if not len(directions) or not np.linalg.norm(directions, axis=1).all():
-        raise InputError(f"views must be one or more directions that are not zero; got {views!r}")
+        raise InputError.of("must be one or more directions that are not zero", name="views", given=views)
     if not is_within(stand_off, 0.5, 1e6):
-        raise InputError(
-            "stand_off must be above 0.5 diagonals, or the sensor is in the part, and below a million; "
-            f"got {stand_off!r}"
-        )
+        wanted = "must be above 0.5 diagonals, or the sensor is in the part, and below a million"
+        raise InputError.of(wanted, name="stand_off", given=stand_off)
     return directions
 
 
@@ -53,12 +51,12 @@ def require_rays(views: int, **counts: object) -> None:
     total = views
     for name, count in counts.items():
         if isinstance(count, bool) or not isinstance(count, int) or count < 1:
-            raise InputError(f"{name} must be a whole number above 0; got {count!r}")
+            raise InputError.of("must be a whole number above 0", name=name, given=count)
         total *= count
     if total > MOST_RAYS:
         name, count = next(iter(counts.items()))
         rays = f"{min(total, 10**300):.3g} rays in all {views} views"  # a number of any size
-        raise InputError(f"{name} is too large: {count!r:.40} makes {rays}; at most {MOST_RAYS:.3g}")
+        raise InputError.of(f"is too large: {count!r:.40} makes {rays}; at most {MOST_RAYS:.3g}", name=name)
 
 
 def unit(vectors: FloatArray) -> FloatArray:
@@ -160,8 +158,8 @@ class Scanner(Stands):
         views = check_views(self.views, self.stand_off)
         require_rays(len(views), pixels=self.pixels, pixels_again=self.pixels)
         if self.field_of_view_rad is not None and not is_within(self.field_of_view_rad, 0.0, np.pi):
-            raise InputError(
-                f"field_of_view_rad must lie between 0 and a half-turn; got {self.field_of_view_rad!r} rad"
+            raise InputError.of(
+                "must lie between 0 and a half-turn", name="field_of_view_rad", given=self.field_of_view_rad, unit="rad"
             )
 
     @property

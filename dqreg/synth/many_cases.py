@@ -65,8 +65,9 @@ class Street:
     def __post_init__(self) -> None:
         _require_between(self, frames=(2, 500), step=(0.0, 5.0), noise=(0.0, 1.0), rings=(4, 500))
         if self.frames * self.step > LONGEST:
-            raise InputError(
-                f"frames x step is the way along the street, at most {LONGEST:g}; got {self.frames * self.step:g}"
+            raise InputError.of(
+                f"x step is the way along the street, at most {LONGEST:g}; got {self.frames * self.step:g}",
+                name="frames",
             )
 
 
@@ -142,4 +143,4 @@ def _require_between(table: object, **limits: tuple[float, float]) -> None:
         value = getattr(table, name)
         kinds, kind = ((int,), "a whole number") if isinstance(low, int) else ((int, float), "a number")
         if isinstance(value, bool) or not isinstance(value, kinds) or not low <= value <= high:
-            raise InputError(f"{name} must be {kind} from {low} to {high}; got {value!r:.60}")
+            raise InputError.of(f"must be {kind} from {low} to {high}", name=name, given=value)

@@ -46,11 +46,13 @@ class Motion:
         for name, most, what in (("turn_rad", np.pi, "a half-turn"), ("shift", 10.0, "10 diagonals")):
             value = as_float(getattr(self, name), name)
             if value.shape != (3,) or not np.linalg.norm(value) <= most:
-                raise InputError(f"{name} must be three numbers, together at most {what}; got {getattr(self, name)!r}")
+                raise InputError.of(
+                    f"must be three numbers, together at most {what}", name=name, given=getattr(self, name)
+                )
         if isinstance(self.reference, bool) or not isinstance(self.reference, (int, float)):
-            raise InputError(f"reference must be a number from 0 to 1; got {self.reference!r}")
+            raise InputError.of("must be a number from 0 to 1", name="reference", given=self.reference)
         if not 0.0 <= self.reference <= 1.0:
-            raise InputError(f"reference must be a number from 0 to 1; got {self.reference!r}")
+            raise InputError.of("must be a number from 0 to 1", name="reference", given=self.reference)
 
     def twist(self, centre: FloatArray, diagonal: float) -> FloatArray:
         """Twist of the whole sweep about the origin of the part's frame.

@@ -69,13 +69,16 @@ class Noise:
         for field in fields(self):
             value = getattr(self, field.name)
             if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 <= value < np.inf:
-                raise InputError(f"{field.name} must be a number that is not negative; got {value!r}")
+                raise InputError.of("must be a number that is not negative", name=field.name, given=value)
         for name in ("dropout", "outlier_share", "mixed_share"):
             if getattr(self, name) > 1.0:
-                raise InputError(f"{name} is a fraction and must not be above 1; got {getattr(self, name)!r}")
+                raise InputError.of("is a fraction and must not be above 1", name=name, given=getattr(self, name))
         if not 0.0 < self.max_incidence_rad < 0.5 * np.pi:
-            raise InputError(
-                f"max_incidence_rad must lie between 0 and a right angle; got {self.max_incidence_rad!r} rad"
+            raise InputError.of(
+                "must lie between 0 and a right angle",
+                name="max_incidence_rad",
+                given=self.max_incidence_rad,
+                unit="rad",
             )
 
     def require_fit(self, diagonal: float) -> None:
@@ -97,9 +100,10 @@ class Noise:
         """
         for name in ("range_sigma", "quantisation"):
             if getattr(self, name) > 0.1 * diagonal:
-                raise InputError(
-                    f"{name} must be at most a tenth of the part's diagonal, {diagonal:.4g}; got "
-                    f"{getattr(self, name):g}. Is it in the unit of the part?"
+                raise InputError.of(
+                    f"must be at most a tenth of the part's diagonal, {diagonal:.4g}; got "
+                    f"{getattr(self, name):g}. Is it in the unit of the part?",
+                    name=name,
                 )
 
     def draw(self, ranges: FloatArray, cosines: FloatArray, diagonal: float, rng: np.random.Generator) -> PixelErrors:

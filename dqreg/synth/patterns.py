@@ -39,7 +39,7 @@ class StructuredLight(Scanner):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not is_within(self.baseline, -10.0, 10.0) or self.baseline == 0.0:
-            raise InputError(f"baseline must be within 10 diagonals and not 0; got {self.baseline!r}")
+            raise InputError.of("must be within 10 diagonals and not 0", name="baseline", given=self.baseline)
 
     def projector_positions(self, centre: FloatArray, diagonal: float) -> FloatArray:
         """Return the projectors of all views.
@@ -112,17 +112,19 @@ class Lidar(Stands):
         require_rays(len(views), rings=self.rings, azimuths=self.azimuths)
         up = as_float(self.up, "up")
         if up.shape != (3,) or not np.isfinite(up).all() or not up.any():
-            raise InputError(f"up must be three numbers that are not all zero; got {self.up!r}")
+            raise InputError.of("must be three numbers that are not all zero", name="up", given=self.up)
         limits = ("elevation_rad", np.pi, "a half-turn"), ("azimuth_rad", 2.0 * np.pi + 1e-12, "a full turn")
         for name, most, words in limits:
             value = getattr(self, name)
             if value is not None and not is_within(value, 0.0, most):
-                raise InputError(f"{name} must lie above 0 and be at most {words}; got {value!r} rad")
+                raise InputError.of(f"must lie above 0 and be at most {words}", name=name, given=value, unit="rad")
         towards = np.abs(self._centre_elevation())
         if (towards + 0.5 * self._elevation_span() >= 0.5 * np.pi).any():
-            raise InputError(
-                "views holds one that looks along the axis of the spin, where azimuths end; tilt it away from up, "
-                f"raise stand_off or give elevation; got {self.views!r}"
+            raise InputError.of(
+                "holds one that looks along the axis of the spin, where azimuths end; tilt it away from up, raise "
+                "stand_off or give elevation",
+                name="views",
+                given=self.views,
             )
 
     def times(self) -> FloatArray:

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from dqreg.errors import InputError, did_you_mean
+from dqreg.errors import NOTHING, InputError, did_you_mean
 
 
 def require_known(table: Mapping[str, Any], known: Iterable[str], prefix: str) -> None:
@@ -75,10 +75,9 @@ def build(kind: Callable[..., Made], name: str, table: Mapping[str, Any]) -> Mad
     """Make an object from a table, angles turned from degrees to radians."""
     values = keywords_of(kind, name, table)
     try:
-        with named(name, inspect.signature(kind).parameters):
-            return kind(**values)
+        return kind(**values)
     except InputError as error:
-        raise InputError(_as_written(str(error), name, table)) from error
+        raise _in_recipe(error, name, inspect.signature(kind).parameters, table) from error
     except (TypeError, ValueError) as error:
         raise InputError(f"recipe: a value in [{name}] cannot be used: {error}; given: {dict(table)}") from error
 
@@ -96,25 +95,21 @@ def keywords_of(kind: Callable[..., Any], name: str, table: Mapping[str, Any]) -
 
 @contextmanager
 def named(name: str, keys: Iterable[str]) -> Iterator[None]:
-    """Put the name of a table before the message of an error that begins with one of its keys."""
+    """Errors of what a table made name the key at fault as it stands in the recipe."""
     try:
         yield
     except InputError as error:
-        message = str(error)
-        key = message.split(" ")[0].partition("[")[0]
-        if message.startswith("recipe: "):
-            raise
-        if key in set(keys):
-            raise InputError(f"recipe: {name}.{_in_degrees(key)}{message.removeprefix(key)}") from error
-        raise InputError(f"recipe: {name}: {message}") from error
+        raise _in_recipe(error, name, keys, {}) from error
 
 
-def _as_written(message: str, name: str, table: Mapping[str, Any]) -> str:
-    """Give the angle in degrees, as it stands in the recipe, where a message gives it in radians."""
-    for key, value in table.items():
-        if key.endswith("_deg") and message.startswith(f"recipe: {name}.{key} "):
-            return f"{message.rpartition('; got ')[0]}; got {value!r} degrees"
-    return message
+def _in_recipe(error: InputError, name: str, keys: Iterable[str], table: Mapping[str, Any]) -> InputError:
+    """The error of an argument as one of a key of the recipe, an angle in degrees as it stands there."""
+    if error.name is None or error.name not in keys:
+        return InputError(f"recipe: {name}: {error}")
+    key, given, unit = _in_degrees(error.name), error.given, error.unit
+    if key.endswith("_deg") and key in table and given is not NOTHING:
+        given, unit = table[key], "degrees"
+    return InputError.of(error.message, name=f"recipe: {name}.{key}", index=error.index, given=given, unit=unit)
 
 
 def _in_degrees(key: str) -> str:

@@ -59,18 +59,18 @@ class Scene:
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
-            raise InputError(f"kind must be one of {', '.join(KINDS)}; got {self.kind!r}")
+            raise InputError.of(f"must be one of {', '.join(KINDS)}", name="kind", given=self.kind)
         up = as_float(self.up, "up")
         if up.shape != (3,) or not np.isfinite(up).all() or not up.any():
-            raise InputError(f"up must be three numbers that are not all zero; got {self.up!r}")
+            raise InputError.of("must be three numbers that are not all zero", name="up", given=self.up)
         if not is_within(self.size, 1.0, 100.0):
-            raise InputError(f"size must lie between 1 and 100 diagonals of the part; got {self.size!r}")
+            raise InputError.of("must lie between 1 and 100 diagonals of the part", name="size", given=self.size)
         if not is_within(self.wall_height, 0.0, 100.0):
-            raise InputError(f"wall_height must lie between 0 and 100 diagonals; got {self.wall_height!r}")
+            raise InputError.of("must lie between 0 and 100 diagonals", name="wall_height", given=self.wall_height)
         if isinstance(self.clutter, bool) or not isinstance(self.clutter, int) or not 0 <= self.clutter <= _MOST:
-            raise InputError(f"clutter must be a whole number from 0 to {_MOST}; got {self.clutter!r}")
+            raise InputError.of(f"must be a whole number from 0 to {_MOST}", name="clutter", given=self.clutter)
         if self.clutter and self.kind == "none":
-            raise InputError('clutter needs something to lie on; give kind = "table" or "bin"')
+            raise InputError.of('needs something to lie on; give kind = "table" or "bin"', name="clutter")
 
     def surroundings(self, vertices: FloatArray, rng: np.random.Generator) -> Mesh | None:
         """Build all but the part.
@@ -152,8 +152,9 @@ def _scatter(count: int, half: float, footprint: float, diagonal: float, rng: np
         gaps = np.linalg.norm(tries[:, None] - middles, axis=2) - radii - radius
         free = np.flatnonzero(gaps.min(axis=1) > 0.0)
         if not len(free) or radius > half:
-            raise InputError(
-                f"clutter is too large: found room for {number} of {count} things; give a smaller number or more size"
+            raise InputError.of(
+                f"is too large: found room for {number} of {count} things; give a smaller number or more size",
+                name="clutter",
             )
         middle = tries[free[0]]
         middles, radii = np.vstack([middles, middle]), np.append(radii, radius)

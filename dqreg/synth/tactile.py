@@ -64,16 +64,18 @@ class TactileProbe:
 
     def __post_init__(self) -> None:
         if isinstance(self.points, bool) or not isinstance(self.points, int) or not 1 <= self.points <= _MOST:
-            raise InputError(f"points must be a whole number from 1 to {_MOST}; got {self.points!r}")
+            raise InputError.of(f"must be a whole number from 1 to {_MOST}", name="points", given=self.points)
         if not (self.probe_radius == 0.0 or is_within(self.probe_radius, 0.0, np.inf)):
-            raise InputError(f"probe_radius must be a length that is not negative; got {self.probe_radius!r}")
+            raise InputError.of("must be a length that is not negative", name="probe_radius", given=self.probe_radius)
         if not isinstance(self.compensated, bool):
-            raise InputError(f"compensated must be true or false; got {self.compensated!r}")
+            raise InputError.of("must be true or false", name="compensated", given=self.compensated)
         views = as_vectors(self.views, "views")
         if not len(views) or not np.linalg.norm(views, axis=1).all():
-            raise InputError(f"views must be one or more directions that are not zero; got {self.views!r}")
+            raise InputError.of("must be one or more directions that are not zero", name="views", given=self.views)
         if not is_within(self.max_tilt_rad, 0.0, 0.5 * np.pi):
-            raise InputError(f"max_tilt_rad must lie between 0 and a right angle; got {self.max_tilt_rad!r} rad")
+            raise InputError.of(
+                "must lie between 0 and a right angle", name="max_tilt_rad", given=self.max_tilt_rad, unit="rad"
+            )
 
 
 def touch_mesh(
@@ -121,19 +123,23 @@ def touch_mesh(
     part = check_mesh(vertices, faces)
     _, diagonal = centre_and_diagonal(part[0])
     if not 0.0 <= sigma <= 0.1 * diagonal:
-        raise InputError(f"sigma must lie between 0 and a tenth of the part's diagonal {diagonal:.4g}; got {sigma!r}")
+        raise InputError.of(
+            f"must lie between 0 and a tenth of the part's diagonal {diagonal:.4g}", name="sigma", given=sigma
+        )
     if probe.probe_radius > 0.1 * diagonal:
-        raise InputError(
-            f"probe_radius must be at most a tenth of the part's diagonal {diagonal:.4g}; got "
-            f"{probe.probe_radius:g}. Is it in the unit of the part?"
+        raise InputError.of(
+            f"must be at most a tenth of the part's diagonal {diagonal:.4g}; got {probe.probe_radius:g}. "
+            "Is it in the unit of the part?",
+            name="probe_radius",
         )
     contacts, normals, face_index = sample_surface(*part, _TRIES * probe.points, rng)
     stroke = _STROKE * diagonal
     reached = np.flatnonzero(_is_reached(part, probe, contacts, normals, stroke))[: probe.points]
     if len(reached) < probe.points:
-        raise InputError(
-            f"points is too large: the probe reaches only {len(reached)} of {len(contacts)} positions tried, "
-            f"{probe.points} are asked for; add views, or give a smaller probe_radius"
+        raise InputError.of(
+            f"is too large: the probe reaches only {len(reached)} of {len(contacts)} positions tried, "
+            f"{probe.points} are asked for; add views, or give a smaller probe_radius",
+            name="points",
         )
     contacts, normals = contacts[reached], normals[reached]
     noise = sigma * rng.standard_normal((probe.points, 1))

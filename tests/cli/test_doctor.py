@@ -5,15 +5,19 @@ import importlib.metadata
 import json
 import subprocess
 import sys
+import tomllib
+from pathlib import Path
 from typing import Any
 
 import pytest
 from click.testing import CliRunner
+from packaging.requirements import Requirement
 
 from dqreg.cli import doctor as room
 from dqreg.cli.doctor import Check, doctor, examine
 from dqreg.errors import MissingDependencyError
 
+PROJECT = Path(__file__).parents[2] / "pyproject.toml"
 LIBGL = "Open3D cannot load: the system library libGL.so.1 is missing; run: apt-get install libgl1"
 
 
@@ -74,6 +78,7 @@ ASKED = [
     "gone>=1; sys_platform == 'nowhere'",
     "dqreg[odometry]; extra == 'peers'",
     "kiss-icp>=1.2; extra == 'odometry'",
+    "small-gicp>=1.0; extra == 'all'",
     "small-gicp>=1.0; extra == 'peers'",
     "never>=1; python_version < '3' and extra == 'peers'",
     "ruff>=0.9; extra == 'lint'",
@@ -243,3 +248,11 @@ def test_compile_fills_the_folder_and_the_table_names_it(monkeypatch: pytest.Mon
 def test_without_numba_the_folder_is_not_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     install(monkeypatch, numba=None)
     assert "compiled inner loops" not in by_name()
+
+
+def test_the_extra_all_is_every_extra_that_a_user_may_ask_for() -> None:
+    extras = tomllib.loads(PROJECT.read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    (bundle,) = extras["all"]
+    # Two are there for those who name them, and bring nothing that dqreg uses.
+    expected = extras.keys() - set(room.UNNAMED_EXTRAS) - {"odometry", "3mf"}
+    assert set(Requirement(bundle).extras) == expected

@@ -182,3 +182,11 @@ def test_what_is_no_sequence_is_refused(tmp_path):
     (tmp_path / "t.txt").write_text("1\n2\n")
     with pytest.raises(InputError, match="2 times for 1 frames"):
         open_scans(tmp_path, times=tmp_path / "t.txt") if (tmp_path / "bad.npz").unlink() is None else None
+
+
+@pytest.mark.parametrize("words", ["\n \n", "# seconds\n\n"])
+def test_a_file_of_times_without_times_is_named(tmp_path, words):
+    np.savez(tmp_path / "a.npz", points=np.zeros((3, 3)), offsets=[0, 2, 3])
+    (tmp_path / "t.txt").write_text(words)
+    with pytest.raises(InputError, match=r"t\.txt.*no times"):
+        open_scans(tmp_path / "a.npz", times=tmp_path / "t.txt")

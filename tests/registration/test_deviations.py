@@ -9,8 +9,10 @@ import pytest
 
 from dqreg.errors import InputError, MissingDependencyError
 from dqreg.geometry import Mesh, sample_mesh
+from dqreg.registration.inspected import inspect_registration
 from dqreg.registration.register import register
 from dqreg.registration.result import Registration
+from dqreg.report.report_data import collect
 from dqreg.rigid import pose
 from dqreg.synth.parts import bracket
 
@@ -84,6 +86,9 @@ def test_a_target_without_an_inside_warns() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         register(scan, part, "identity", effort="fast").deviations()
+        # What is inspected or reported says so itself.
+        assert inspect_registration(result, tolerance=1.0).deviations.reason == found.reason
+        assert collect(result, result.inputs).deviations.reason == found.reason
 
 
 def test_deviations_go_out_to_pyvista(far_result) -> None:

@@ -33,6 +33,8 @@ def numbers(text: str) -> np.ndarray:
 
 @given(twists)
 @example(np.array([1e-8, 0.0, 0.0, 0.0, 0.0, 0.0]))  # nearly where two Euler axes fall together
+@example(np.array([0.0, 0.5 * np.pi, 0.0, 0.0, 0.0, 0.0]))  # where two of the fixed axes do, on either side
+@example(np.array([0.0, -0.5 * np.pi, 0.0, 0.0, 0.0, 0.0]))
 @settings(deadline=None, max_examples=60)
 def test_every_form_is_the_same_pose(v):
     T = twist.exp(v)

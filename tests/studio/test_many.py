@@ -77,12 +77,12 @@ def test_a_row_opens_with_the_plan_of_the_batch(batch):
         "tolerance": None,
         "required_share": 0.9,
         "report": False,
-        "head": {"serial": "7"},
+        "head": {"serial": "7", "order": "A-12"},
     }
     write(batch, "one", inspection=asked)
     visit = many.visit("one")
     assert (visit.tolerance, visit.required, visit.faces) == (0.2, 90.0, (FaceTolerance(2, 0.1),))
-    assert visit.head == (("part", "p"), ("serial", "7"))
+    assert visit.head == (("part", "p"), ("serial", "7"), ("order", "A-12"))
     # The tolerance of the command wins over the plan's.
     write(batch, "one", inspection=asked | {"tolerance": 0.5})
     assert many.visit("one").tolerance == 0.5

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 import tomllib
+from pathlib import Path
 
 import pytest
 
+import dqreg.studio
 from dqreg.errors import InputError
 from dqreg.inspection import read_plan
 from dqreg.inspection.plan.alignment import PlannedStep
-from dqreg.inspection.plan.file import plan_of
+from dqreg.inspection.plan.file import HEAD, plan_of
 from dqreg.inspection.tolerances import Tolerance
 from dqreg.studio.equivalent_commands import commands_of
 from dqreg.studio.plans import plan_text, with_plan
@@ -126,6 +129,7 @@ required = 99.0
 [head]
 serial = "7"
 order = "an order"
+lot = "a lot"
 
 [[datum]]
 name = "A"
@@ -179,7 +183,10 @@ def test_a_plan_comes_back_as_it_was(text):
 def test_a_plan_is_shown_where_the_page_can():
     visit = with_plan(FULL, PLAN)
     assert (visit.tolerance, visit.minus, visit.required) == (0.2, 0.1, 99.0)
-    assert (visit.head, visit.faces, visit.alignment) == ((("serial", "7"),), (FaceTolerance(2, 0.05),), "plan")
+    assert (visit.faces, visit.alignment) == ((FaceTolerance(2, 0.05),), "plan")
+    assert visit.head == (("serial", "7"), ("order", "an order"))
+    # A field that the page does not know stays in the plan.
+    assert tomllib.loads(visit.plan)["head"] == {"lot": "a lot"}
     # What is chosen on the page wins over the plan.
     chosen = dataclasses.replace(visit, alignment="datums", datums=(5, 6), tolerance=0.3)
     plan = plan_of(tomllib.loads(plan_text(chosen)))
@@ -211,3 +218,9 @@ def test_every_step_has_words_that_parse():
     assert "--dof" in words["align"]["command"]
     assert "'a scan.ply'" in words["load"]["command"]
     assert json.dumps(words)
+
+
+def test_the_page_asks_for_the_fields_of_a_head():
+    script = (Path(dqreg.studio.__file__).parent / "page" / "report.js").read_text(encoding="utf-8")
+    (fields,) = re.findall(r"const HEAD = \{(.*)\};", script)
+    assert tuple(re.findall(r"(\w+):", fields)) == HEAD

@@ -27,6 +27,8 @@ from dqreg.inspection.zone_features import PlannedFit
 
 AlignmentKind = Literal["best-fit", "datums", "steps"]
 
+# Fields of the report's head that batches and the studio ask for; a plan may have others.
+HEAD = ("part", "drawing", "serial", "order", "operator", "device", "note")
 KEYS = ("units", "head", "alignment", "datum", "characteristic", "section", "face", "report", *SIDES, "required")
 
 
@@ -55,7 +57,7 @@ class Plan:
     Attributes
     ----------
     head : dict of str
-        Fields of the report's head as given: part, drawing, serial, operator, device, note.
+        Fields of the report's head as given: part, drawing, serial, order, operator, device, note.
     datums : tuple of PlannedDatum
         In their order of precedence.
     alignment : {"best-fit", "datums", "steps"}

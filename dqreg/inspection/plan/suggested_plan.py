@@ -88,28 +88,30 @@ def suggested_plan(
     lines += [f'[[datum]]  # {each.reason}\nname = "{each.name}"\n{places[each.face.number]}\n' for each in chosen]
     rows: list[str] = []
     for letter, face in datums.items():
-        rows.append(_row(f"datum {letter} form", "form", face, tolerance))
+        rows.append(_row(f"datum {letter} form", "form", places[face.number], tolerance))
         if letter != "A" and face.kind == "plane":
-            rows.append(_row(f"datum {letter} to A", "perpendicularity", face, tolerance, 'datum = "A"\n'))
+            rows.append(
+                _row(f"datum {letter} to A", "perpendicularity", places[face.number], tolerance, 'datum = "A"\n')
+            )
     known = {face.number for face in datums.values()}
     labels = faces_of(mesh)[1]
     for face in sorted(faces, key=lambda face: -face.area):
-        name = f"{'hole' if face.is_hole else face.kind} {face.number}"
+        name, place = f"{'hole' if face.is_hole else face.kind} {face.number}", places[face.number]
         if face.kind == "cylinder":
-            rows.append(_row(f"{name} diameter", "diameter", face, tolerance))
+            rows.append(_row(f"{name} diameter", "diameter", place, tolerance))
             if datums:
-                rows.append(_row(f"{name} position", "position", face, 2 * tolerance))
+                rows.append(_row(f"{name} position", "position", place, 2 * tolerance))
             slender = _slender(mesh.corners[labels == face.number].reshape(-1, 3), face)
             if slender > 0.0 and not face.is_hole:
-                rows.append(_row(f"{name} roundness", "roundness", face, tolerance))
+                rows.append(_row(f"{name} roundness", "roundness", place, tolerance))
             if slender >= SLENDER:
-                rows.append(_row(f"{name} axis", "straightness", face, 2 * tolerance, 'of = "axis"\n'))
+                rows.append(_row(f"{name} axis", "straightness", place, 2 * tolerance, 'of = "axis"\n'))
         elif face.number not in known:
-            rows.append(_row(f"{name} profile", "profile", face, 2 * tolerance))
-    named = [_commented(row, places) for row in rows[:MOST]]
+            rows.append(_row(f"{name} profile", "profile", place, 2 * tolerance))
+    kept = rows[:MOST]
     if len(rows) > MOST:
-        named.append(f"# {len(rows) - MOST} smaller faces are left out: see dqreg faces.\n")
-    return "\n".join([*lines, *named, SECTION.format(_middle(mesh, origin))])
+        kept.append(f"# {len(rows) - MOST} smaller faces are left out: see dqreg faces.\n")
+    return "\n".join([*lines, *kept, SECTION.format(_middle(mesh, origin))])
 
 
 def _slender(corners: FloatArray, face: Face) -> float:
@@ -119,12 +121,6 @@ def _slender(corners: FloatArray, face: Face) -> float:
     turns = np.sort(np.arctan2(local[:, 1], local[:, 0]))
     gap = float(np.diff(np.r_[turns, turns[0] + 2.0 * math.pi]).max())
     return float(np.ptp(local[:, 2])) / face.feature.diameter if gap < OPEN else 0.0
-
-
-def _commented(row: str, places: Mapping[int, str]) -> str:
-    """A characteristic whose line of the face says what and where that is."""
-    words = row.split("\n")
-    return "\n".join(places[int(word.partition("= ")[2])] if word.startswith("face = ") else word for word in words)
 
 
 def _place(face: Face, centre: FloatArray, size: float) -> str:
@@ -161,7 +157,6 @@ def _left_out(every: tuple[Face, ...], faces: tuple[Face, ...]) -> list[str]:
     ]
 
 
-def _row(name: str, kind: str, face: Face, tolerance: float, more: str = "") -> str:
-    return (
-        f'[[characteristic]]\nname = "{name}"\nkind = "{kind}"\nface = {face.number}\n{more}tolerance = {tolerance:g}\n'
-    )
+def _row(name: str, kind: str, place: str, tolerance: float, more: str = "") -> str:
+    """A characteristic, whose line of the face says what and where that is."""
+    return f'[[characteristic]]\nname = "{name}"\nkind = "{kind}"\n{place}\n{more}tolerance = {tolerance:g}\n'

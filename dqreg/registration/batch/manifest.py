@@ -16,9 +16,10 @@ from typing import Any, overload
 from dqreg.errors import DqregError, InputError, did_you_mean, printable
 from dqreg.files.poses import START_WORDS, read_start
 from dqreg.files.untrusted import read_record
+from dqreg.inspection.plan.file import HEAD
 from dqreg.inspection.tolerances import Tolerance, tolerance_from
 from dqreg.registration.batch.row import Row
-from dqreg.registration.batch.row_inspection import HEAD, RowInspection
+from dqreg.registration.batch.row_inspection import RowInspection
 from dqreg.registration.batch.row_names import RowNames, natural_order
 
 # Told by the batch itself, or no text.

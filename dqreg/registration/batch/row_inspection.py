@@ -14,9 +14,6 @@ if TYPE_CHECKING:
     from dqreg.registration.inspected import Inspected
     from dqreg.registration.result import Registration
 
-# Columns of a manifest that stand in the head of a row's report.
-HEAD = ("part", "drawing", "serial", "order", "operator", "device", "note")
-
 
 @dataclasses.dataclass(frozen=True)
 class RowInspection:

@@ -3,7 +3,7 @@ import { h } from "./dom.js";
 import { address } from "./api.js";
 
 const NAMES = { "report.html": "Report (HTML)", "report.pdf": "Report (PDF)", "plan.toml": "Plan (TOML)", "result.json": "Pose (JSON)", "visit.json": "Visit (JSON)", "start.txt": "Initial pose" };
-const HEAD = { part: "Part", drawing: "Drawing", serial: "Serial number", operator: "Operator", device: "Device", note: "Note" };
+const HEAD = { part: "Part", drawing: "Drawing", serial: "Serial number", order: "Order", operator: "Operator", device: "Device", note: "Note" };
 export function enter(app, stage) { stage.picked = null; app.showJudged = true; app.draw(); }
 
 async function make(app, task, words) {

@@ -36,7 +36,7 @@ def blade(
     require_count("stations", stations, 4, most=500)
     require_count("sections", sections, 2, most=500)
     if not 0.0 <= twist_rad <= np.pi / 2:
-        raise InputError(f"twist_rad must lie between 0 and a right angle; got {twist_rad!r}")
+        raise InputError.of("must lie between 0 and a right angle", name="twist_rad", given=twist_rad)
     if thickness > 0.4 or camber > 0.25 or taper > 1.0:
         raise InputError(
             f"thickness, camber and taper are at most 0.4, 0.25 and 1; got {thickness:g}, {camber:g}, {taper:g}"
@@ -45,9 +45,10 @@ def blade(
     root = chord * _loop(upper, lower)
     a, b = 0.5 * platform_length, 0.5 * platform_width
     if root[:, 0].min() <= -a or root[:, 0].max() >= a or np.abs(root[:, 1]).max() >= b:
-        raise InputError(
-            f"chord ({chord:g}) is too long: the root does not fit onto platform_length {platform_length:g} by "
-            f"platform_width {platform_width:g}"
+        raise InputError.of(
+            f"({chord:g}) is too long: the root does not fit onto platform_length {platform_length:g} by "
+            f"platform_width {platform_width:g}",
+            name="chord",
         )
     share = np.linspace(0.0, 1.0, sections + 1)
     solid = np.stack([_placed(root, s, taper, twist_rad, platform_height + s * height) for s in share])

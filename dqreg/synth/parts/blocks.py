@@ -8,7 +8,7 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
 from dqreg.synth.parts.patches import annulus, fan, lift, require_count, require_order, walls, weld
-from dqreg.synth.parts.plain import Mesh, require_positive, three
+from dqreg.synth.parts.plain import Mesh, require_positive, require_size
 from dqreg.synth.parts.turned import polar
 
 
@@ -32,7 +32,8 @@ def prism(*, diameter: float = 60.0, height: float = 40.0, sides: int = 6) -> Me
 
 def block(size: Sequence[float] = (80.0, 50.0, 30.0), *, notch: float = 6.0) -> Mesh:
     """Rectangular block with a cube cut out of one corner: but for that, it looks alike after three half-turns."""
-    require_positive(**{f"size[{i}]": value for i, value in enumerate(three(size, "size"))}, notch=notch)
+    require_size(size)
+    require_positive(notch=notch)
     require_order(notch=notch, size=min(size))
     lines = [np.array([-0.5 * s, 0.5 * s - notch, 0.5 * s]) for s in size]
     filled = np.ones((2, 2, 2), dtype=bool)

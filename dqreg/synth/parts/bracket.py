@@ -32,7 +32,8 @@ def bracket(
     """
     require_positive(**{name: value for name, value in locals().items() if name != "segments"})
     if bore_diameter >= boss_diameter:
-        raise InputError(f"bore_diameter ({bore_diameter:g}) must be smaller than boss_diameter ({boss_diameter:g})")
+        wanted = f"({bore_diameter:g}) must be smaller than boss_diameter ({boss_diameter:g})"
+        raise InputError.of(wanted, name="bore_diameter")
     foot, rise = wall_thickness + fillet_radius, base_thickness + fillet_radius
     if foot >= length or rise >= height:
         raise InputError(

@@ -20,12 +20,14 @@ from dqreg.errors import InputError
 MOST = 2_000
 
 
-def require_count(name: str, value: Any, least: int, *, most: int = MOST, multiple: int = 1) -> None:
+def require_count(
+    name: str, value: Any, least: int, *, most: int = MOST, multiple: int = 1, index: int | None = None
+) -> None:
     """Raise unless a count is a whole number within reason."""
     whole = isinstance(value, int) and not isinstance(value, bool)
     if not whole or not least <= value <= most or value % multiple:
         of = f", a multiple of {multiple}" if multiple > 1 else ""
-        raise InputError(f"{name} must be a whole number from {least} to {most}{of}; got {value!r}")
+        raise InputError.of(f"must be a whole number from {least} to {most}{of}", name=name, index=index, given=value)
 
 
 def require_order(**lengths: float) -> None:
@@ -33,7 +35,7 @@ def require_order(**lengths: float) -> None:
     names = list(lengths)
     for small, large in itertools.pairwise(names):
         if not lengths[small] < lengths[large]:
-            raise InputError(f"{small} ({lengths[small]:g}) must be smaller than {large} ({lengths[large]:g})")
+            raise InputError.of(f"({lengths[small]:g}) must be smaller than {large} ({lengths[large]:g})", name=small)
 
 
 def circle(centre: Sequence[float], diameter: float, segments: int) -> FloatArray:

@@ -16,10 +16,10 @@ Mesh = tuple[FloatArray, IntArray]
 
 def box(size: Sequence[float] = (1.0, 1.0, 1.0), *, divisions: int | Sequence[int] = 1) -> Mesh:
     """Rectangular block, centred on the origin."""
-    require_positive(**{f"size[{i}]": value for i, value in enumerate(three(size, "size"))})
+    require_size(size)
     counts = three((divisions,) * 3 if np.isscalar(divisions) else divisions, "divisions")
     for i, count in enumerate(counts):
-        require_count(f"divisions[{i}]", count, 1, most=500)
+        require_count("divisions", count, 1, most=500, index=i)
     lines = [np.linspace(-0.5 * s, 0.5 * s, int(n) + 1) for s, n in zip(size, counts, strict=True)]
     return weld(
         lift(grid(lines[(axis + 1) % 3], lines[(axis + 2) % 3]), axis, lines[axis][end], outward=outward)
@@ -80,8 +80,18 @@ def require_positive(**lengths: Any) -> None:
     >>> require_positive(length=1.0, width=2)
     """
     for name, value in lengths.items():
-        if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or not 0.0 < value < np.inf:
-            raise InputError(f"{name} must be a number above 0; got {value!r}")
+        _require_above_zero(name, value)
+
+
+def require_size(size: Any) -> None:
+    """Raise unless a size is three numbers above zero and finite."""
+    for index, value in enumerate(three(size, "size")):
+        _require_above_zero("size", value, index)
+
+
+def _require_above_zero(name: str, value: Any, index: int | None = None) -> None:
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or not 0.0 < value < np.inf:
+        raise InputError.of("must be a number above 0", name=name, index=index, given=value)
 
 
 def three(values: Any, name: str) -> tuple[float, float, float]:
@@ -91,5 +101,5 @@ def three(values: Any, name: str) -> tuple[float, float, float]:
     if array.shape != (3,) or not all(
         isinstance(v, (int, float, np.number)) and not isinstance(v, bool) for v in array
     ):
-        raise InputError(f"{name} must be three numbers, along x, y, z; got {values!r}")
+        raise InputError.of("must be three numbers, along x, y, z", name=name, given=values)
     return array[0], array[1], array[2]

@@ -37,9 +37,10 @@ def flange(
     w, r_bolt, step = _CELL * bolt_diameter, 0.5 * bolt_circle, 2.0 * np.pi / bolts
     inside, outside = r_bolt - w, r_bolt + w
     if 2 * inside <= hub_diameter or 2 * outside >= diameter or w >= 0.9 * r_bolt * np.sin(step / 2):
-        raise InputError(
-            f"bolt_diameter ({bolt_diameter:g}) is too large for {bolts} holes on bolt_circle {bolt_circle:g} between "
-            f"hub_diameter {hub_diameter:g} and diameter {diameter:g}; a hole needs a quarter of its diameter around"
+        raise InputError.of(
+            f"({bolt_diameter:g}) is too large for {bolts} holes on bolt_circle {bolt_circle:g} between hub_diameter "
+            f"{hub_diameter:g} and diameter {diameter:g}; a hole needs a quarter of its diameter around",
+            name="bolt_diameter",
         )
     sector, facets = _sector(float(np.arcsin(w / r_bolt)), step, segments)
     angles = (step * np.arange(bolts)[:, None] + sector).ravel()
