@@ -133,9 +133,8 @@ def as_float(value: Any, name: str) -> FloatArray:
         with np.errstate(invalid="ignore", over="ignore"):
             return np.ascontiguousarray(array, dtype=np.float64).reshape(array.shape)
     except (TypeError, ValueError, OverflowError) as error:
-        raise InputError.of(
-            f"must be an array of real numbers; got {type(value).__name__} ({error})", name=name
-        ) from error
+        wanted = f"must be an array of real numbers; got {type(value).__name__} ({error})"
+        raise InputError.of(wanted, name=name) from error
 
 
 def as_vectors(value: Any, name: str, *, finite: bool = True) -> FloatArray:
@@ -273,16 +272,13 @@ def require_workable_ends(low: FloatArray, high: FloatArray, name: str) -> None:
     """The same, where the lowest and highest coordinates, (3,), are known."""
     far = float(max(-low.min(), high.max()))
     if far > LARGEST:
-        raise InputError.of(
-            f"hold coordinates up to {far:.3g}, and lengths beyond {LARGEST:g} cannot be worked with; remove "
-            "those rows (is it a mark for a missing measurement?), or use a larger unit",
-            name=name,
-        )
+        wanted = f"hold coordinates up to {far:.3g}, and lengths beyond {LARGEST:g} cannot be worked with; remove "
+        remedy = "those rows (is it a mark for a missing measurement?), or use a larger unit"
+        raise InputError.of(wanted + remedy, name=name)
     extent = float((high - low).max())
     if 0.0 < extent < 1.0 / LARGEST:
-        raise InputError.of(
-            f"differ by {extent:.3g} at most, too little to work with; give them in a finer unit", name=name
-        )
+        wanted = f"differ by {extent:.3g} at most, too little to work with; give them in a finer unit"
+        raise InputError.of(wanted, name=name)
 
 
 def renamed(old: str, old_value: Any, new: str, new_value: Any, default: Any) -> Any:

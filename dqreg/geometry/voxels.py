@@ -7,10 +7,10 @@ import dataclasses
 import numpy as np
 
 from dqreg._arrays import FloatArray, bounds
+from dqreg.geometry.boundary import lie_in_rings
 from dqreg.geometry.cells import Cells, CellSurface
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.morton import BITS, Ends, morton_codes, sorted_codes
-from dqreg.geometry.rings import lie_in_rings
 
 # A cloud is downsampled from so many times the wanted points on: below, it costs accuracy and saves little.
 DENSE = 3.0

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from dqreg.geometry import PointCloud
+from dqreg.geometry.boundary import NEIGHBOUR_COUNT, lie_in_rings
 from dqreg.geometry.cells import Cells
-from dqreg.geometry.rings import NEIGHBOUR_COUNT, lie_in_rings
 from dqreg.geometry.voxels import VoxelCloud, cell_size
 from dqreg.rigid import pose
 from dqreg.synth.many_views import room_stops
