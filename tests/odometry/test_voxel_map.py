@@ -11,6 +11,7 @@ import weakref
 import numpy as np
 import pytest
 
+from dqreg.kernels import threads
 from dqreg.odometry.kiss import load_kiss
 from dqreg.odometry.settings import OdometrySettings, Resolved
 from dqreg.odometry.voxel_map import FAR, VoxelMap
@@ -87,7 +88,9 @@ def test_a_copy_of_a_map_that_grows_holds_all_of_it() -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
-def test_a_fork_waits_for_a_map_that_grows() -> None:
+def test_a_fork_waits_for_a_map_that_grows(monkeypatch: pytest.MonkeyPatch) -> None:
+    # With one thread nothing is begun beside.
+    monkeypatch.setattr(threads, "thread_count", lambda: 2)
     ours = VoxelMap(lengths(1e3))
     begun.clear()
     ours.insert(slow_points, np.eye(4))
