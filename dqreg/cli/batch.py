@@ -91,6 +91,7 @@ def batch(manifest: Path, target: Path | None, out: Path | None, as_json: bool, 
     Exit codes: 0 every row accepted (and every part passes), 1 some were not, 2 bad input, 3 all accepted, but a part
     fails or is undecided, 130 or 143 stopped by a signal.
     """
+    from dqreg.inspection.tolerances import share_of_percent
     from dqreg.registration.batch import Defaults, RowInspection, Workers, read_manifest, run_batch
     from dqreg.registration.batch.run import SUMMARY_CSV, TRENDS_CSV, VALUES_CSV
     from dqreg.report.work_bar import WorkBar
@@ -101,7 +102,7 @@ def batch(manifest: Path, target: Path | None, out: Path | None, as_json: bool, 
         asked = RowInspection(
             None if options["plan"] is None else options["plan"].absolute(),
             options["tolerance"],
-            None if options["required"] is None else options["required"] / 100.0,
+            None if options["required"] is None else share_of_percent(options["required"], "--required"),
             report=options["reports"],
             head=tuple(read_head(options["head"]).items()),
             display_units=options["display_units"],

@@ -132,15 +132,14 @@ def inspect_command(
             "give SCAN, PART, and --tolerance LENGTH or --plan FILE; dqreg inspect --suggest PART writes a first plan"
         )
     from dqreg.inspection import read_plan
-    from dqreg.inspection.tolerances import tolerance_of
+    from dqreg.inspection.tolerances import share_of_percent, tolerance_of
     from dqreg.registration.display_unit import shown_target
     from dqreg.registration.inspected import inspect_registration
 
     check_goals(goals, (scan, part, plan))
     allowed = None if tolerance is None else tolerance_of(tolerance, "--tolerance")
     require_below_reach(allowed, taken["reach"])
-    if required is not None and not 0.0 < required <= 100.0:
-        raise InputError(f"--required is a percentage above 0 and at most 100; got {required:g}")
+    share = None if required is None else share_of_percent(required, "--required")
     asked = None if plan is None else read_plan(plan)
     if goals["sections"] is not None and (asked is None or not asked.sections):
         raise InputError("--sections: there is no plan with a [[section]], so there is nothing to write")
@@ -152,7 +151,6 @@ def inspect_command(
     console, shown = consoles(quiet=quiet, as_json=to_screen, apart=True, width=WIDTH)
     result = unit.named(_registered(scan, unit, shown, options), part)
     refuse_swapped(result, scan, part)
-    share = None if required is None else required / 100.0
     try:
         found = inspect_registration(result, asked, allowed, required_share=share, **taken)
     except InputError:

@@ -133,7 +133,7 @@ def register_command(
     from dqreg._open3d import load_open3d
     from dqreg.files.poses import read_start
     from dqreg.inspection import decide
-    from dqreg.inspection.tolerances import tolerance_of
+    from dqreg.inspection.tolerances import share_of_percent, tolerance_of
     from dqreg.registration.display_unit import shown_target
     from dqreg.report import make_progress, print_summary
 
@@ -142,8 +142,7 @@ def register_command(
     _check(out, aligned, deviations, report, {"--reach": reach})
     allowed = None if tolerance is None else tolerance_of(tolerance, "--tolerance")
     require_below_reach(allowed, reach)
-    if not 0.0 < required <= 100.0:
-        raise InputError(f"--required is a percentage above 0 and at most 100; got {required:g}")
+    share = share_of_percent(required, "--required")
     console, shown = consoles(quiet=quiet, as_json=as_json, apart=True)
     wanted = options.pop("display_units")
     unit = shown_target(target, options["target_units"], wanted, asked=True)
@@ -166,7 +165,7 @@ def register_command(
     if deviations is not None or allowed is not None:
         measured = tell_deviations(result, deviations, allowed, console, reach=reach, exclude=exclude, keep=keep)
     if measured is not None and allowed is not None:
-        decision = decide(measured, allowed, required / 100.0)
+        decision = decide(measured, allowed, share)
         tell_decision(decision, measured, console)
     if report is not None:
         tell_report(result, report, reach, began, console, measured, decision)

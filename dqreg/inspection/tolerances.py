@@ -88,6 +88,20 @@ def require_share(share: Any) -> None:
         raise InputError(f"required_share must be above 0 and at most 1; got {share!r}")
 
 
+def share_of_percent(percent: float, name: str) -> float:
+    """The share of points that a percentage asks for; what looks like a share already is refused.
+
+    >>> share_of_percent(95.0, "--required")
+    0.95
+    """
+    if 0.0 < percent <= 1.0:
+        meant = f": was {100.0 * percent:g} meant?" if percent < 1.0 else ", above 1: was 100 meant?"
+        raise InputError(f"{name} is in per cent; got {percent:g}{meant}")
+    if not 0.0 < percent <= 100.0:
+        raise InputError(f"{name} is a percentage above 1 and at most 100; got {percent:g}")
+    return percent / 100.0
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class PointLimits:
     """Deviations allowed at some points, (n,) each; infinite where nothing is asked of a face."""

@@ -10,7 +10,17 @@ from dqreg.inspection import Band, Decision
 from dqreg.inspection.places import MEDIAN_SIGMA, PLACE
 from dqreg.report.page_tables import goto, rounded
 from dqreg.report.report_data import ReportData
-from dqreg.report.text import decimals_of, fixed, limits_text, percent, place_text, text_of, tolerance_text, unit_words
+from dqreg.report.text import (
+    decimals_of,
+    fixed,
+    limits_text,
+    percent,
+    percent_asked,
+    place_text,
+    text_of,
+    tolerance_text,
+    unit_words,
+)
 
 OUTCOME_SIGNS = {"pass": "✓", "undecided": "?", "fail": "✗"}
 # Rows of the table of regions.
@@ -35,7 +45,7 @@ def decision_words(found: Decision, unit: str, signed: bool) -> list[str]:
     of = unit_words(unit)
     against = tolerance_text(found, unit)
     share = f"{percent(found.share_within)} % of the points on the part are within {against}"
-    words = [f"{share}; {percent(found.required_share)} % are required."]
+    words = [f"{share}; {percent_asked(found.required_share)} % are required."]
     if not np.isnan(found.scanned):
         rest = "" if found.scanned == 1.0 else "; of the rest nothing is decided"
         words.append(f"{percent(found.scanned)} % of the part's surface was scanned{rest}.")
@@ -125,7 +135,7 @@ def regions_table(data: ReportData) -> dict[str, Any]:
     ]
     rule = ""
     if data.decision is not None:
-        required = percent(data.decision.required_share)
+        required = percent_asked(data.decision.required_share)
         rule = f"A region passes where {required} % of its points and each place of it are within its tolerance."
     how = data.regions_how
     if len(shown) < len(data.regions):

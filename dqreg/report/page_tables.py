@@ -12,7 +12,16 @@ from dqreg.inspection import Deviations
 from dqreg.report.charts import NARROW, WIDE, histogram
 from dqreg.report.report_data import ReportData
 from dqreg.report.result_protocol import RegistrationResult
-from dqreg.report.text import in_unit, percent, place_text, scale_end, text_of, tolerance_text, unit_words
+from dqreg.report.text import (
+    in_unit,
+    percent,
+    percent_asked,
+    place_text,
+    scale_end,
+    text_of,
+    tolerance_text,
+    unit_words,
+)
 
 ADVICE = {
     "accepted": "The pose can be used.",
@@ -52,7 +61,7 @@ def tiles_of(result: RegistrationResult, data: ReportData | None, unit: str) -> 
             (f"On the {noun}", f"{percent(summary.count / total)} %", f"{summary.count:,} of {total:,} points")
         )
         if data.decision is not None:
-            words = f"of the points on the part; {percent(data.decision.required_share)} % are required"
+            words = f"of the points on the part; {percent_asked(data.decision.required_share)} % are required"
             within = f"Within {tolerance_text(data.decision, unit)}"
             tiles.insert(0, (within, f"{percent(data.decision.share_within)} %", words))
     else:

@@ -88,6 +88,15 @@ def percent(share: float) -> str:
     return "> 99.9" if share > 0.999 else f"{100.0 * share:.1f}"
 
 
+def percent_asked(share: float) -> str:
+    """A share that somebody asked for, in percent with all of its digits.
+
+    >>> percent_asked(0.95), percent_asked(0.9995), percent_asked(0.012345)
+    ('95', '99.95', '1.2345')
+    """
+    return f"{100.0 * share:.10g}"
+
+
 def unit_words(unit: str | None) -> str:
     """A unit behind a number; nothing where it is not known, which is said once, not at every number.
 

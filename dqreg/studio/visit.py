@@ -14,6 +14,7 @@ from dqreg.errors import InputError
 from dqreg.files.atomic import write_atomically
 from dqreg.files.strict_json import plain, record_from
 from dqreg.inspection.plan.file import HEAD
+from dqreg.inspection.tolerances import share_of_percent
 
 Vector = tuple[float, float, float]
 Matrix = tuple[tuple[float, ...], ...]
@@ -214,8 +215,7 @@ def _beside(side: Side | None, saved: Path) -> Side | None:
 def _require_lengths(visit: Visit) -> None:
     if visit.reach is not None and not visit.reach > 0.0:
         raise InputError(f"reach must be a length above 0; got {visit.reach!r}")
-    if not 0.0 < visit.required <= 100.0:
-        raise InputError(f"required is a percentage above 0 and at most 100; got {visit.required:g}")
+    share_of_percent(visit.required, "required")
     _require_sides("tolerance", visit.tolerance, visit.minus)
     for row in visit.faces:
         _require_sides(f"the tolerance of face {row.face}", row.tolerance, row.minus)

@@ -51,6 +51,19 @@ def test_what_is_missing_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[
         assert "the files look swapped: part.stl is a mesh and scan.ply a cloud" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("command", ["register", "inspect", "batch"])
+def test_a_share_is_no_percentage(command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    case = load_case(demo_case())
+    (tmp_path / "parts.csv").write_text(f"scan,target\n{case.scan},{case.part}\n", encoding="utf-8")
+    files = (tmp_path / "parts.csv", "--out", tmp_path / "out") if command == "batch" else (case.scan, case.part)
+    # Read as 0.95 %, nearly every part would pass.
+    for given, words in (("0.95", "--required is in per cent; got 0.95: was 95 meant?"), ("1", "was 100 meant?")):
+        assert run(command, *files, "--tolerance", "0.1", "--required", given) == 2
+        assert words in capsys.readouterr().err
+    assert run(command, *files, "--tolerance", "0.1", "--required", "101") == 2
+    assert "--required is a percentage above 1 and at most 100; got 101" in capsys.readouterr().err
+
+
 def test_sides_of_a_tolerance_stand_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     # A virtual part whose base is 0.05 thicker, with noise of 0.01; the pose is that of the part itself.
     rng = np.random.default_rng(3)

@@ -49,6 +49,11 @@ def test_the_regions_that_decide_are_told(passed: Decision, outcomes: tuple[str,
     assert new.startswith(said)
 
 
+def test_the_share_that_is_asked_for_is_told_with_all_of_its_digits(passed: Decision) -> None:
+    found = dataclasses.replace(passed, required_share=0.9995)
+    assert any(words.endswith("99.95 % are required.") for words in decision_words(found, "mm", True))
+
+
 def test_what_was_not_scanned_is_not_decided(passed: Decision) -> None:
     for scanned, said in ((0.112, "11.2 % of the part's surface was scanned; of the rest nothing is decided."),
                           (1.0, "100 % of the part's surface was scanned.")):  # fmt: skip

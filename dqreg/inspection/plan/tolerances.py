@@ -7,7 +7,7 @@ from typing import Any
 
 from dqreg.errors import InputError
 from dqreg.inspection.plan.keys import FaceName, face_of, faces_of_list, list_of, number_of, require_known
-from dqreg.inspection.tolerances import Tolerance
+from dqreg.inspection.tolerances import Tolerance, share_of_percent
 
 SIDES = ("tolerance", "plus", "minus")
 
@@ -61,7 +61,4 @@ def face_tolerances(values: dict[str, Any], name: str) -> tuple[FaceTolerance, .
 def _required(entry: dict[str, Any], where: str) -> float | None:
     if "required" not in entry:
         return None
-    percent = number_of(entry, "required", where)
-    if not 0.0 < percent <= 100.0:
-        raise InputError(f"{where}: required is a percentage above 0 and at most 100; got {percent:g}")
-    return percent / 100.0
+    return share_of_percent(number_of(entry, "required", where), f"{where}: required")

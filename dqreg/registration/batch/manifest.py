@@ -17,7 +17,7 @@ from dqreg.errors import DqregError, InputError, did_you_mean, printable
 from dqreg.files.poses import START_WORDS, read_start
 from dqreg.files.untrusted import read_record
 from dqreg.inspection.plan.file import HEAD
-from dqreg.inspection.tolerances import Tolerance, tolerance_from
+from dqreg.inspection.tolerances import Tolerance, share_of_percent, tolerance_from
 from dqreg.registration.batch.row import Row
 from dqreg.registration.batch.row_inspection import RowInspection
 from dqreg.registration.batch.row_names import RowNames, natural_order
@@ -237,7 +237,7 @@ def _asked(values: Mapping[str, str], base: Path, default: RowInspection) -> Row
     if values.get("tolerance"):
         own["tolerance"] = _tolerance(values["tolerance"])
     if values.get("required"):
-        own["required_share"] = _positive("required", values["required"]) / 100.0
+        own["required_share"] = share_of_percent(_number("required", values["required"]), "required")
     head = {**dict(default.head), **{name: values[name] for name in HEAD if values.get(name)}}
     asked = dataclasses.replace(default, head=tuple(head.items()), **own)
     # A part that is not inspected needs no page.
@@ -254,7 +254,7 @@ def _tolerance(text: str) -> float | Tolerance:
         raise InputError(f"tolerance: {error}") from None
 
 
-def _positive(name: str, text: str) -> float:
+def _number(name: str, text: str) -> float:
     try:
         return float(text)
     except ValueError:

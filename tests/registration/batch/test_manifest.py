@@ -159,7 +159,9 @@ def test_parts_are_inspected_by_columns_and_defaults(folder):
     assert (second.asked.plan, second.asked.tolerance, second.asked.required_share) == (None, 0.2, 0.99)
     assert "inspection" in inputs_of(first)
     assert "inspection" not in inputs_of(dataclasses.replace(first, asked=RowInspection()))
-    rows = rows_of(folder, text + "scan0.npy,bracket.off,no.toml,,,\nscan0.npy,bracket.off,,-1,,\n")
+    faulty = "scan0.npy,bracket.off,no.toml,,,\nscan0.npy,bracket.off,,-1,,\nscan0.npy,bracket.off,,0.2,0.95,\n"
+    rows = rows_of(folder, text + faulty)
+    assert rows[4].fault.endswith("required is in per cent; got 0.95: was 95 meant?")
     assert "cannot read the plan" in rows[2].fault
     assert "tolerance must be a length above 0" in rows[3].fault
 
