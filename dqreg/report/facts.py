@@ -76,7 +76,8 @@ def _figure(value: float, unit: str) -> str:
         return "not asked"
     # Two digits, and 100 % is no power of ten.
     shares = f"{100.0 * value:.0f}" if value >= 0.1 else text_of(100.0 * value, 2)
-    return f"{shares} %" if unit == "%" else f"{text_of(value, 3)} {unit}".strip()
+    # A share, which a file of old has in "%" likewise.
+    return f"{shares} %" if unit in ("1", "%") else f"{text_of(value, 3)} {unit}".strip()
 
 
 def motions_of(result: RegistrationResult) -> list[dict[str, str]]:

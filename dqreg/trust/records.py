@@ -101,7 +101,8 @@ class Reason(str):
 
 
 Relation = Literal["at least", "at most"]
-Unit = Literal["%", "times", "points", "motions", "poses", ""]
+# Shares have the unit "1"; "%" in a file of old, where they are shares too.
+Unit = Literal["1", "%", "times", "points", "motions", "poses", ""]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -110,7 +111,7 @@ class Check:
 
     code: str  # Of the reason that it would be
     question: str  # What is asked, in words
-    value: float  # Figure, a share where the unit is "%"; NaN where it was not asked for
+    value: float  # Figure, a share where the unit is "1"; NaN where it was not asked for
     relation: Relation  # How a figure that passes stands to the limit
     limit: float
     unit: Unit

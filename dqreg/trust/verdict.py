@@ -95,7 +95,7 @@ def _unlikely(confidence: float) -> str:
 
 def _together(confidence: float) -> Check:
     question = "Probability of a right pose, by all figures together"
-    return Check("low_confidence", question, confidence, "at least", UNLIKELY, "%", not confidence < UNLIKELY)
+    return Check("low_confidence", question, confidence, "at least", UNLIKELY, "1", not confidence < UNLIKELY)
 
 
 def _why_no_correspondences(evidence: Evidence) -> Reason:

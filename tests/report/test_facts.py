@@ -11,7 +11,7 @@ from dqreg.trust.records import Check, Verdict
 
 def test_each_question_shows_its_figure_and_limit_or_that_it_was_not_asked() -> None:
     checks = (
-        Check("low_inlier_fraction", "Inliers", 1.0, "at least", 0.7, "%", True),
+        Check("low_inlier_fraction", "Inliers", 1.0, "at least", 0.7, "1", True),
         Check("mirrored", "Gain", math.nan, "at most", 0.015, "", None),
         Check("falling_inlier_fraction", "Fall", math.nan, "at least", math.nan, "%", True),
         Check("not_converged", "Converged", math.nan, "at most", 0.0, "", True),

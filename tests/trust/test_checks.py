@@ -53,6 +53,12 @@ def test_a_figure_is_what_the_sentence_says_and_nan_where_it_was_not_asked() -> 
         assert checks[code].passed is True
 
 
+def test_shares_have_the_unit_one() -> None:
+    units = {code: check.unit for code, check in by_code().items()}
+    assert units["low_inlier_fraction"] == units["low_confidence"] == units["stretched"] == "1"
+    assert "%" not in units.values()
+
+
 def test_nothing_found_has_no_checks_and_a_later_doubt_keeps_them() -> None:
     assert judge(dataclasses.replace(GOOD, found=False)).checks == ()
     verdict = judge(GOOD)
