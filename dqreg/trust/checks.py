@@ -6,9 +6,11 @@ import math
 from collections.abc import Callable, Collection
 
 from dqreg.trust import limits
+from dqreg.trust.deformation import BETWEEN_CLOUDS, ON_A_PART
 from dqreg.trust.doubts import DOUBTS
 from dqreg.trust.evidence import Evidence
 from dqreg.trust.records import Check, Code, Relation, Unit
+from dqreg.trust.strain import LEAST, LEAST_BEND, LEAST_DRIFT
 
 Figures = Callable[[Evidence], tuple[float, float]]
 
@@ -52,8 +54,25 @@ def _residuals(evidence: Evidence) -> tuple[float, float]:
     return evidence.width / noise if noise > 0.0 else math.nan, limits.ROUGH
 
 
+# The next figures are 0 unless they are significant and reach their limits: smaller ones were not kept.
+def _stretch(evidence: Evidence) -> tuple[float, float]:
+    return abs(evidence.stretch), LEAST
+
+
+def _bend(evidence: Evidence) -> tuple[float, float]:
+    return evidence.bend, LEAST_BEND
+
+
+def _deformation(evidence: Evidence) -> tuple[float, float]:
+    # Of several limits, each with a significance of its own, the smallest.
+    told = ON_A_PART if math.isnan(evidence.faces_apart) else BETWEEN_CLOUDS
+    return evidence.deformation / evidence.size, min(limit.shown for limit in (*told.few, *told.many))
+
+
 def _drift(evidence: Evidence) -> tuple[float, float]:
-    return evidence.drift / evidence.size if evidence.size > 0.0 else evidence.drift, 0.0
+    value = evidence.drift / evidence.size if evidence.size > 0.0 else evidence.drift
+    # Of two exposures every one counts.
+    return value, LEAST_DRIFT if value >= LEAST_DRIFT or not value else 0.0
 
 
 def _free(evidence: Evidence) -> tuple[float, float]:
@@ -77,6 +96,8 @@ def _others(evidence: Evidence) -> tuple[float, float]:
     return float(sum(not alternative.symmetry for alternative in evidence.alternatives)), 0.0
 
 
+# Said of figures that exist beyond their limits only.
+UNLESS = "; 0 unless it is above the limit and significant"
 # What is asked, how the figure stands to its limit, and in which unit; a figure of NaN was not asked for.
 QUESTIONS: dict[Code, tuple[str, Relation, Unit, Figures]] = {
     "few_inliers": (
@@ -92,7 +113,7 @@ QUESTIONS: dict[Code, tuple[str, Relation, Unit, Figures]] = {
         "1",
         lambda e: (e.share_near if math.isfinite(e.usual) else math.nan, limits.FALL * e.usual),
     ),
-    "stretched": ("Significant strain against the target", "at most", "1", lambda e: (abs(e.stretch), 0.0)),
+    "stretched": (f"Strain against the target{UNLESS}", "at most", "1", _stretch),
     "mirrored": (
         "Log-likelihood that mirroring the scan gains",
         "at most",
@@ -175,14 +196,14 @@ QUESTIONS: dict[Code, tuple[str, Relation, Unit, Figures]] = {
         "1",
         lambda e: (e.waviness / e.size, limits.wavy_limit(e)),
     ),
-    "bent": ("Significant bend, sagitta over length", "at most", "1", lambda e: (e.bend, 0.0)),
+    "bent": (f"Bend, sagitta over length{UNLESS}", "at most", "1", _bend),
     "deformed": (
-        "Significant smooth deformation of the scan against the target, of the size",
+        f"Smooth deformation of the scan against the target, of the size{UNLESS}",
         "at most",
         "1",
-        lambda e: (e.deformation / e.size, 0.0),
+        _deformation,
     ),
-    "drift": ("Significant drift of the pose along the scan, of the size", "at most", "1", _drift),
+    "drift": (f"Drift of the pose along the scan, of the size{UNLESS}", "at most", "1", _drift),
     "random_fit": (
         "Residuals against those at random poses",
         "at most",

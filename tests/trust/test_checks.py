@@ -9,9 +9,11 @@ import pytest
 from dqreg.trust import judge
 from dqreg.trust import verdict as verdicts
 from dqreg.trust.checks import QUESTIONS
+from dqreg.trust.deformation import BETWEEN_CLOUDS, ON_A_PART
 from dqreg.trust.doubts import DOUBTS
 from dqreg.trust.limits import ROUGH
 from dqreg.trust.records import Check
+from dqreg.trust.strain import LEAST, LEAST_BEND, LEAST_DRIFT
 from tests.trust.test_verdict import CAUSES, GOOD
 
 
@@ -57,6 +59,23 @@ def test_shares_have_the_unit_one() -> None:
     units = {code: check.unit for code, check in by_code().items()}
     assert units["low_inlier_fraction"] == units["low_confidence"] == units["stretched"] == "1"
     assert "%" not in units.values()
+
+
+def test_figures_of_shape_have_the_limit_from_which_on_they_are_told() -> None:
+    for changes in ({"size": 100.0}, {"size": 100.0, "faces_apart": 0.0}):
+        checks = by_code(**changes)
+        between_clouds = "faces_apart" in changes
+        assert {code: checks[code].limit for code in ("stretched", "bent", "deformed", "drift")} == {
+            "stretched": LEAST,
+            "bent": LEAST_BEND,
+            "deformed": BETWEEN_CLOUDS.few[1].shown if between_clouds else ON_A_PART.few[0].shown,
+            "drift": LEAST_DRIFT,
+        }
+        assert all(checks[code].passed for code in ("stretched", "bent", "deformed", "drift"))
+    # The shift between two exposures has no least size.
+    small = by_code(size=100.0, drift=0.1)["drift"]
+    assert small.passed is False
+    assert small.value > small.limit == 0.0
 
 
 def test_nothing_found_has_no_checks_and_a_later_doubt_keeps_them() -> None:
