@@ -95,10 +95,9 @@ def refuse_swapped(result: Registration, scan: Path, part: Path) -> None:
 
 def look_swapped(result: Registration) -> bool:
     """Whether a mesh was laid on a cloud of points, as where the part is named first."""
-    from dqreg.geometry import Mesh
+    from dqreg.report.hints import is_mesh_on_cloud
 
-    inputs = result.inputs
-    return inputs is not None and inputs.source.mesh is not None and not isinstance(inputs.target.geometry, Mesh)
+    return result.inputs is not None and is_mesh_on_cloud(result.inputs)
 
 
 def _try_swapped(scan: Path, target: Path, console: Console, options: dict[str, Any]) -> None:

@@ -35,8 +35,23 @@ def hints_of(result: RegistrationResult) -> list[str]:
     return hints
 
 
+def remarks_of(result: RegistrationResult) -> list[str]:
+    """What a person should know of a pose that was accepted, beside the verdict."""
+    if result.verdict.level != "accepted" or result.inputs is None or not is_mesh_on_cloud(result.inputs):
+        return []
+    return [
+        "The first file is a mesh and the second a cloud of points: the pose maps the mesh to the cloud. The usual "
+        "order is the scan first, then the part."
+    ]
+
+
+def is_mesh_on_cloud(inputs: RegisteredPair) -> bool:
+    """Whether a mesh was laid on a cloud of points, as where the part is named first."""
+    return inputs.source.mesh is not None and not isinstance(inputs.target.geometry, Mesh)
+
+
 def _sides_hint(inputs: RegisteredPair) -> list[str]:
-    if isinstance(inputs.target.geometry, Mesh) or inputs.source.mesh is None:
+    if not is_mesh_on_cloud(inputs):
         return []
     return ["The first file is a mesh and the second a cloud of points: if the first is the part, swap them."]
 

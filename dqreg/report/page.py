@@ -21,7 +21,7 @@ from dqreg.report.colours import LEVELS
 from dqreg.report.decision_tables import bands_of, decision_of, regions_table
 from dqreg.report.facts import facts_of, file_name, motions_of
 from dqreg.report.figure import encode
-from dqreg.report.hints import hints_of
+from dqreg.report.hints import hints_of, remarks_of
 from dqreg.report.html import data_uri, render
 from dqreg.report.page_file import page_path, write_page
 from dqreg.report.pictures import Panel, draw
@@ -106,7 +106,7 @@ def _words(result: RegistrationResult, data: ReportData | None, unit: str) -> di
         "alignment": ALIGNMENT[level],
         "sign": tables.SIGNS[level],
         "advice": tables.ADVICE[level],
-        "reasons": result.verdict.reasons,
+        "reasons": (*result.verdict.reasons, *remarks_of(result)),
         "confidence": confidence_words(result),
         "hints": hints_of(result),
         "source": file_name(settings.get("source")),

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dqreg.report.hints import hints_of
+from dqreg.report.hints import hints_of, remarks_of
 from dqreg.report.text import unit_words
 from dqreg.trust.free_space import HIDDEN
 
@@ -97,7 +97,7 @@ def print_summary(console: Console, result: RegistrationResult) -> None:
         highlight=False,
         soft_wrap=True,
     )
-    for reason in result.verdict.reasons:
+    for reason in (*result.verdict.reasons, *remarks_of(result)):
         console.print(f"  {reason}", highlight=False, markup=False, soft_wrap=True)
     for name, value in summary_rows(result):
         console.print(f"{name:>10}  {value}", highlight=False, markup=False, soft_wrap=True)

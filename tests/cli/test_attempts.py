@@ -52,6 +52,19 @@ def test_swapped_files_are_said(files: Path, capsys: pytest.CaptureFixture[str])
     assert "the first file is a mesh and the second a cloud of points" in capsys.readouterr().out.lower()
 
 
+def test_an_accepted_pose_of_a_mesh_on_a_cloud_says_which_way_it_maps(
+    files: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = files / "swapped.html"
+    assert run("register", files / "part.off", files / "scan.ply", "--start", files / "inverted.txt",
+               "--report", page) == 0  # fmt: skip
+    words = "the pose maps the mesh to the cloud. The usual order is the scan first"
+    assert words in capsys.readouterr().out
+    assert words in page.read_text(encoding="utf-8")
+    assert run("register", files / "scan.ply", files / "part.off", "--start", files / "inverted.txt") == 0
+    assert "The usual order" not in capsys.readouterr().out
+
+
 def test_an_alternative_of_a_result_is_a_start(tmp_path: Path) -> None:
     T = twist.exp(np.array([0.1, 0.2, 0.3, 1.0, 2.0, 3.0]))
     record = {"T_target_source": np.eye(4).tolist(), "alternatives": [{"T_target_source": T.tolist()}]}
