@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from dqreg.registration.result import Registration
     from dqreg.report.work_bar import WorkBar
 
-# Decisions on a part, the good first.
-OUTCOMES = ("pass", "undecided", "fail")
 # Rows that are named one by one on the screen; all of them are in the summary.
 NAMED = 20
 # Options of `dqreg.register` that the command line offers for all rows; a manifest may say each for its own.
@@ -195,7 +193,7 @@ def _told(bar: WorkBar, console: Console) -> Callable[[Progress], None]:
 
 
 def _show(console: Console, found: Batch) -> None:
-    from dqreg.registration.batch.summary import counts
+    from dqreg.registration.batch.summary import counts, part_counts
 
     bad = [line for line in found.lines if line.verdict not in ("accepted", "not run")]
     for line in bad[:NAMED]:
@@ -206,8 +204,8 @@ def _show(console: Console, found: Batch) -> None:
     missed = [line for line in found.lines if line.inspection and line.inspection.get("error")]
     for line in missed[:NAMED]:
         say(console, f"  {line.row.name}: part undecided: {(line.inspection or {})['error']}")
-    parts = [line.part for line in found.lines if line.part]
+    parts = part_counts(found.lines)
     if parts:
-        say(console, "parts: " + ", ".join(f"{parts.count(o)} {o}" for o in OUTCOMES if o in parts))
+        say(console, "parts: " + ", ".join(f"{count} {part.words}" for part, count in parts.items()))
     for path in found.files:
         say(console, f"wrote {path}")

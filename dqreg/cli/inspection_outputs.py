@@ -47,10 +47,11 @@ def tell(console: Console, found: Inspected) -> None:
 
     result = found.registration
     tell_alignment(console, result)
+    trusted = result.verdict.level == "accepted"
     if found.decision is not None:
-        tell_decision(found.decision, found.deviations, console)
+        tell_decision(found.decision, found.deviations, console, trusted=trusted)
     if found.sheet is not None and found.sheet.characteristics:
-        tell_inspection(console, found.sheet, str(result.settings.get("target_units") or ""))
+        tell_inspection(console, found.sheet, str(result.settings.get("target_units") or ""), trusted=trusted)
 
 
 def write(
@@ -113,6 +114,7 @@ def record_of(found: Inspected, head: dict[str, str]) -> dict[str, Any]:
     return {
         "verdict": result.verdict,
         "outcome": found.outcome,
+        "alignment_trusted": result.verdict.level == "accepted",
         "units": result.settings.get("target_units"),
         "T_target_source": result.T_target_source,
         "alignment": None if sheet is None or sheet.alignment is None else dataclasses.asdict(sheet.alignment),

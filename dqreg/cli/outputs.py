@@ -187,20 +187,22 @@ def deviation_lines(deviations: Deviations) -> list[tuple[str, str]]:
     return lines
 
 
-def tell_decision(found: Decision, deviations: Deviations, console: Console) -> None:
+def tell_decision(found: Decision, deviations: Deviations, console: Console, *, trusted: bool) -> None:
     """Print whether the part is within its tolerance, and why."""
     from dqreg.report.decision_tables import decision_words
+    from dqreg.report.inspection_table import outcome_markup
     from dqreg.report.text import tolerance_text
 
     unit = deviations.units or ""
-    colour = {"pass": "green", "undecided": "yellow", "fail": "red"}[found.outcome]
     against = tolerance_text(found, unit).replace("−", "-")
-    console.print(f"[bold {colour}]{found.outcome.upper()}[/]: part against {against}", highlight=False)
+    console.print(f"{outcome_markup(found.outcome, trusted=trusted)}: part against {against}", highlight=False)
     for words in decision_words(found, unit, deviations.signed):
         say(console, f"  {words}")
 
 
-def deviation_record(deviations: Deviations, decision: Decision | None = None) -> dict[str, Any]:
+def deviation_record(
+    deviations: Deviations, decision: Decision | None = None, *, trusted: bool = False
+) -> dict[str, Any]:
     """The figures of `tell_deviations` as plain values."""
     import dataclasses
 
@@ -213,7 +215,7 @@ def deviation_record(deviations: Deviations, decision: Decision | None = None) -
         "bands": None if deviations.tolerance is None else dataclasses.asdict(deviations.bands()),
         "worst": [dataclasses.asdict(place) for place in deviations.worst(PLACES)],
         "counts": dataclasses.asdict(deviations.counts),
-        "decision": None if decision is None else dataclasses.asdict(decision),
+        "decision": None if decision is None else {**dataclasses.asdict(decision), "alignment_trusted": trusted},
     }
 
 

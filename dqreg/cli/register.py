@@ -162,17 +162,18 @@ def register_command(
     print_summary(console, result)
     write_outputs(unit.native(result), out, aligned, console)
     measured = decision = None
+    trusted = result.verdict.level == "accepted"
     if deviations is not None or allowed is not None:
         measured = tell_deviations(result, deviations, allowed, console, reach=reach, exclude=exclude, keep=keep)
     if measured is not None and allowed is not None:
         decision = decide(measured, allowed, share)
-        tell_decision(decision, measured, console)
+        tell_decision(decision, measured, console, trusted=trusted)
     if report is not None:
         tell_report(result, report, reach, began, console, measured, decision)
     if as_json:
-        found = None if measured is None else deviation_record(measured, decision)
+        found = None if measured is None else deviation_record(measured, decision, trusted=trusted)
         print_json(result.to_dict() if found is None else result.to_dict() | {"deviations": found})
-    if result.verdict.level != "accepted":
+    if not trusted:
         return 1
     return 0 if decision is None or decision.outcome == "pass" else 3
 

@@ -108,11 +108,15 @@ def _serve(console: Console, data: ReportData, port: int) -> None:
 
 def _record(result: Registration, data: ReportData, files: list[Path]) -> dict[str, Any]:
     """What a picture shows, for programs."""
+    deviations = None
+    if data.deviations is not None:
+        trusted = result.verdict.level == "accepted"
+        deviations = deviation_record(data.deviations, data.decision, trusted=trusted)
     return {
         "verdict": result.verdict,
         "T_target_source": result.T_target_source,
         "units": result.settings.get("target_units"),
-        "deviations": None if data.deviations is None else deviation_record(data.deviations, data.decision),
+        "deviations": deviations,
         "files": [str(path) for path in files],
     }
 

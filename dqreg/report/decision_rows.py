@@ -8,6 +8,8 @@ import math
 from dqreg.inspection import Decision, Region
 from dqreg.report.text import percent, text_of
 
+OUTCOME_SIGNS = {"pass": "✓", "undecided": "?", "fail": "✗"}
+
 
 @dataclasses.dataclass(frozen=True)
 class DecisionRow:
@@ -46,6 +48,17 @@ def _of_region(found: Decision, region: Region) -> DecisionRow:
     name = f"face {region.number}, {region.name}: median deviation"
     numbers = (0.0, region.low, region.high, region.median, found.uncertainty)
     return DecisionRow(name, "deviation", *numbers, region.outcome or "", region.points, region_remark(found, region))
+
+
+def shown_outcome(outcome: str, *, trusted: bool) -> dict[str, str]:
+    """Class, sign and words of an outcome: a pass on an alignment that is not trusted must not look like one.
+
+    >>> shown_outcome("pass", trusted=True)["said"], shown_outcome("pass", trusted=False)["said"]
+    ('pass', 'pass, if the alignment holds')
+    """
+    if outcome == "pass" and not trusted:
+        return {"kind": "conditional", "sign": "?", "said": "pass, if the alignment holds"}
+    return {"kind": outcome, "sign": OUTCOME_SIGNS.get(outcome, ""), "said": outcome}
 
 
 def region_remark(found: Decision, region: Region) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 
 from dqreg.inspection import Band, Decision
 from dqreg.inspection.places import MEDIAN_SIGMA, PLACE
+from dqreg.report.decision_rows import OUTCOME_SIGNS, shown_outcome
 from dqreg.report.page_tables import goto, rounded
 from dqreg.report.report_data import ReportData
 from dqreg.report.text import (
@@ -22,19 +23,17 @@ from dqreg.report.text import (
     unit_words,
 )
 
-OUTCOME_SIGNS = {"pass": "✓", "undecided": "?", "fail": "✗"}
 # Rows of the table of regions.
 ROWS = 14
 
 
-def decision_of(data: ReportData) -> dict[str, Any] | None:
+def decision_of(data: ReportData, *, trusted: bool) -> dict[str, Any] | None:
     """The line on the part, and why."""
     if data.decision is None:
         return None
     found = data.decision
     return {
-        "outcome": found.outcome,
-        "sign": OUTCOME_SIGNS[found.outcome],
+        **shown_outcome(found.outcome, trusted=trusted),
         "against": tolerance_text(found, data.unit),
         "words": decision_words(found, data.unit, data.deviations is not None and data.deviations.signed),
     }

@@ -9,7 +9,7 @@ import numpy as np
 
 from dqreg.inspection import Characteristic, DatumAlignment, Decision, Inspection
 from dqreg.inspection.places import COVERAGE, PLACE
-from dqreg.report.decision_rows import decision_rows
+from dqreg.report.decision_rows import decision_rows, shown_outcome
 from dqreg.report.summary import ALIGNMENT, COLOURS
 from dqreg.report.table import EMPTY, Column, Table, print_tables, to_csv
 from dqreg.report.text import measured_text
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from dqreg.report.result_protocol import RegistrationResult
 
-OUTCOME_COLOURS = {"pass": "green", "undecided": "yellow", "fail": "red"}
+OUTCOME_COLOURS = {"pass": "green", "conditional": "yellow", "undecided": "yellow", "fail": "red"}
 FRAMES = {"best-fit": "best fit of the scan", "datums": "datums"}
 
 
@@ -121,9 +121,18 @@ def tell_alignment(console: Console, result: RegistrationResult) -> None:
         console.print(f"  {reason}", highlight=False, markup=False, soft_wrap=True)
 
 
-def tell_inspection(console: Console, found: Inspection, unit: str) -> None:
+def outcome_markup(outcome: str, *, trusted: bool) -> str:
+    """An outcome in its colour for the screen.
+
+    >>> outcome_markup("pass", trusted=False)
+    '[bold yellow]PASS, IF THE ALIGNMENT HOLDS[/]'
+    """
+    shown = shown_outcome(outcome, trusted=trusted)
+    return f"[bold {OUTCOME_COLOURS[shown['kind']]}]{shown['said'].upper()}[/]"
+
+
+def tell_inspection(console: Console, found: Inspection, unit: str, *, trusted: bool) -> None:
     """Print the decision and the table."""
-    colour = OUTCOME_COLOURS[found.outcome]
-    console.print(f"[bold {colour}]{found.outcome.upper()}[/]: part by its plan", highlight=False)
+    console.print(f"{outcome_markup(found.outcome, trusted=trusted)}: part by its plan", highlight=False)
     if found.characteristics:
         print_tables(console, [characteristics_table(found, unit)])

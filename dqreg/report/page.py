@@ -82,12 +82,13 @@ def to_html(
 
     unit = unit_of(result)
     asked = inspection.plan.report if inspection else PlannedReport()
-    shown = _shown(data, views or asked.views, printed=not in_cell)
+    trusted = result.verdict.level == "accepted"
+    shown = _shown(data, views or asked.views, printed=not in_cell, trusted=trusted)
     values = _words(result, data, unit) | _evidence(result, unit) | shown
     values["in_cell"], values["parts"] = in_cell, asked.parts
     if "view" not in asked.parts:
         values["scene"] = ""
-    values["inspection"] = sheet_of(inspection, unit)
+    values["inspection"] = sheet_of(inspection, unit, trusted=trusted)
     values["head_rows"] = head_rows({**(inspection.plan.head if inspection else {}), **(head or {})})
     values["digests"] = digests_of(result.settings)
     # Made by this package from numbers and escaped words.
@@ -146,7 +147,7 @@ def _evidence(result: RegistrationResult, unit: str) -> dict[str, Any]:
     }
 
 
-def _shown(data: ReportData | None, views: Sequence[str], *, printed: bool) -> dict[str, Any]:
+def _shown(data: ReportData | None, views: Sequence[str], *, printed: bool, trusted: bool) -> dict[str, Any]:
     """What only a result with source and target can show."""
     if data is None:
         return {
@@ -167,7 +168,7 @@ def _shown(data: ReportData | None, views: Sequence[str], *, printed: bool) -> d
     return {
         "deviations": tables.deviations_of(data),
         "bands": bands_of(data),
-        "decision": decision_of(data),
+        "decision": decision_of(data, trusted=trusted),
         "regions": regions_table(data),
         "worst": tables.worst_of(data),
         "scale": tables.scale_words(data),

@@ -18,12 +18,12 @@ from dqreg.inspection.decision import worst_of
 from dqreg.inspection.places import COVERAGE
 from dqreg.inspection.sections import Section
 from dqreg.report.alignment_table import alignment_of
+from dqreg.report.decision_rows import OUTCOME_SIGNS, shown_outcome
 from dqreg.report.definitions import definitions_of
 from dqreg.report.inspection_table import frame_words, kind_words
 from dqreg.report.section_picture import section_picture
 from dqreg.report.text import measured_text, percent, text_of, unit_words
 
-SIGNS = {"pass": "✓", "undecided": "?", "fail": "✗"}
 # Fields of the head that have words of their own, in their order; others follow as they are named.
 FIELDS = {
     "part": "Part no.",
@@ -56,7 +56,7 @@ def head_rows(head: Mapping[str, str]) -> list[tuple[str, str]]:
     return [(names[key], head[key]) for key in order if head[key]]
 
 
-def sheet_of(found: Inspection | None, unit: str) -> dict[str, Any] | None:
+def sheet_of(found: Inspection | None, unit: str, *, trusted: bool) -> dict[str, Any] | None:
     """The sheet for the page's template."""
     if found is None:
         return None
@@ -66,12 +66,12 @@ def sheet_of(found: Inspection | None, unit: str) -> dict[str, Any] | None:
     if found.characteristics:
         words.append(f"{count} of {len(found.characteristics)} characteristics pass.")
     if found.decision is not None:
-        words.append(f"The deviations against their tolerance: {found.decision.outcome}.")
+        said = shown_outcome(found.decision.outcome, trusted=trusted)["said"]
+        words.append(f"The deviations against their tolerance: {said}.")
     if missing:
         words.append(f"{missing} could not be measured: their faces were not scanned.")
     return {
-        "outcome": found.outcome,
-        "sign": SIGNS[found.outcome],
+        **shown_outcome(found.outcome, trusted=trusted),
         "words": words,
         "columns": COLUMNS,
         "rows": _rows(found),
@@ -94,7 +94,7 @@ def _rows(found: Inspection) -> list[dict[str, Any]]:
                 percent(row.coverage),
             ],
             "outcome": row.outcome,
-            "sign": SIGNS[row.outcome],
+            "sign": OUTCOME_SIGNS[row.outcome],
         }
         for k, row in enumerate(found.characteristics)
     ]

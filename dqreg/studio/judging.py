@@ -43,6 +43,7 @@ def judge(place: Place) -> dict[str, Any]:
         "reach": found.reach,
         "drawing": _drawing(place, found, limit),
         "outcome": inspected.outcome if is_judged(place.visit) else None,
+        "alignment_trusted": inspected.registration.verdict.level == "accepted",
         "characteristics": [
             dataclasses.asdict(row) for row in (inspected.sheet.characteristics if inspected.sheet else ())
         ],

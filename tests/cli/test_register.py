@@ -165,6 +165,28 @@ def test_a_part_with_a_bump_ends_with_exit_code_three(tmp_path, case, start, cap
     assert run("register", tmp_path / "bump.ply", case.part, *options, "--exclude", *box) == 0
 
 
+def test_a_pass_on_an_alignment_that_is_not_trusted_does_not_look_like_one(tmp_path, case, start, capsys):
+    # Points amid one flat face leave three motions open: the alignment is not trusted, and all lie on the part.
+    points = pose.apply(case.T_target_source, read_cloud(case.scan).points)
+    top = points[(np.abs(points - (60.0, 40.0, 10.0)) < (20.0, 25.0, 0.2)).all(axis=1)]
+    write_cloud(tmp_path / "top.ply", pose.apply(pose.inverse(case.T_target_source), top))
+    known = tmp_path / "known.txt"
+    np.savetxt(known, case.T_target_source)
+    options = ("--start", known, "--search", "never", "--source-units", "mm", "--target-units", "mm")
+    options += ("--tolerance", "0.5", "--report", tmp_path / "page.html")
+    assert run("register", tmp_path / "top.ply", case.part, *options) == 1
+    assert "PASS, IF THE ALIGNMENT HOLDS: part against ±0.5 mm" in capsys.readouterr().out
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert ": pass, if the alignment holds</strong>" in page
+    assert '<section class="verdict pass"' not in page
+    assert run("register", tmp_path / "top.ply", case.part, *options, "--json") == 1
+    decision = json.loads(capsys.readouterr().out)["deviations"]["decision"]
+    assert (decision["outcome"], decision["alignment_trusted"]) == ("pass", False)
+    assert run("inspect", tmp_path / "top.ply", case.part, *options[:-2], "--json") == 1
+    found = json.loads(capsys.readouterr().out)
+    assert (found["outcome"], found["alignment_trusted"]) == ("pass", False)
+
+
 @pytest.mark.parametrize("kind", ["cloud", "cloud in inches", "mesh"])
 def test_the_aligned_scan_is_the_file_under_the_pose(tmp_path, case, start, kind):
     scan, options = case.scan, ["--source-units", "mm", "--target-units", "mm"]

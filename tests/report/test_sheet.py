@@ -23,7 +23,7 @@ FOUND = Inspection("fail", ROWS, None, Plan({"part": "4711"}, (), "best-fit", RO
 
 
 def test_the_sheet_says_what_passes_what_is_missing_and_how_much_was_seen() -> None:
-    sheet = sheet_of(FOUND, "mm")
+    sheet = sheet_of(FOUND, "mm", trusted=True)
     assert sheet is not None
     assert sheet["words"] == ["Aligned to best fit of the scan.", "1 of 3 characteristics pass.",
                               "1 could not be measured: their faces were not scanned."]  # fmt: skip

@@ -8,10 +8,11 @@ from collections import Counter
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from dqreg.registration.batch.line import RESULTS, Line
 from dqreg.registration.batch.trends import trends_of, trends_on_page
+from dqreg.report.decision_rows import shown_outcome
 from dqreg.report.html import data_uri, render
 from dqreg.report.table import to_csv
 
@@ -57,6 +58,7 @@ def to_records(lines: Sequence[Line]) -> list[dict[str, Any]]:
             "line": line.row.line,
             "kept": line.kept,
             "part": line.part or None,
+            "alignment_trusted": line.verdict == "accepted",
             "report": line.report or None,
             "inspection": line.inspection,
         }
@@ -72,7 +74,8 @@ def to_html(title: str, lines: Sequence[Line], thumbnails: Path | None = None) -
         lines=lines,
         counts=counts(lines),
         inspected=any(line.row.asked.inspects for line in lines),
-        parts={outcome: sum(line.part == outcome for line in lines) for outcome in ("pass", "undecided", "fail")},
+        parts=part_counts(lines),
+        shown=lambda line: shown_outcome(line.part, trusted=line.verdict == "accepted"),
         trends=trends_on_page(trends_of(lines)),
         short=_short,
         reasons=partial(_reasons, _folders(lines)),
@@ -85,6 +88,28 @@ def counts(lines: Sequence[Line]) -> dict[str, int]:
     """How many rows have which verdict, the good ones first; those that none has are left out."""
     found = Counter(line.verdict for line in lines)
     return {verdict: found[verdict] for verdict in reversed(VERDICTS) if found[verdict]}
+
+
+class CountedPart(NamedTuple):
+    """Parts of one outcome in a count."""
+
+    kind: str  # As `shown_outcome` has it
+    words: str
+
+
+# The good first.
+COUNTED = (
+    CountedPart("pass", "pass"),
+    CountedPart("conditional", "pass on an alignment that is not trusted"),
+    CountedPart("undecided", "undecided"),
+    CountedPart("fail", "fail"),
+)
+
+
+def part_counts(lines: Sequence[Line]) -> dict[CountedPart, int]:
+    """How many parts have which outcome; a pass on an alignment that is not trusted is counted apart."""
+    found = Counter(shown_outcome(line.part, trusted=line.verdict == "accepted")["kind"] for line in lines if line.part)
+    return {part: found[part.kind] for part in COUNTED if found[part.kind]}
 
 
 def _folders(lines: Sequence[Line]) -> list[str]:

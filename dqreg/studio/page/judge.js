@@ -112,7 +112,8 @@ export function panel(app, stage) {
 function decision(app, found) {
   const { outcome, share_within, required_share, own } = found.decision, { visit } = app, unit = app.unit();
   const band = visit.tolerance === null ? "the tolerances of their faces" : visit.minus === null ? `±${long(visit.tolerance, unit)}` : `${sidesText(visit.tolerance, visit.minus).replace("-", "−")} ${unit}`;
-  return h("section", { class: `light ${outcome}`, id: "decision", "aria-label": "Decision" }, h("p", { class: "word" }, h("i", { "aria-hidden": "true" }), `Part: ${WORDS[outcome]}`),
+  const conditional = outcome === "pass" && !found.alignment_trusted;
+  return h("section", { class: `light ${conditional ? "suspect" : outcome}`, id: "decision", "aria-label": "Decision" }, h("p", { class: "word" }, h("i", { "aria-hidden": "true" }), `Part: ${WORDS[outcome]}${conditional ? ", if the alignment holds" : ""}`),
     h("p", {}, `${percent(share_within, 2)} of the points are within ${band}${own && visit.tolerance !== null ? `, or within that of their face on ${own === 1 ? "one face" : `${own} faces`}` : ""}; ${percent(required_share, 6)} are asked for, on the whole and on each face, and no place may be out.`),
     found.decision.places.length ? h("p", {}, `${found.decision.places.length} ${found.decision.places.length === 1 ? "place is" : "places are"} not proven to be within; the worst deviates by ${off(found.decision.places[0].value, unit)}.`) : null);
 }

@@ -4,6 +4,8 @@ import { h, long, percent, show } from "./dom.js";
 
 const SIGNS = { accepted: "trusted", suspect: "doubtful", failed: "failed", "not run": "not run", error: "error", crashed: "ended", timeout: "took too long", memory: "too large" };
 const LIGHT = { accepted: "pass", suspect: "undecided" };
+// A pass on an alignment that is not trusted.
+const conditional = row => row.outcome === "pass" && row.level !== "accepted";
 let timer;
 
 export async function open(app, home) {
@@ -16,7 +18,7 @@ export async function open(app, home) {
     h("p", { id: "many-said" }, `${found.rows.length} done${found.over ? "" : " so far"}: ${Object.entries(levels).map(([level, n]) => `${n} ${SIGNS[level] ?? level}`).join(", ") || "none yet"}.`),
     h("div", { class: "scroll" }, h("table", { class: "faces", id: "many" }, h("thead", {}, h("tr", {}, ["Scan", "Alignment", "Distance (rms)", "On the part", "Part", ""].map(t => h("th", { scope: "col" }, t)))),
       h("tbody", {}, found.rows.map(row => h("tr", { title: row.why ?? "" }, h("td", {}, row.name), h("td", { class: `outcome ${LIGHT[row.level] ?? "fail"}` }, SIGNS[row.level] ?? row.level),
-        h("td", { class: "n" }, row.rms ? long(row.rms, row.unit) : ""), h("td", { class: "n" }, row.inliers ? percent(row.inliers, 0) : ""), h("td", { class: `outcome ${row.outcome ?? ""}` }, row.outcome ?? ""),
+        h("td", { class: "n" }, row.rms ? long(row.rms, row.unit) : ""), h("td", { class: "n" }, row.inliers ? percent(row.inliers, 0) : ""), h("td", { class: `outcome ${conditional(row) ? "undecided" : row.outcome ?? ""}` }, conditional(row) ? "pass, if the alignment holds" : row.outcome ?? ""),
         h("td", {}, row.opens && h("button", { id: `row-${row.name}`, onclick: async () => { const told = await send(`many/${encodeURIComponent(row.name)}`); location.hash = `${told.name}/align`; location.reload(); } }, "Open"))))))),
     h("button", { id: "many-back", onclick: () => { clearTimeout(timer); app.many = false; app.render(); } }, "Back to the part"));
   if (!found.over) timer = setTimeout(() => app.many && open(app, home), 2000);

@@ -18,7 +18,8 @@ export function panel(app, found) {
   const limits = row => row.low === null || row.high === null ? "" : row.low === 0 && row.nominal === 0 ? `≤ ${number(row.high, 4)}` : `${number(row.low, 6)} … ${number(row.high, 6)}`;
   const value = row => row.remark ? row.remark : `${number(row.value, 5)} ± ${number(row.uncertainty, 2)}${degrees.includes(row.kind) ? "°" : unit ? ` ${unit}` : ""}`;
   if (!rows.length) return null;
-  return h("section", { id: "characteristics" }, !found.decision && h("div", { class: `light ${found.outcome}` }, h("p", { class: "word" }, h("i", { "aria-hidden": "true" }), `Part: ${SHORT[found.outcome]}`)),
+  const conditional = found.outcome === "pass" && !found.alignment_trusted;
+  return h("section", { id: "characteristics" }, !found.decision && h("div", { class: `light ${conditional ? "suspect" : found.outcome}` }, h("p", { class: "word" }, h("i", { "aria-hidden": "true" }), `Part: ${SHORT[found.outcome]}${conditional ? ", if the alignment holds" : ""}`)),
     h("h3", {}, "Characteristics of the plan"),
     h("div", { class: "scroll" }, h("table", { class: "faces" }, h("thead", {}, h("tr", {}, ["Characteristic", "Allowed", "Measured", ""].map(t => h("th", { scope: "col" }, t)))),
       h("tbody", {}, rows.map(row => h("tr", {}, h("td", {}, row.name), h("td", {}, limits(row)), h("td", {}, value(row)), h("td", { class: `outcome ${row.outcome}` }, SHORT[row.outcome])))))));

@@ -13,7 +13,7 @@ import pytest
 from dqreg.registration.batch.line import Line, line_of
 from dqreg.registration.batch.row import Row, RowResult
 from dqreg.registration.batch.row_inspection import RowInspection
-from dqreg.registration.batch.summary import COLUMNS, VERDICTS, counts, summary_csv, to_html, to_records
+from dqreg.registration.batch.summary import COLUMNS, VERDICTS, counts, part_counts, summary_csv, to_html, to_records
 
 NASTY = '<script>alert("1")</script>&\'\n;,"'
 ROW = Row("a", Path(f"/x/{NASTY}.ply"), Path("/y/<b>.stl"), line=2)
@@ -53,6 +53,22 @@ def test_csv_holds_every_digit_and_every_character():
     assert first[COLUMNS.index("result")] == "results/a.json"
     assert second[COLUMNS.index("verdict")] == "crashed"
     assert second[COLUMNS.index("rms")] == second[COLUMNS.index("result")] == ""
+
+
+def test_a_pass_on_an_alignment_that_is_not_trusted_is_counted_apart():
+    inspection = {"outcome": "pass", "units": "mm", "values": []}
+    asked = dataclasses.replace(ROW, asked=RowInspection(tolerance=0.1))
+    lines = [Line(asked, level, (), inspection=inspection) for level in ("accepted", "suspect", "accepted")]
+    assert {part.words: count for part, count in part_counts(lines).items()} == {
+        "pass": 2,
+        "pass on an alignment that is not trusted": 1,
+    }
+    assert [(row["part"], row["alignment_trusted"]) for row in to_records(lines)] == [
+        ("pass", True), ("pass", False), ("pass", True),
+    ]  # fmt: skip
+    page = to_html("b", lines)
+    assert '<span class="verdict conditional">1 pass on an alignment that is not trusted</span>' in page
+    assert page.count('<span class="verdict conditional">pass, if the alignment holds</span>') == 1
 
 
 def test_page_escapes_what_comes_from_outside_and_loads_nothing(tmp_path):
