@@ -182,7 +182,7 @@ def _told(bar: WorkBar, console: Console) -> Callable[[Progress], None]:
         if row is None:
             words, line = "", f"{progress.done} of {progress.total} rows are done already" if progress.done else ""
         else:
-            words = f"{row.row.name}: {row.verdict}"
+            words = f"{row.row.shown}: {row.verdict}"
             took = "" if math.isnan(row.seconds) else f"{row.seconds:.1f} s"
             rest = left_words(left) if progress.done < progress.total else ""
             line = ", ".join(filter(None, (f"{progress.done}/{progress.total}  {words}", took, rest)))
@@ -197,13 +197,13 @@ def _show(console: Console, found: Batch) -> None:
 
     bad = [line for line in found.lines if line.verdict not in ("accepted", "not run")]
     for line in bad[:NAMED]:
-        say(console, f"  {line.row.name}: {line.verdict.upper()}: {'; '.join(line.reasons)}")
+        say(console, f"  {line.row.shown}: {line.verdict.upper()}: {'; '.join(line.reasons)}")
     if len(bad) > NAMED:
         say(console, f"  and {len(bad) - NAMED} more: see the summary")
     say(console, ", ".join(f"{count} {verdict}" for verdict, count in counts(found.lines).items()))
     missed = [line for line in found.lines if line.inspection and line.inspection.get("error")]
     for line in missed[:NAMED]:
-        say(console, f"  {line.row.name}: part undecided: {(line.inspection or {})['error']}")
+        say(console, f"  {line.row.shown}: part undecided: {(line.inspection or {})['error']}")
     parts = part_counts(found.lines)
     if parts:
         say(console, "parts: " + ", ".join(f"{count} {part.words}" for part, count in parts.items()))

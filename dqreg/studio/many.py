@@ -37,7 +37,9 @@ class Many:
             text = (self.folder / SUMMARY_CSV).read_text(encoding="utf-8", errors="replace")
             for line in csv.DictReader(io.StringIO(text)):
                 missing = {"level": line.get("verdict"), "why": line.get("reasons"), "scan": line.get("scan")}
-                found.setdefault(str(line.get("name")), missing | {"opens": False})
+                # The rows above have the names of their files.
+                name = Path(line.get("result") or "").stem or line.get("name")
+                found.setdefault(str(name), missing | {"opens": False})
         return {"over": over, "rows": [{"name": name, **row} for name, row in found.items()]}
 
     def visit(self, name: str) -> Visit:

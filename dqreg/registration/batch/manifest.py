@@ -131,12 +131,12 @@ def read_manifest(path: str | os.PathLike[str], defaults: Defaults | None = None
     for line, values in cells:
         try:
             row = _row(line, values, base, defaults)
-            row = dataclasses.replace(row, name=seen.named(row, given=bool(values.get("name"))))
+            row = _called(row, seen.named(row, given=bool(values.get("name"))), values)
         except DqregError as error:
             fault = printable(f"line {line}: {error}" if place.is_file() else str(error))
-            row = Row("", *_as_written(values, base, defaults), line=line, fault=fault)
-            given = dataclasses.replace(row, name=values.get("name", ""))
-            row = dataclasses.replace(row, name=seen.named_or_scan(given))
+            asked = RowInspection(head=_head(values, defaults.asked))
+            row = Row(values.get("name", ""), *_as_written(values, base, defaults), line=line, fault=fault, asked=asked)
+            row = _called(row, seen.named_or_scan(row), values)
             faults.append(fault)
         rows.append(row)
     if faults and len(faults) == len(rows):
@@ -238,13 +238,22 @@ def _asked(values: Mapping[str, str], base: Path, default: RowInspection) -> Row
         own["tolerance"] = _tolerance(values["tolerance"])
     if values.get("required"):
         own["required_share"] = share_of_percent(_number("required", values["required"]), "required")
-    head = {**dict(default.head), **{name: values[name] for name in HEAD if values.get(name)}}
-    asked = dataclasses.replace(default, head=tuple(head.items()), **own)
+    asked = dataclasses.replace(default, head=_head(values, default), **own)
     # A part that is not inspected needs no page.
     asked = dataclasses.replace(asked, report=asked.report and asked.inspects)
     if asked.plan is not None:
         read_plan(asked.plan)
     return asked
+
+
+def _head(values: Mapping[str, str], default: RowInspection) -> tuple[tuple[str, str], ...]:
+    return tuple({**dict(default.head), **{name: values[name] for name in HEAD if values.get(name)}}.items())
+
+
+def _called(row: Row, name: str, values: Mapping[str, str]) -> Row:
+    """A row with the name of its files, and that which was given where it is another one."""
+    given = values.get("name", "")
+    return dataclasses.replace(row, name=name, given="" if given == name else printable(given))
 
 
 def _tolerance(text: str) -> float | Tolerance:

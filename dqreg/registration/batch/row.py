@@ -34,7 +34,7 @@ RECYCLED_AFTER = 256
 class Row:
     """One registration of many."""
 
-    name: str  # Name of its result file, without the ending; no two rows share one
+    name: str  # Name of its files, without the ending; no two rows share one
     # scan, target: Files, absolute
     scan: Path
     target: Path
@@ -43,6 +43,12 @@ class Row:
     line: int = 0  # Line of the manifest, or place in the folder, counted from 1
     fault: str = ""  # Why it cannot be run; "" if it can
     asked: RowInspection = dataclasses.field(default_factory=RowInspection)  # How its part is inspected
+    given: str = ""  # What it is called, where that is no file name; "" else
+
+    @property
+    def shown(self) -> str:
+        """What people read as its name."""
+        return self.given or self.name
 
 
 @dataclasses.dataclass(frozen=True)
@@ -124,7 +130,7 @@ def run_row(row: Row, targets: Targets, thumbnail: Thumbnail | None = None) -> R
     except Exception as error:
         return RowResult("error", f"{type(error).__name__}: {error}")
     picture = _picture(thumbnail, result)
-    about = {"name": row.name, "inputs": before, "seconds": time.perf_counter() - began}
+    about: dict[str, Any] = {"name": row.shown, "inputs": before, "seconds": time.perf_counter() - began}
     if inspected is not None:
         about["inspection"] = inspected
     if shown.scale != 1.0:

@@ -1,7 +1,8 @@
-"""Names of the rows of a batch: each is a file name on any system, and no two are alike."""
+"""Names of the rows of a batch in its files: each is a file name on any system, and no two are alike."""
 
 from __future__ import annotations
 
+import hashlib
 import re
 import unicodedata
 from collections.abc import Iterable
@@ -12,6 +13,8 @@ from dqreg.registration.batch.row import Row
 
 # Names become file names, on any system: these it refuses, and a name that begins like an option or a hidden file.
 NAME = re.compile(r"""[^\s.\-/\\:*?"<>|][^/\\:*?"<>|]{0,120}(?<! )""")
+# Digits that tell names apart which differ in what no file name can hold.
+DIGITS = 6
 # Bytes of a name, with an ending and a number within the 255 that most systems allow.
 LONGEST_NAME = 240
 # Devices of Windows, with whatever ending.
@@ -33,22 +36,30 @@ class RowNames:
 
     def named(self, row: Row, *, given: bool) -> str:
         """The name of a row: the one that was given, or one made of its scan."""
-        name = row.name if given else _cut(row.scan.stem)
-        if given and not (NAME.fullmatch(name) and name.isprintable()):
-            raise InputError(
-                f'the name {name!r:.150} is no file name everywhere; use no / \\ : * ? " < > | in it, no dot, blank or '
-                "- at its beginning, no blank at its end, and 120 characters at most"
-            )
-        if given and len(name.encode()) > LONGEST_NAME:
-            raise InputError(f"the name {name!r} takes {len(name.encode())} bytes; {LONGEST_NAME} fit everywhere")
-        if given and (RESERVED.match(name) or name.endswith(".")):
-            raise InputError(f"the name {name!r} is none on Windows; choose another one")
+        name = file_name(row.name) if given else _cut(row.scan.stem)
         if not given:
             name = next(each for each in _numbered(name) if _key(each) not in self._lines)
         elif _key(name) in self._lines:
-            raise InputError(f"the name {name!r} is that of line {self._lines[_key(name)]}, too")
+            raise InputError(f"the name {row.name!r:.150} is that of line {self._lines[_key(name)]}, too")
         self._lines[_key(name)] = row.line
         return name
+
+
+def file_name(given: str) -> str:
+    """The name itself where it is a file name everywhere; else one made of it, which no other name leads to.
+
+    >>> file_name("Part 7 (left)"), file_name("Part 7/left")
+    ('Part 7 (left)', 'Part_7_left-29e662')
+    """
+    if (
+        NAME.fullmatch(given)
+        and given.isprintable()
+        and len(given.encode()) <= LONGEST_NAME
+        and not (RESERVED.match(given) or given.endswith("."))
+    ):
+        return given
+    # Whatever the other rows are called, and on every run.
+    return f"{_cut(given)}-{hashlib.sha256(given.encode(errors='replace')).hexdigest()[:DIGITS]}"
 
 
 def _key(name: str) -> str:

@@ -36,7 +36,7 @@ def _csv_row(line: Line) -> tuple[object, ...]:
     numbers = (line.rms, line.inlier_fraction, line.seconds, *line.pose)
     shown = ["" if math.isnan(number) else repr(number) for number in numbers]
     result = f"{RESULTS}/{line.row.name}.json" if line.ran else ""
-    about = (line.row.name, line.verdict, "; ".join(line.reasons))
+    about = (line.row.shown, line.verdict, "; ".join(line.reasons))
     return (*about, *shown, line.row.scan, line.row.target, result, line.row.line, line.part, line.report)
 
 
@@ -44,7 +44,7 @@ def to_records(lines: Sequence[Line]) -> list[dict[str, Any]]:
     """The summary as plain values."""
     return [
         {
-            "name": line.row.name,
+            "name": line.row.shown,
             "verdict": line.verdict,
             "reasons": list(line.reasons),
             "units": line.unit or None,

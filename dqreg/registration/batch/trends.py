@@ -95,7 +95,7 @@ def trends_of(lines: Sequence[Line]) -> tuple[Trend, ...]:
 def _trend(rows: list[tuple[int, Line, dict[str, Any]]]) -> Trend:
     number, line, first = rows[0]
     samples = tuple(
-        Sample(line.row.name, line.link, float(value["value"]), _number(value["uncertainty"]), str(value["outcome"]))
+        Sample(line.row.shown, line.link, float(value["value"]), _number(value["uncertainty"]), str(value["outcome"]))
         for _, line, value in rows
         if value["value"] is not None
     )
@@ -127,7 +127,7 @@ def values_csv(lines: Sequence[Line]) -> str:
     """Every value of every part as CSV, one a line."""
     rows = (
         (
-            *(line.row.name, line.verdict, line.part, number, value["name"], value["kind"], _unit(line, value)),
+            *(line.row.shown, line.verdict, line.part, number, value["name"], value["kind"], _unit(line, value)),
             *("" if value[name] is None else value[name] for name in VALUE_NUMBERS),
             *(value["outcome"], value["remark"]),
         )
