@@ -40,7 +40,22 @@ class Inspected:
         values = [] if self.sheet is None else [_of_characteristic(row) for row in self.sheet.characteristics]
         if self.decision is not None:
             values += _of_decision(self.decision)
-        return {"outcome": self.outcome, "units": self.registration.settings.get("target_units"), "values": values}
+        return {
+            "outcome": self.outcome,
+            "units": self.registration.settings.get("target_units"),
+            "values": values,
+            "figures": self._figures(),
+        }
+
+    def _figures(self) -> dict[str, float | None]:
+        """What a line of a summary has room for: a length, and two shares of a decision."""
+        found = self.decision if self.sheet is None else self.sheet.decision
+        numbers = {
+            "p95": self.deviations.summary().p95,
+            "share_within": math.nan if found is None else found.share_within,
+            "scanned": math.nan if found is None else found.scanned,
+        }
+        return {name: _plain(number) for name, number in numbers.items()}
 
 
 def inspect_registration(
@@ -107,6 +122,10 @@ def require_record(record: Any) -> None:
             raise TypeError("no number")
         if not all(isinstance(row[name], str) for name in WORDS):
             raise TypeError("no word")
+    # Files of old have none.
+    figures = record.get("figures", {})
+    if not isinstance(figures, dict) or not all(x is None or isinstance(x, int | float) for x in figures.values()):
+        raise TypeError("no figures")
 
 
 def _of_characteristic(row: Characteristic | DecisionRow) -> dict[str, Any]:

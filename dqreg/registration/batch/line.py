@@ -11,6 +11,8 @@ from dqreg.files.units import factor
 from dqreg.registration.batch.row import BATCH, Row, RowResult
 
 RESULTS, REPORTS = "results", "reports"
+# Of an inspection, as `Inspected.record` calls them.
+FIGURES = ("p95", "share_within", "scanned")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,6 +36,12 @@ class Line:
     def part(self) -> str:
         """Whether the part passes: "pass", "fail", "undecided", or "" where that was not asked."""
         return "" if self.inspection is None else str(self.inspection["outcome"])
+
+    @property
+    def figures(self) -> tuple[float, ...]:
+        """95 % deviation, share of the points within the tolerance, share of the part scanned; NaN for what is not."""
+        found = (self.inspection or {}).get("figures", {})
+        return tuple(_number(found.get(name)) for name in FIGURES)
 
     @property
     def report(self) -> str:

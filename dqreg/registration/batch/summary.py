@@ -19,25 +19,34 @@ from dqreg.report.table import to_csv
 # From the one that needs a look first to the one that needs none.
 VERDICTS = ("crashed", "timeout", "memory", "error", "not run", "failed", "suspect", "accepted")
 POSE = ("tx", "ty", "tz", "qw", "qx", "qy", "qz")
-LENGTHS = ("rms", "tx", "ty", "tz")
+LENGTHS = ("rms", "tx", "ty", "tz", "deviation_p95")
 COLUMNS = ("name", "verdict", "reasons", "rms", "inlier_fraction", "seconds", *POSE, "scan", "target", "result", "line",
-           "part", "report")  # fmt: skip
+           "part", "report", "unit", "deviation_p95", "share_within", "share_scanned")  # fmt: skip
 
 
 def summary_csv(lines: Sequence[Line]) -> str:
-    """The summary as CSV, numbers at full precision; a unit that was asked for stands in the heads of the lengths."""
+    """The summary as CSV, numbers at full precision; a unit that was asked for stands in the heads of the lengths.
+
+    Fields of the reports' heads, such as the serial number, are the last columns.
+    """
     asked = {line.row.asked.display_units for line in lines if line.ran}
     unit = asked.pop() if len(asked) == 1 else None
     heads = [f"{name} [{unit}]" if unit and name in LENGTHS else name for name in COLUMNS]
-    return to_csv(heads, map(_csv_row, lines))
+    fields = tuple(dict.fromkeys(name for line in lines for name, _ in line.row.asked.head))
+    # One called like a column is told from it.
+    heads += [f"head_{name}" if name in COLUMNS else name for name in fields]
+    return to_csv(heads, (_csv_row(line, fields) for line in lines))
 
 
-def _csv_row(line: Line) -> tuple[object, ...]:
+def _csv_row(line: Line, fields: Sequence[str]) -> tuple[object, ...]:
     numbers = (line.rms, line.inlier_fraction, line.seconds, *line.pose)
     shown = ["" if math.isnan(number) else repr(number) for number in numbers]
     result = f"{RESULTS}/{line.row.name}.json" if line.ran else ""
     about = (line.row.shown, line.verdict, "; ".join(line.reasons))
-    return (*about, *shown, line.row.scan, line.row.target, result, line.row.line, line.part, line.report)
+    files = (line.row.scan, line.row.target, result, line.row.line, line.part, line.report)
+    figures = ("" if math.isnan(number) else repr(number) for number in line.figures)
+    head = dict(line.row.asked.head)
+    return (*about, *shown, *files, line.unit, *figures, *(head.get(name, "") for name in fields))
 
 
 def to_records(lines: Sequence[Line]) -> list[dict[str, Any]]:
@@ -60,6 +69,7 @@ def to_records(lines: Sequence[Line]) -> list[dict[str, Any]]:
             "part": line.part or None,
             "alignment_trusted": line.verdict == "accepted",
             "report": line.report or None,
+            "head": dict(line.row.asked.head),
             "inspection": line.inspection,
         }
         for line in lines

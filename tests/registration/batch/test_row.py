@@ -48,6 +48,7 @@ def test_a_part_is_inspected_and_what_cannot_be_measured_costs_no_pose(rows, tmp
     for tolerance in (0.2, 0.001):
         done = run_row(dataclasses.replace(rows[0], asked=RowInspection(tolerance=tolerance)), Targets())
         require_record(done.record["batch"]["inspection"])
+        assert all(0.0 < number <= 1.0 for number in done.record["batch"]["inspection"]["figures"].values())
         outcomes[tolerance] = done.record["batch"]["inspection"]["outcome"]
         assert done.page is None
     assert outcomes == {0.2: "pass", 0.001: "fail"}

@@ -71,6 +71,26 @@ def test_a_pass_on_an_alignment_that_is_not_trusted_is_counted_apart():
     assert page.count('<span class="verdict conditional">pass, if the alignment holds</span>') == 1
 
 
+def test_csv_has_the_head_the_unit_and_the_deviations_of_each_part():
+    figures = {"p95": 0.12, "share_within": 0.97, "scanned": None}
+    inspection = {"outcome": "pass", "units": "mm", "values": [], "figures": figures}
+    one = dataclasses.replace(ROW, asked=RowInspection(tolerance=0.1, head=(("part", "4711"), ("serial", "S 1"))))
+    other = dataclasses.replace(
+        ROW, name="b", asked=RowInspection(head=(("serial", "S 2"), ("order", "9"))), fault="gone"
+    )
+    lines = [Line(one, "accepted", (), unit="mm", inspection=inspection), Line(other, "error", ("gone",))]
+    first, second = csv.DictReader(io.StringIO(summary_csv(lines), newline=""))
+    assert (first["serial"], first["head_part"], first["order"], first["part"]) == ("S 1", "4711", "", "pass")
+    assert (second["serial"], second["head_part"], second["order"]) == ("S 2", "", "9")
+    assert (first["unit"], second["unit"]) == ("mm", "")
+    assert [first[name] for name in ("deviation_p95", "share_within", "share_scanned")] == ["0.12", "0.97", ""]
+    assert to_records(lines)[0]["head"] == {"part": "4711", "serial": "S 1"}
+    # A file of an older version has no figures.
+    old = {name: value for name, value in inspection.items() if name != "figures"}
+    (kept,) = csv.DictReader(io.StringIO(summary_csv([Line(one, "accepted", (), inspection=old)]), newline=""))
+    assert kept["deviation_p95"] == ""
+
+
 def test_page_escapes_what_comes_from_outside_and_loads_nothing(tmp_path):
     (tmp_path / "a.jpg").write_bytes(b"jpeg")
     page = to_html(NASTY, LINES, tmp_path)

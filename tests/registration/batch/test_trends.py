@@ -96,6 +96,9 @@ def test_a_changed_file_is_no_record() -> None:
             require_record(bad)
     with pytest.raises(ValueError, match="no outcome"):
         require_record({**good, "outcome": "fine"})
+    for figures in ([], {"p95": "wide"}):
+        with pytest.raises(TypeError):
+            require_record({**good, "figures": figures})
 
 
 def test_a_trend_of_nothing_is_nan() -> None:
