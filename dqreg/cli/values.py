@@ -39,7 +39,7 @@ class ScaleType(Scale):
 
 
 class ToleranceType(Limits):
-    """A length for both sides, or two signed ones, the upper first: +0.2/-0.05, +0.2/0."""
+    """A length for both sides, or two signed ones: +0.2/-0.05, -0.05/+0.2, +0.2/0."""
 
     name = "tolerance"
 

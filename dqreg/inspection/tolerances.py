@@ -67,14 +67,19 @@ def tolerance_of(given: Any, name: str = "tolerance") -> Tolerance:
 
 
 def tolerance_from(text: str) -> float | Tolerance:
-    """What a text means: a length for both sides, or two signed ones, the upper first.
+    """What a text means: a length for both sides, or two signed ones in either order; of others the upper is first.
 
     >>> tolerance_from("0.1"), tolerance_from("+0.2/-0.05")
     (0.1, Tolerance(low=-0.05, high=0.2, required_share=None))
+    >>> tolerance_from("-0.05/+0.2") == tolerance_from("+0.2/-0.05")
+    True
     """
     found = SIDES.fullmatch(text.strip())
     if found is not None:
-        high, low = (float(sign + number) for sign, number in (found.group(1, 2), found.group(3, 4)))
+        sides = [(sign, float(sign + number)) for sign, number in (found.group(1, 2), found.group(3, 4))]
+        high, low = (number for _, number in sides)
+        if low > high and all(sign or not number for sign, number in sides):
+            low, high = high, low
         return Tolerance(low, high)
     try:
         return float(text)

@@ -85,6 +85,9 @@ def test_sides_of_a_tolerance_stand_on_the_command_line(tmp_path: Path, capsys: 
     # Points are spread over the whole part.
     assert found["decision"]["scanned"] > 0.95
     assert float(rows[1][11]) == pytest.approx(100.0 * found["decision"]["scanned"], abs=0.5)
+    # The same with the lower side first.
+    assert run(*common, "--tolerance", "-0.06/+0.12") == 0
+    assert "PASS: part against +0.12/-0.06 mm" in capsys.readouterr().out
     assert run(*common, "--tolerance", "+0.03/-0.12", "--quiet") == 3
     assert run(*common, "--tolerance", "500") == 2
     assert "is not below the reach" in capsys.readouterr().err
