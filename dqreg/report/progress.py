@@ -1,4 +1,4 @@
-"""A registration as it happens: bar and table on a terminal, a plain line a step when piped, nothing when quiet."""
+"""A registration as it happens: bar and table on a terminal, a plain line a stage when piped, nothing when quiet."""
 
 from __future__ import annotations
 
@@ -170,28 +170,41 @@ class Silent:
 
 
 class Lines(Silent):
-    """One line a step, for pipes and log files."""
+    """One line a stage of the search and one a run of the loop, for pipes and log files."""
 
     def __init__(self, console: Console, unit: str | None = None) -> None:
         self._console = console
-        self._names = columns(unit)
-        self._begun = False
+        self._unit = unit
+        self._runs = 0
+        # Iterations of the run so far, and the points of its first: it ends where as few are used again.
+        self._count, self._first = 0, 0
+        self._last: Iteration | None = None
+
+    def __exit__(self, *_: object) -> None:
+        self._told()
 
     def __call__(self, iteration: Iteration) -> None:
-        """Print one line, under the names of the columns at first."""
-        if not self._begun:
-            self._line(self._names)
-            self._begun = True
-        self._line(cells(iteration))
+        """Count one more iteration; a pose that is tried anew begins a run of its own."""
+        last = self._last
+        if last is not None and (
+            iteration.stage != last.stage or (iteration.points < last.points and iteration.points <= self._first)
+        ):
+            self._told()
+        if self._last is None:
+            self._first = iteration.points
+        self._count, self._last = self._count + 1, iteration
 
     def search(self, stage: Stage) -> None:
         """Print what the search has done."""
+        self._told()
         self._console.out(f"search  {stage_words(stage)}", highlight=False)
 
-    def _line(self, texts: tuple[str, ...]) -> None:
-        widths = (max(13, len(name)) for name in self._names)
-        self._console.out("  ".join(f"{text:>{width}}" for text, width in zip(texts, widths, strict=True)),
-                          highlight=False)  # fmt: skip
+    def _told(self) -> None:
+        """Print the run that ends, if there is one."""
+        if self._last is not None:
+            self._runs += 1
+            self._console.out(f"loop {self._runs}  {run_words(self._last, self._count, self._unit)}", highlight=False)
+        self._count, self._last = 0, None
 
 
 class LiveTable(Silent):
@@ -254,6 +267,14 @@ def columns(unit: str | None) -> tuple[str, ...]:
 def stage_words(stage: Stage) -> str:
     """A finished stage of the search in a few words."""
     return f"{stage.name}, {stage.poses:,} pose{'' if stage.poses == 1 else 's'} left, {stage.seconds:.1f} s"
+
+
+def run_words(last: Iteration, count: int, unit: str | None) -> str:
+    """A finished run of the loop in a few words: its iterations, and what the last of them found."""
+    return (
+        f"{last.stage}, {count} iteration{'' if count == 1 else 's'}, {last.points:,} points, "
+        f"{100 * last.inlier_fraction:.1f} % inliers, rms {last.rms:.4g}{f' {unit}' if unit else ''}"
+    )
 
 
 def cells(iteration: Iteration) -> tuple[str, ...]:
