@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from dqreg.cli.outputs import as_json_option, consoles, deviation_record, print_json, quiet_option, say
-from dqreg.cli.values import FILE
+from dqreg.cli.values import FILE, UNITS
 from dqreg.errors import InputError
 
 if TYPE_CHECKING:
@@ -31,6 +32,8 @@ VIEWS = "best"
 @click.option("--report", type=FILE, help="Write the HTML report.")
 @click.option("--tolerance", type=float, metavar="LENGTH", help="Largest deviation allowed, target units: the end "
               "of the colour scale.")  # fmt: skip
+@click.option("--display-units", type=UNITS, help="Length unit of all that is shown, and of --tolerance; the sentences "
+              "of the verdict stay in the target's  [default: TARGET's].")  # fmt: skip
 @click.option("--start", type=FILE, help="Initial pose of the registration (4x4), for before: views.")
 @click.option("--serve", is_flag=True, help="Show it in the browser, on this machine alone, until Ctrl-C: iterations, "
               "alternatives, the ellipsoid of the pose. Works over ssh.")  # fmt: skip
@@ -45,6 +48,7 @@ def show(
     views: str,
     report: Path | None,
     tolerance: float | None,
+    display_units: str | None,
     start: Path | None,
     serve: bool,
     port: int,
@@ -57,6 +61,7 @@ def show(
     dqreg show result.json --save view.png
     dqreg show result.json --save sides.png --views before:iso,iso,iso-back,top --start nominal.txt
     dqreg show result.json --report report.html --tolerance 0.05
+    dqreg show result.json --report report.html --display-units mm --tolerance 0.05
     dqreg show result.json --json                   verdict, pose and deviations; opens no window
     dqreg show result.json --serve                  in the browser, also of another machine through ssh
     dqreg show result.json                          a window, where there is a display
@@ -77,8 +82,7 @@ def show(
     in_a_window = save is None and report is None and not as_json and not serve
     if in_a_window:
         require_display()
-    began = _start_pose(start)
-    attached = attach(Registration.load(result), source, target)
+    attached, began = attach(Registration.load(result), source, target, display_units, _start_pose(start))
     assert attached.inputs is not None
     console, _ = consoles(quiet=quiet, as_json=as_json)
     data = collect(attached, attached.inputs, tolerance, began)
@@ -121,15 +125,30 @@ def _record(result: Registration, data: ReportData, files: list[Path]) -> dict[s
     }
 
 
-def attach(result: Registration, source: Path | None, target: Path | None) -> Registration:
-    """A loaded result with its two sides, from the files given or those that it names."""
+def attach(
+    result: Registration, source: Path | None, target: Path | None, display_units: str | None, start: Any
+) -> tuple[Registration, Any]:
+    """A loaded result with its two sides, from the files given or those that it names, and its start, in a unit."""
+    from dqreg.registration.display_unit import in_unit, shown_target
+
     missing = [name for name in ("max_distance", "centre", "diagonal") if name not in result.settings]
     if missing:
         raise InputError(
             f"the result does not say its {' and '.join(missing)}; it was changed, or is not of dqreg register"
         )
-    sides = {name: _side(result, name, given) for name, given in (("source", source), ("target", target))}
-    return result.attached(**sides)
+    own = result.settings.get("target_units")
+    if display_units is not None and own is None:
+        raise InputError(
+            f"--display-units {display_units}: the result names no length unit; register with --target-units"
+        )
+    scan, part = (_side(result, name, given) for name, given in (("source", source), ("target", target)))
+    unit = shown_target(part, own, display_units, asked=True)
+    if unit.scale == 1.0:
+        return result.attached(scan, part), start
+    shown = in_unit(result, str(unit.units))
+    with unit.source_units(scan, result.settings.get("source_units")) as source_units:
+        shown = dataclasses.replace(shown, settings={**shown.settings, "source_units": source_units})
+        return shown.attached(scan, unit.geometry), unit.start(start)
 
 
 def _side(result: Registration, name: str, given: Path | None) -> Path:

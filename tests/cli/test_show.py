@@ -53,6 +53,34 @@ def test_picture_without_a_display(saved, tmp_path, monkeypatch, capsys):
     assert (picture < 250).any(axis=2).mean() > 0.15
 
 
+def test_a_result_is_shown_in_another_unit(saved, tmp_path, capsys):
+    found = {}
+    for unit, tolerance in (("mm", "0.15"), ("m", "0.00015")):
+        page = tmp_path / f"{unit}.html"
+        assert run("show", saved, "--display-units", unit, "--tolerance", tolerance, "--report", page, "--json") == 0
+        found[unit] = json.loads(capsys.readouterr().out)
+    assert "lengths in m<" in page.read_text(encoding="utf-8")
+    mm, m = (found[unit] for unit in ("mm", "m"))
+    assert (mm["units"], m["units"], m["deviations"]["units"]) == ("mm", "m", "m")
+    # The same points of the same scan, in metres, but for one of 60,000 that rounding makes an outlier.
+    counts = [each["deviations"]["counts"] for each in (mm, m)]
+    assert counts[0]["total"] == counts[1]["total"]
+    assert abs(counts[0]["on_part"] - counts[1]["on_part"]) <= 2
+    for name in ("p95", "max", "rms"):
+        assert m["deviations"]["summary"][name] == pytest.approx(mm["deviations"]["summary"][name] / 1000.0, rel=1e-3)
+    assert m["deviations"]["bands"]["within"] == pytest.approx(mm["deviations"]["bands"]["within"], abs=1e-4)
+    places = [np.array(each["T_target_source"])[:3, 3] for each in (mm, m)]
+    np.testing.assert_allclose(places[1], places[0] / 1000.0, rtol=1e-12)
+
+
+def test_a_result_without_a_unit_is_shown_in_none(saved, tmp_path, capsys):
+    record = json.loads(saved.read_text())
+    record["settings"]["target_units"] = None
+    (tmp_path / "r.json").write_text(json.dumps(record))
+    assert run("show", tmp_path / "r.json", "--display-units", "m", "--json") == 2
+    assert "the result names no length unit" in capsys.readouterr().err
+
+
 def test_report_of_a_saved_result(saved, tmp_path):
     assert run("show", saved, "--report", tmp_path / "again.html", "--quiet") == 0
     assert Registration.load(saved).verdict.reasons[0] in (tmp_path / "again.html").read_text(encoding="utf-8")
