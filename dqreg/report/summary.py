@@ -49,10 +49,19 @@ def summary_rows(result: RegistrationResult) -> list[tuple[str, str]]:
         rows.append(("viewpoint", words))
     if np.isfinite(result.rms):
         rows.append(
-            ("inliers", f"{100 * result.inlier_fraction:.1f} % of the points used, rms distance {result.rms:.4g}{unit}")
+            (
+                "inliers",
+                # Those of the verdict are a share of the points near the target.
+                f"{100 * result.inlier_fraction:.1f} % of the points used, those far off the target too; rms distance "
+                f"of the inliers {result.rms:.4g}{unit}",
+            )
         )
         weakest = result.observability[0]
-        known = f"one sigma {weakest.sigma:.2g}{unit}" if np.isfinite(weakest.sigma) else "no sigma is known"
+        noun = "part" if settings["target_kind"] == "mesh" else "scan"
+        length = f"{weakest.sigma:.2g}{unit or ' in the unit of the target'}"
+        known = (
+            f"one sigma displaces the {noun} by up to {length}" if np.isfinite(weakest.sigma) else "no sigma is known"
+        )
         rows.append(("weakest", f"{weakest.words} ({known})"))
     return rows
 

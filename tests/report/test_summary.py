@@ -44,6 +44,16 @@ def test_conversion_is_said():
     assert rows["units"] == "source converted from m: x 1000"
 
 
+@pytest.mark.parametrize(("units", "unit"), [("mm", " mm"), (None, " in the unit of the target")])
+def test_the_weakest_motion_says_what_it_displaces_in_which_unit(units, unit):
+    part = Mesh(*box((1.0, 0.7, 0.4)))
+    points = sample_mesh(part, 3_000, np.random.default_rng(0)).points
+    for target, noun in ((part, "part"), (points, "scan")):
+        result = register(points, target, np.eye(4), source_units=units, target_units=units, search="never")
+        length = f"{result.observability[0].sigma:.2g}{unit}"
+        assert f"(one sigma displaces the {noun} by up to {length})" in dict(summary_rows(result))["weakest"]
+
+
 def test_the_share_of_inliers_is_of_the_points_used():
     # Half of the points lie far off the box.
     rng = np.random.default_rng(0)
@@ -51,5 +61,7 @@ def test_the_share_of_inliers_is_of_the_points_used():
     points = np.vstack([sample_mesh(part, 3_000, rng).points, rng.uniform(2.0, 3.0, (3_000, 3))])
     result = register(points, part, np.eye(4), units="ignore")
     used, share = result.settings["used_points"], result.inlier_fraction
-    assert dict(summary_rows(result))["inliers"].startswith(f"{100 * share:.1f} % of the points used, ")
+    assert dict(summary_rows(result))["inliers"].startswith(
+        f"{100 * share:.1f} % of the points used, those far off the "
+    )
     assert round(share * used) == pytest.approx(len(points) / 2, rel=0.1)
