@@ -208,6 +208,8 @@ class PlaneGrid(DistanceGrid):
 
 # Cell in sizes, and cells at most.
 CELL, CELLS = 0.02, 30_000_000
+# Cells beside the scan on each side; so many times the cells at most, those included.
+PADDING, PADDED = 2.0, 4.0
 # Gain by the number of axes along which a cell is beside one that holds a point.
 GAINS = np.array([1.0, 0.7, 0.4, 0.3], dtype=np.float32)
 
@@ -218,7 +220,10 @@ class OccupancyGrid(Grid):
     def __init__(self, points: FloatArray, size: float) -> None:
         low, high = bounds(points)
         cell = max(CELL * size, float(np.prod(np.maximum(high - low, size)) / CELLS) ** (1.0 / 3.0))
-        super().__init__(low - 2.0 * cell, high + 2.0 * cell, cell)
+        # Of a long thin scan most cells are those beside it: they would take tens of gigabytes.
+        while float(np.prod((high - low) / cell + 2.0 * PADDING + 1.0)) > PADDED * CELLS:
+            cell *= 2.0
+        super().__init__(low - PADDING * cell, high + PADDING * cell, cell)
         self.gains = np.zeros(self.count + 1, dtype=np.float32)
         held = np.unique(self.nodes(points))
         strides = np.array([self.shape[1] * self.shape[2], self.shape[2], 1])

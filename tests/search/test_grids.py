@@ -6,7 +6,7 @@ import pytest
 from dqreg.geometry import Mesh, MeshSurface, sample_mesh
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.search.features import even_points
-from dqreg.search.grids import HALVINGS, DistanceGrid, Edges, OccupancyGrid, PlaneGrid
+from dqreg.search.grids import CELLS, HALVINGS, PADDED, DistanceGrid, Edges, OccupancyGrid, PlaneGrid
 from dqreg.search.poses import Poses
 from dqreg.synth.parts import box, bracket
 
@@ -76,3 +76,9 @@ def test_edges_on_the_grid_are_as_near_as_the_nearest_up_to_a_cell() -> None:
     assert (away <= exact[1][inside] + np.sqrt(3.0) * edges.grid.cell).all()
     np.testing.assert_allclose(distances[inside], np.maximum(away - edges.grid.cell, 0.0), atol=1e-12)
     assert distances[-1] == np.inf
+
+
+@pytest.mark.parametrize("length", [1.0, 1e3, 1e9, 1e15])
+def test_a_long_thin_scan_takes_no_more_cells_than_others(length: float) -> None:
+    points = np.array([[0.0, 0.0, 0.0], [length, 0.0, 0.0]])
+    assert OccupancyGrid(points, 1.0).count <= 2 * PADDED * CELLS
