@@ -43,21 +43,24 @@ class VoxelCloud:
     surface: CellSurface | None
 
     @staticmethod
-    def of(cloud: PointCloud, size: float, *, in_rings: bool = False) -> VoxelCloud:
-        """Downsample a cloud, of which may be known that it lies in rings."""
-        cells = Cells.of(cloud.points, size, cloud._ends) if size > 0.0 else None
+    def of(cloud: PointCloud, size: float, *, cells: Cells | None = None, in_rings: bool = False) -> VoxelCloud:
+        """Downsample a cloud, of which its cells may be known, and that it lies in rings."""
+        if cells is None and size > 0.0:
+            cells = Cells.of(cloud.points, size, cloud._ends)
         if cells is None or len(cells.counts) >= WHOLE * len(cloud):
             return VoxelCloud(size, cloud, None)
         even = means_of(cloud, cells)
         return VoxelCloud(size, even, CellSurface(even, cells, in_rings=in_rings))
 
     @staticmethod
-    def across_lines(cloud: PointCloud, size: float, *, in_rings: bool = False) -> VoxelCloud:
+    def across_lines(
+        cloud: PointCloud, size: float, *, cells: Cells | None = None, in_rings: bool = False
+    ) -> VoxelCloud:
         """Downsample a cloud, with wider voxels where its points stay in lines: all neighbours are on their own then.
 
         There is no plane through a line, and fits to one would turn any way.
         """
-        found = VoxelCloud.of(cloud, size, in_rings=in_rings)
+        found = VoxelCloud.of(cloud, size, cells=cells, in_rings=in_rings)
         for _ in range(WIDENED):
             if found.surface is None or len(found.cloud) < FEWEST or not found.surface._in_lines:
                 break
@@ -73,12 +76,12 @@ class VoxelCloud:
         points, size = cloud.points, first_size(cloud.points, count, cloud._ends) if size is None else size
         if not size > 0.0:
             return VoxelCloud(0.0, cloud, None)
-        cells, is_dense = Cells.of(points, size), len(points) > DENSE * count
+        cells, is_dense = Cells.of(points, size, cloud._ends), len(points) > DENSE * count
         in_rings = lie_in_rings(points, cells.order)
         if in_rings and not is_dense and len(points) >= RINGED * FEWEST:
             size = first_size(points, count, cloud._ends, RINGED)
             return VoxelCloud.across_lines(cloud, size, in_rings=True)
-        found = VoxelCloud.across_lines(cloud, size, in_rings=in_rings)
+        found = VoxelCloud.across_lines(cloud, size, cells=cells, in_rings=in_rings)
         if is_dense or found.size > size or cells.unevenness > UNEVEN:
             return found
         return VoxelCloud(0.0, cloud, None)
