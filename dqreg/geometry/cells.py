@@ -116,9 +116,14 @@ class Cells:
 class CellSurface(CloudSurface):
     """Means of cells, in the order of these, as a surface."""
 
-    def __init__(self, means: PointCloud, cells: Cells, *, in_rings: bool = False) -> None:
-        self.cells, self.in_rings = cells, in_rings  # Whether the points lie in rings, as a LiDAR's
+    def __init__(self, means: PointCloud, cells: Cells, in_rings: Callable[[], bool] = bool) -> None:
+        self.cells, self._look_at_rings = cells, in_rings
         super().__init__(means, derived=True)
+
+    @unlocked_property
+    def in_rings(self) -> bool:
+        """Whether the points that the cells hold lie in rings, as a LiDAR's: looked at when first asked."""
+        return self._look_at_rings()
 
     def _ordered(self, points: FloatArray) -> IntArray:
         # Cells are in Morton order, and each has one mean.

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -42,19 +44,25 @@ class VoxelCloud:
     # The same as a surface; None where the cloud is whole, for whoever has it has its surface
     surface: CellSurface | None
 
+    def in_rings(self) -> bool:
+        """Whether the cloud that was downsampled lies in rings; not asked of one that was left as it is."""
+        return self.surface is not None and self.surface.in_rings
+
     @staticmethod
-    def of(cloud: PointCloud, size: float, *, cells: Cells | None = None, in_rings: bool = False) -> VoxelCloud:
-        """Downsample a cloud, of which its cells may be known, and that it lies in rings."""
+    def of(
+        cloud: PointCloud, size: float, *, cells: Cells | None = None, in_rings: Callable[[], bool] = bool
+    ) -> VoxelCloud:
+        """Downsample a cloud, of which its cells may be known, and what tells whether it lies in rings."""
         if cells is None and size > 0.0:
             cells = Cells.of(cloud.points, size, cloud._ends)
         if cells is None or len(cells.counts) >= WHOLE * len(cloud):
             return VoxelCloud(size, cloud, None)
         even = means_of(cloud, cells)
-        return VoxelCloud(size, even, CellSurface(even, cells, in_rings=in_rings))
+        return VoxelCloud(size, even, CellSurface(even, cells, in_rings))
 
     @staticmethod
     def across_lines(
-        cloud: PointCloud, size: float, *, cells: Cells | None = None, in_rings: bool = False
+        cloud: PointCloud, size: float, *, cells: Cells | None = None, in_rings: Callable[[], bool] = bool
     ) -> VoxelCloud:
         """Downsample a cloud, with wider voxels where its points stay in lines: all neighbours are on their own then.
 
@@ -77,10 +85,11 @@ class VoxelCloud:
         if not size > 0.0:
             return VoxelCloud(0.0, cloud, None)
         cells, is_dense = Cells.of(points, size, cloud._ends), len(points) > DENSE * count
-        in_rings = lie_in_rings(points, cells.order)
-        if in_rings and not is_dense and len(points) >= RINGED * FEWEST:
+        # Of a dense cloud, which has cells in any case, it is asked later or not at all.
+        in_rings = partial(lie_in_rings, points, cells.order)
+        if not is_dense and len(points) >= RINGED * FEWEST and in_rings():
             size = first_size(points, count, cloud._ends, RINGED)
-            return VoxelCloud.across_lines(cloud, size, in_rings=True)
+            return VoxelCloud.across_lines(cloud, size, in_rings=partial(bool, 1))
         found = VoxelCloud.across_lines(cloud, size, cells=cells, in_rings=in_rings)
         if is_dense or found.size > size or cells.unevenness > UNEVEN:
             return found

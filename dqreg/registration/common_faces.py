@@ -143,7 +143,7 @@ def _are_few_in_rings(surface: Surface, target: PointCloud) -> bool:
 
     Of a pair from a road cells were as wide as a deformation that is told of right poses then.
     """
-    return isinstance(surface, CellSurface) and surface.in_rings and len(target) <= COMPARED
+    return isinstance(surface, CellSurface) and len(target) <= COMPARED and surface.in_rings
 
 
 def begin_sampling(problem: Problem, surface: Surface, target: PointCloud, *, is_whole: bool) -> None:

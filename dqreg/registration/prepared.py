@@ -36,7 +36,7 @@ class Prepared:
     def is_from_a_stand(self) -> bool:
         """Whether the cells of a target are crowded beside its sensor, or of rings: they hold what all points do."""
         return isinstance(self.surface, CellSurface) and (
-            self.surface.in_rings or self.surface.cells.unevenness > STAND
+            self.surface.cells.unevenness > STAND or self.surface.in_rings
         )
 
     @staticmethod
@@ -68,7 +68,7 @@ class Prepared:
                 size = min(size, cell_size(cloud.points, min(count, int(WHOLE * len(cloud.points)))))
                 moves = VoxelCloud.of(cloud, size)
             if size != stands.size:
-                stands = VoxelCloud.of(geometry, size, in_rings=bool(stands.surface and stands.surface.in_rings))
+                stands = VoxelCloud.of(geometry, size, in_rings=stands.in_rings)
         thinned = stands.surface is not None or moves.surface is not None
         planes = Later(stands.surface.fit_cells, beside=moves.surface is not None) if stands.surface else None
         if stands.surface is not None and moves.surface is not None:
