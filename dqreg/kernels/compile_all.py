@@ -27,7 +27,7 @@ from dqreg.kernels.many_poses import distinct_rows, log_likelihoods, mean_gains,
 from dqreg.kernels.mesh_faces import ENDS, MOMENTS, face_columns, solid_faces, surface_moments
 from dqreg.kernels.mesh_sides import number_sides
 from dqreg.kernels.motion_sums import COLUMNS as MOTION_SUMS
-from dqreg.kernels.motion_sums import motion_shares, motion_sums
+from dqreg.kernels.motion_sums import motion_shares, motion_sums, products_of_both
 from dqreg.kernels.near_rows import near_rows
 from dqreg.kernels.nearest_at_nodes import nearest_at_nodes
 from dqreg.kernels.neighbour_differences import neighbour_differences
@@ -161,7 +161,8 @@ def _shared_noise() -> None:
 def _patches() -> None:
     neighbour_differences(ONE, FLAT, FIRST[:0, None], 1.0, NOTHING, ONE)
     motion_sums(0, 0, *(FLAT,) * 3, *(ONE,) * 3, 1.0, FIRST, np.zeros((1, MOTION_SUMS)))
-    motion_shares(0, 0, *(FLAT,) * 3, np.eye(6), ONE, NOTHING, ONE, 1.0, 1, np.zeros((1, 3, 6)))
+    motion_shares(0, 0, *(FLAT,) * 3, np.eye(6), ONE, NOTHING, ONE, 1.0, 1, np.zeros((1, 2, 6)))
+    products_of_both(0, 0, *(FLAT,) * 3, *(ONE,) * 2, 1.0, 1, np.zeros((1, 2, 21)))
 
 
 def _common_planes() -> None:

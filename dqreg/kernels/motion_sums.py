@@ -94,9 +94,9 @@ def motion_shares(
 ) -> None:
     """Add the shares ``w (v . J)^2`` of rows first to last in each motion, and their squares over the points of a row.
 
-    O(n m). Where there are normals of the other side, up to sign, a share is the product of what both say, and the sum
-    of those without them, of rows that have both, is added too. Each row is a point where there are no counts. Shapes:
-    points and normals (n, 3), own (n, 3) or (0, 3), vectors (m, 6) one a row, sums (chunks, 3, m), zeros.
+    O(n m). Where there are normals of the other side, up to sign, a share is the product of what both say. A row is one
+    point where there are no counts. Shapes: points and normals (n, 3), own (n, 3) or (0, 3), vectors (m, 6) one a row,
+    sums (chunks, 2, m), zeros.
     """
     sides = sums[first // chunk]
     for i in range(first, last):
@@ -111,11 +111,9 @@ def motion_shares(
                 share = weight * along * along
                 sides[0, m] += share
                 sides[1, m] += share * share * part
-                sides[2, m] += share
             continue
         o, p, q, x, y, z = motion_row(points, own, i, i, centre, lever)
         signed = -weight if u * x + v * y + w * z < 0.0 else weight
-        compared = weight if x != 0.0 or y != 0.0 or z != 0.0 else 0.0
         for m in range(len(vectors)):
             along = vectors[m, 0] * a + vectors[m, 1] * b + vectors[m, 2] * c
             along += vectors[m, 3] * u + vectors[m, 4] * v + vectors[m, 5] * w
@@ -124,4 +122,40 @@ def motion_shares(
             share = signed * along * across
             sides[0, m] += share
             sides[1, m] += share * share * part
-            sides[2, m] += compared * along * along
+
+
+@compiled
+def products_of_both(
+    first: int,
+    last: int,
+    points: FloatArray,
+    normals: FloatArray,
+    own: FloatArray,
+    weights: FloatArray,
+    centre: FloatArray,
+    lever: float,
+    chunk: int,
+    sums: FloatArray,
+) -> None:
+    """Add the products of the rows of both sides, and those of the target's rows where the scan has any. O(n).
+
+    Normals of the scan count up to sign; the products are symmetric ones, of triangles (0, 0), (0, 1), ... Shapes:
+    points, normals and own (n, 3), sums (chunks, 2, 21), zeros.
+    """
+    sides = sums[first // chunk]
+    for i in range(first, last):
+        if weights[i] == 0.0:
+            continue
+        row = motion_row(points, normals, i, i, centre, lever)
+        other = motion_row(points, own, i, i, centre, lever)
+        if other[3] == 0.0 and other[4] == 0.0 and other[5] == 0.0:
+            continue
+        half = 0.5 * weights[i]
+        if row[3] * other[3] + row[4] * other[4] + row[5] * other[5] < 0.0:
+            half = -half
+        at = 0
+        for k in range(6):
+            for m in range(k, 6):
+                sides[0, at] += half * (row[k] * other[m] + row[m] * other[k])
+                sides[1, at] += weights[i] * row[k] * row[m]
+                at += 1

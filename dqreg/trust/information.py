@@ -9,19 +9,15 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, dot
 from dqreg._records import replaced
-from dqreg.solvers.quadratic import ROWS
 from dqreg.solvers.row_sums import MotionSums
 from dqreg.solvers.sandwich import patch_starts, scatter_of_sums
+from dqreg.trust.both_sides import carriers_of, unconfirmed
 
 # Information below this fraction of what all correspondences could give with the longest lever is rounding or facets,
 # not shape.
 FREE = 1e-5
 # One patch of all rows.
 FIRST = np.zeros(1, dtype=np.int64)
-# Normals that are estimates constrain what the shape leaves free: each side's by its own errors. Where less than this
-# share of what the target's normals say is said by the scan's too, it is errors: right poses came to 0.4, slid ones of
-# round parts to 0.16 at most.
-CONFIRMED = 0.25
 # No normals.
 NONE = np.zeros((0, 3))
 
@@ -172,26 +168,20 @@ def information_of(
     known = np.zeros((6, 6)) if prior is None else variance * prior / scaling / scaling[:, None]
     known = basis.T @ known @ basis
     of_all = max(total, np.finfo(float).tiny)
-    values, vectors = np.linalg.eigh((sums.of_smooth() + known) / of_all)
-    carriers, denied = _carriers(
-        points,
-        smooth if own is None else normals,
-        NONE if own is None else own,
-        basis @ vectors,
-        weights,
-        counts,
-        centre,
-        lever,
-    )
+    whole = sums.of_smooth() + known
+    denied = np.zeros((basis.shape[1], 0))
+    if own is not None:
+        denied = unconfirmed(points, normals, own, weights, centre, lever, basis, FREE * of_all)
     # Of a motion that both sides do not confirm, what was known beforehand is left.
-    said = values = np.maximum(values, 0.0)
-    if denied.any():
-        values = np.where(denied, np.einsum("ij,ik,kj->j", vectors, known, vectors) / of_all, said)
+    values, vectors, said = _parted(whole / of_all, known / of_all, denied)
+    is_denied = np.arange(len(values)) < denied.shape[1]
     order = np.argsort(values, kind="stable")
-    values, vectors, carriers, denied = values[order], vectors[:, order], carriers[order], denied[order]
-    sigma, tilt = float(np.sqrt(variance)), _tilt(values, said[order], basis @ vectors, weights)
+    values, vectors, said, is_denied = values[order], vectors[:, order], said[order], is_denied[order]
+    sides = (points, smooth, NONE) if own is None else (points, normals, own)
+    carriers = np.where(is_denied, 0.0, carriers_of(*sides, basis @ vectors, weights, counts, centre, lever))
+    sigma, tilt = float(np.sqrt(variance)), _tilt(values, said, basis @ vectors, weights)
     held = Information(values, basis @ vectors, total, sigma, lever, centre, carriers, tilt=tilt)
-    motions, by_prior = vectors[:, ~held.free & ~denied], vectors[:, ~held.free & denied]
+    motions, by_prior = vectors[:, ~held.free & ~is_denied], vectors[:, ~held.free & is_denied]
     if starts is None or not motions.shape[1]:
         return held
     # Facets have an information of their own.
@@ -200,8 +190,26 @@ def information_of(
     if scatter is None:
         return held
     outer = basis @ motions
-    alone = basis @ by_prior * np.sqrt(variance / (total * values[~held.free & denied]))
+    alone = basis @ by_prior * np.sqrt(variance / (total * values[~held.free & is_denied]))
     return replaced(held, scatter=outer @ scatter @ outer.T + alone @ alone.T)
+
+
+def _parted(whole: FloatArray, known: FloatArray, denied: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Eigenvalues and vectors of what is known of denied motions, (k, m), then of all information beside these.
+
+    And what all normals say of each, (k,).
+    """
+    count = denied.shape[1]
+    if not count:
+        values, vectors = np.linalg.eigh(whole)
+        values = np.maximum(values, 0.0)
+        return values, vectors, values
+    axes = np.linalg.qr(denied, mode="complete")[0]
+    parts = [(known, axes[:, :count]), (whole, axes[:, count:])]
+    found = [np.linalg.eigh(part.T @ matrix @ part) for matrix, part in parts]
+    values = np.maximum(np.concatenate([one for one, _ in found]), 0.0)
+    vectors = np.hstack([part @ turned for (_, part), (_, turned) in zip(parts, found, strict=True)])
+    return values, vectors, np.maximum(np.einsum("ij,ik,kj->j", vectors, whole, vectors), 0.0)
 
 
 def _tilt(values: FloatArray, said: FloatArray, vectors: FloatArray, weights: FloatArray) -> FloatArray:
@@ -216,30 +224,3 @@ def _tilt(values: FloatArray, said: FloatArray, vectors: FloatArray, weights: Fl
     independent = float(weights.sum()) ** 2 / dot(weights, weights)
     held = np.maximum(said, values)[~free]
     return np.asarray(np.sqrt(said[free].sum() / independent * (vectors[:, ~free] ** 2 @ (1.0 / held))))
-
-
-def _carriers(
-    points: FloatArray,
-    normals: FloatArray,
-    own: FloatArray,
-    vectors: FloatArray,
-    weights: FloatArray,
-    counts: FloatArray | None,
-    centre: FloatArray,
-    lever: float,
-) -> tuple[FloatArray, BoolArray]:
-    """Correspondences that carry each motion, (6, m) one a column: how many equal shares would add up as well, (m,).
-
-    A share is ``w (v . J)^2``, or, where the scan has normals of its own, the product of what both sides' say: none
-    carries a motion that these do not confirm. The second tells where both sides were compared and do not.
-    """
-    from dqreg.kernels.motion_sums import motion_shares
-    from dqreg.kernels.threads import as_plain, over_chunks
-
-    sums = np.zeros((max(-(-len(weights) // ROWS), 1), 3, vectors.shape[1]))
-    of_rows = points, normals, own, vectors.T, weights, np.zeros(0) if counts is None else counts, centre
-    over_chunks(motion_shares, len(weights), *map(as_plain, of_rows), float(lever), ROWS, sums, chunk=ROWS)
-    shares, squared, compared = sums.sum(axis=0)
-    carriers = np.maximum(shares, 0.0) ** 2 / np.where(squared > 0.0, squared, np.inf)
-    is_confirmed = shares > CONFIRMED * compared
-    return np.where(is_confirmed, carriers, 0.0), ~is_confirmed & (compared > 0.0)

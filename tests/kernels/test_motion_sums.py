@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from dqreg._arrays import FloatArray
-from dqreg.kernels.motion_sums import COLUMNS, motion_shares, motion_sums
+from dqreg.kernels.motion_sums import COLUMNS, motion_shares, motion_sums, products_of_both
 from dqreg.kernels.patch_sums import BESIDE, patch_sums
 from dqreg.solvers.quadratic import plane_rows
-from dqreg.solvers.row_sums import MotionSums, RowSums
+from dqreg.solvers.row_sums import MotionSums, RowSums, squared
 
 LEVER, COUNT = 1.7, 90
 CENTRE = np.array([0.2, -0.1, 0.4])
@@ -66,14 +66,28 @@ def test_shares_of_motions_add_up(counted: bool, both: bool) -> None:
     vectors, counts = rng.normal(size=(5, 6)), rng.integers(1, 9, COUNT).astype(float) if counted else np.zeros(0)
     # Of either sign, and none here and there.
     own = normals[rng.permutation(COUNT)] * (rng.uniform(size=(COUNT, 1)) > 0.2)
-    sums = np.zeros((5, 3, 5))
+    sums = np.zeros((5, 2, 5))
     for first in range(0, COUNT, 20):
         given = points, normals, own if both else own[:0], vectors, weights, counts, CENTRE, LEVER, 20, sums
         motion_shares(first, min(first + 20, COUNT), *given)
     along = vectors @ plane_rows(points, normals, CENTRE, LEVER)
     signed = own * np.where((own * normals).sum(axis=1, keepdims=True) < 0.0, -1.0, 1.0)
     shares = weights * along * (vectors @ plane_rows(points, signed, CENTRE, LEVER) if both else along)
-    found, compared = sums.sum(axis=0), weights * (own.any(axis=1) if both else 1.0)
+    found = sums.sum(axis=0)
     np.testing.assert_allclose(found[0], shares.sum(axis=1), rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(found[1], (shares**2 / (counts if counted else 1.0)).sum(axis=1), rtol=1e-13)
-    np.testing.assert_allclose(found[2], (compared * along**2).sum(axis=1), rtol=1e-13)
+
+
+def test_products_of_both_sides_add_up() -> None:
+    points, normals, _, weights = correspondences(5)
+    rng = np.random.default_rng(6)
+    own = normals[rng.permutation(COUNT)] * (rng.uniform(size=(COUNT, 1)) > 0.2)
+    sums = np.zeros((5, 2, 21))
+    for first in range(0, COUNT, 20):
+        products_of_both(first, min(first + 20, COUNT), points, normals, own, weights, CENTRE, LEVER, 20, sums)
+    signed = own * np.where((own * normals).sum(axis=1, keepdims=True) < 0.0, -1.0, 1.0)
+    rows, others = plane_rows(points, normals, CENTRE, LEVER), plane_rows(points, signed, CENTRE, LEVER)
+    both, compared = map(squared, sums.sum(axis=0))
+    product = (rows * weights) @ others.T
+    np.testing.assert_allclose(both, 0.5 * (product + product.T), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(compared, (rows * weights * own.any(axis=1)) @ rows.T, rtol=0, atol=1e-12)

@@ -165,3 +165,34 @@ def test_between_two_scans_only_what_both_say_constrains_a_motion(slot: int, hel
     assert alone.carriers[about] > 100.0
     assert (both.carriers[about] >= DETAIL_OF_BOTH) == held
     assert (np.delete(both.carriers, about)[-3:] > 100.0).all()
+
+
+@pytest.mark.parametrize("column", [0, 40])
+def test_errors_of_normals_hold_no_mixture_with_a_motion_that_is_hardly_held(column: int) -> None:
+    # A corridor, dense at the scanner and seen far along: the yaw of so long a scene is held by as little as errors say
+    # of the shift along it, and the eigenvectors of the information are any mixtures of the two.
+    mixed = 0
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        count = 4_000
+        along = 1.7 * rng.normal(size=count)
+        side, sign = rng.integers(1, 3, count), rng.choice([-1.0, 1.0], count)
+        points = np.column_stack([along, rng.uniform(-1.5, 1.5, count), rng.uniform(-1.2, 1.2, count)])
+        points[np.arange(count), side] = sign * np.where(side == 1, 1.5, 1.2)
+        exact = np.eye(3)[side] * sign[:, None]
+        # Faces across it.
+        exact[:column] = [1.0, 0.0, 0.0]
+
+        def measured(exact: FloatArray = exact, rng: np.random.Generator = rng) -> FloatArray:
+            normals = exact + 0.06 * rng.normal(size=exact.shape)
+            return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+
+        target, scan = measured(), measured()
+        plain = np.zeros(count), np.ones(count), 20.0, np.zeros(3)
+        mixed += np.abs(information_of(points, target, *plain).vectors[3]).max() < 0.9
+        both = information_of(points, target, *plain, own=scan)
+        assert both.free.sum() == (0 if column else 1)
+        if not column:
+            # Tilted by the errors of 4,000 pairs alone, in two held motions.
+            assert np.abs(both.vectors[3, both.free]).min() > np.cos(4.0 / np.sqrt(count))
+    assert column or mixed > 5
