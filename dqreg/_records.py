@@ -89,7 +89,9 @@ if not TYPE_CHECKING:
 @lru_cache(maxsize=256)
 def _fields(kind: type) -> tuple[tuple[str, ...], Callable[[Any], tuple[Any, ...]], tuple[tuple[str, Any], ...]]:
     """Names of the fields that a record is made of, what takes their values, and the fields that it makes itself."""
-    assert not hasattr(kind, "__post_init__"), f"{kind.__name__} checks its fields"
+    # Asked once a kind, the answer is kept: a copy of what checks itself would pass over its checks, also under -O.
+    if hasattr(kind, "__post_init__"):
+        raise TypeError(f"{kind.__name__} checks its fields as it is made; dataclasses.replace copies it")
     fields = dataclasses.fields(kind)
     made = tuple((field.name, field.default_factory) for field in fields if not field.init)
     names = tuple(field.name for field in fields if field.init)
