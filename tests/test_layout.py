@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import io
 import tokenize
+import tomllib
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -111,3 +112,11 @@ def test_the_list_of_warnings_of_the_process_is_left_alone() -> None:
     # `catch_warnings` swaps it for all threads. Where other programs are run and compared, nothing else runs.
     swapping = {name for name, file in modules().items() if "catch_warnings" in file.read_text(encoding="utf-8")}
     assert swapping <= {"dqreg.compare.engines.harness", "dqreg.files.trajectories"}
+
+
+def test_only_kernels_may_import_numba_whatever_other_rooms_there_are() -> None:
+    # The contract names those that may not.
+    project = tomllib.loads((PACKAGE.parent / "pyproject.toml").read_text(encoding="utf-8"))
+    contracts = {each["name"]: each for each in project["tool"]["importlinter"]["contracts"]}
+    parts = {name for name in modules() if name.count(".") == 1} - {"dqreg.__main__", "dqreg.kernels"}
+    assert set(contracts["Only kernels import Numba"]["source_modules"]) == parts
