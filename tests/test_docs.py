@@ -7,10 +7,12 @@ import re
 import runpy
 import shlex
 import threading
+import tomllib
 from pathlib import Path
 
 import click
 import pytest
+from packaging.requirements import Requirement
 
 import dqreg
 
@@ -18,6 +20,8 @@ ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 PAGES = sorted(path.name for path in DOCS.glob("*.md"))
 API = "\n".join(path.read_text(encoding="utf-8") for path in sorted((DOCS / "api").glob("*.md")))
+# Extras of those who work on dqreg itself.
+OWN = ("test", "fuzz", "docs", "lint", "dev")
 
 
 def blocks(page: str, language: str) -> list[str]:
@@ -110,3 +114,11 @@ def test_the_gallery_on_the_page_is_the_one_that_runs():
     example = (ROOT / "examples" / "gallery_of_failures.py").read_text(encoding="utf-8")
     for name in re.findall(r'yield Failure\("([^"]+)"', example):
         assert f"| {name} |" in page
+
+
+def test_the_notice_names_every_package_that_is_installed_beside_dqreg() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    users = [row for extra, rows in project["optional-dependencies"].items() if extra not in OWN for row in rows]
+    wanted = {Requirement(row).name for row in (*project["dependencies"], *users)} - {"dqreg"}
+    table = "\n".join(re.findall(r"^\| ([^|]*) \|", (ROOT / "NOTICE.md").read_text(encoding="utf-8"), flags=re.M))
+    assert {name for name in wanted if not re.search(rf"(?<![\w-]){re.escape(name)}(?![\w-])", table)} == set()
