@@ -6,6 +6,7 @@ import ast
 import io
 import tokenize
 import tomllib
+from collections.abc import Iterable
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -16,6 +17,23 @@ PACKAGE = Path(dqreg.__file__).parent
 # A module that one other alone imports belongs to it, unless it is a concept of some size.
 SMALL, FEW = 40, 15
 LONGEST, FLOORS = 300, 9
+BODY = 40
+# Functions whose bodies are longer than that, in lines of code: they may only get shorter.
+LONG = {
+    "dqreg.cli.batch.batch": 44,
+    "dqreg.cli.compare._run": 42,
+    "dqreg.cli.inspect.inspect_command": 45,
+    "dqreg.cli.many_compare.run_many": 45,
+    "dqreg.cli.register.register_command": 45,
+    "dqreg.inspection.measure.measure_deviations": 42,
+    "dqreg.inspection.plan.suggested_plan.suggested_plan": 46,
+    "dqreg.multiway.matches.Matching._on_scan": 42,
+    "dqreg.multiway.register_many.register_many": 47,
+    "dqreg.odometry.follow.follow": 42,
+    "dqreg.registration.display_unit.in_unit": 44,
+    "dqreg.registration.evidence.agreement_of": 45,
+    "dqreg.report.report_data.collect": 44,
+}
 PLACEHOLDERS = {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER}
 
 
@@ -50,21 +68,49 @@ def graph() -> dict[str, set[str]]:
     }
 
 
-def code_lines(file: Path) -> int:
-    """Lines with code on them, without imports and docstrings."""
-    source = file.read_text(encoding="utf-8")
-    without: set[int] = set()
-    for node in ast.walk(ast.parse(source)):
-        is_text = (
-            isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
-        )
-        if is_text or isinstance(node, (ast.Import, ast.ImportFrom)):
-            without |= set(range(node.lineno, (node.end_lineno or node.lineno) + 1))
+def is_text(node: ast.AST) -> bool:
+    """Whether a statement is a docstring."""
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+
+
+@cache
+def lines_with_code(file: Path) -> frozenset[int]:
+    """Numbers of the lines that hold more than a comment; those of docstrings among them."""
     lines: set[int] = set()
-    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+    for token in tokenize.generate_tokens(io.StringIO(file.read_text(encoding="utf-8")).readline):
         if token.type not in PLACEHOLDERS:
             lines |= set(range(token.start[0], token.end[0] + 1))
-    return len(lines - without)
+    return frozenset(lines)
+
+
+def lines_of(nodes: Iterable[ast.AST]) -> set[int]:
+    """Numbers of the lines that nodes stand on."""
+    return {line for node in nodes for line in range(node.lineno, node.end_lineno + 1)}
+
+
+def code_lines(file: Path) -> int:
+    """Lines with code on them, without imports and docstrings."""
+    nodes = ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+    without = lines_of(node for node in nodes if is_text(node) or isinstance(node, (ast.Import, ast.ImportFrom)))
+    return len(lines_with_code(file) - without)
+
+
+def body_lengths(name: str, file: Path) -> dict[str, int]:
+    """Lines of code in the body of each function of a module, what is defined in it included, by its full name."""
+    found: dict[str, int] = {}
+
+    def look(node: ast.AST, name: str) -> None:
+        for child in ast.iter_child_nodes(node):
+            is_function = isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef))
+            inner = f"{name}.{child.name}" if is_function or isinstance(child, ast.ClassDef) else name
+            if is_function:
+                lines = lines_with_code(file) & (lines_of(child.body) - lines_of(filter(is_text, ast.walk(child))))
+                # Of two of one name, as a property and its setter, the longer one counts.
+                found[inner] = max(len(lines), found.get(inner, 0))
+            look(child, inner)
+
+    look(ast.parse(file.read_text(encoding="utf-8")), name)
+    return found
 
 
 def test_four_modules_lie_at_the_root() -> None:
@@ -120,3 +166,25 @@ def test_only_kernels_may_import_numba_whatever_other_rooms_there_are() -> None:
     contracts = {each["name"]: each for each in project["tool"]["importlinter"]["contracts"]}
     parts = {name for name in modules() if name.count(".") == 1} - {"dqreg.__main__", "dqreg.kernels"}
     assert set(contracts["Only kernels import Numba"]["source_modules"]) == parts
+
+
+def test_functions_have_short_bodies() -> None:
+    # Kernels are loops that a compiler wants in one piece.
+    others = [(name, file) for name, file in modules().items() if not name.startswith("dqreg.kernels.")]
+    lengths = {function: length for name, file in others for function, length in body_lengths(name, file).items()}
+    assert len(lengths) > 1000
+    assert {name: n for name, n in lengths.items() if n > LONG.get(name, BODY)} == {}
+    # What is no longer too long leaves the list.
+    assert {name for name in LONG if lengths.get(name, 0) <= BODY} == set()
+
+
+def test_a_body_is_counted_by_its_lines_of_code(tmp_path: Path) -> None:
+    file = tmp_path / "a.py"
+    text = [
+        *("class A:", "    @deco", "    def f(", "        self,", "    ):"),
+        *('        """One.', "", '        Two."""', "        # No code.", ""),
+        *("        x = [", "            1,", "        ]"),
+        *("        def g():", '            """Text."""', "            return x  # code", "        return g", ""),
+    ]
+    file.write_text("\n".join(text))
+    assert body_lengths("a", file) == {"a.A.f": 6, "a.A.f.g": 1}
