@@ -76,8 +76,13 @@ class Planes:
         return float(sum(share.sum() for share in self.shares))
 
 
-def plane_maps(scan: Planes, target: Planes, size: float, *, mirrored: bool = False) -> FloatArray:
-    """Motions, or improper ones, that put the planes of a scan at its pose into others of a target, (k, 4, 4)."""
+def plane_maps(
+    scan: Planes, target: Planes, size: float, *, mirrored: bool = False, reaching: FloatArray | None = None
+) -> FloatArray:
+    """Motions, or improper ones, that put the planes of a scan at its pose into others of a target, (k, 4, 4).
+
+    What planes along two directions leave open, the ends of both may close, given points, (n, 3), of those of the scan.
+    """
     if scan.flat < FLAT or min(len(scan.directions), len(target.directions)) < 2:
         return np.zeros((0, 4, 4))
     ends = [_ends(target.points @ axis, WITHIN * size) for axis in target.directions]
@@ -85,7 +90,7 @@ def plane_maps(scan: Planes, target: Planes, size: float, *, mirrored: bool = Fa
     found = [
         lost_and_map
         for R in _rotations(scan, target, mirrored=mirrored)
-        for lost_and_map in _shifted(R, scan, target, ends, WITHIN * size, laid)
+        for lost_and_map in _shifted(R, scan, target, ends, WITHIN * size, laid, reaching)
     ]
     middle = scan.points.mean(axis=0)
     found.sort(key=lambda pair: pair[0])
@@ -143,7 +148,13 @@ def _frame(one: FloatArray, other: FloatArray) -> FloatArray:
 
 
 def _shifted(
-    R: FloatArray, scan: Planes, target: Planes, ends: Sequence[tuple[float, float]], within: float, laid: Laid
+    R: FloatArray,
+    scan: Planes,
+    target: Planes,
+    ends: Sequence[tuple[float, float]],
+    within: float,
+    laid: Laid,
+    reaching: FloatArray | None,
 ) -> list[tuple[float, FloatArray]]:
     """A rotation with each shift that loses few points of the scan, after the share of those.
 
@@ -164,10 +175,17 @@ def _shifted(
         if (k, int(m), sign) not in laid:
             laid[k, int(m), sign] = _laid(sign * scan.heights[k], scan.shares[k], target.heights[m], within)
         choices.append(_shifts(laid[k, int(m), sign], scan.points @ back[m], ends[m], within))
+        if reaching is not None and len(axes) == 2:
+            # Of its rims a sample of the target may hold too few points for a plane.
+            choices[-1] += _between_ends(reaching @ back[m], target.points @ axis, within)
         axes.append(axis)
         if len(axes) == 3 or not choices[-1] or missing > LOST:
             break
     is_fixed = len(axes) == 3 or (len(axes) == 2 and np.trace(R) > 1.0 + 2.0 * SAME_COS)
+    if not is_fixed and reaching is not None and len(axes) == 2 and all(choices):
+        axes.append(third := cross(*axes))
+        choices.append(_between_ends(reaching @ (third @ R), target.points @ third, within))
+        is_fixed = True
     return _combined(R, axes, choices, missing) if is_fixed else []
 
 
@@ -204,6 +222,15 @@ def _shifts(
         if all(abs(shifts[k] - shift) > within for _, shift in kept):
             kept.append((float(lost[k]), float(shifts[k])))
     return kept
+
+
+def _between_ends(along: FloatArray, theirs: FloatArray, within: float) -> list[tuple[float, float]]:
+    """Shifts that lay the ends of a scan on those of its target, and its middle between them, as above."""
+    first, last = theirs.min() - along.min(), theirs.max() - along.max()
+    if last - first < -2.0 * within:
+        return []
+    shifts = [0.5 * (first + last)] + ([first, last] if last - first > within else [])
+    return [(0.0, float(shift)) for shift in shifts]
 
 
 def _combined(

@@ -41,3 +41,20 @@ def test_a_whole_block_fits_its_half_turns_and_a_round_part_nothing() -> None:
     assert len(plane_maps(planes_of(BLOCK, 0), planes_of(BLOCK, 1), BLOCK.diagonal)) == 3
     shaft = Mesh(*cylinder(diameter=30.0, height=80.0))
     assert len(plane_maps(planes_of(shaft, 0), planes_of(shaft, 1), shaft.diagonal)) == 0
+
+
+def test_what_two_directions_leave_open_the_ends_close() -> None:
+    # Two faces along an edge, all of it, and none of the ends: that edge the other way round, and the three others.
+    mesh = Mesh(*box((90.0, 40.0, 40.0)))
+    points = sample_mesh(mesh, 20_000, np.random.default_rng(2)).points
+    high = mesh.bounds[1]
+    on = (points[:, 1:] > 0.0).all(axis=1) & (np.abs(points[:, 0]) < high[0] - 1e-9)
+    points = points[on & (np.abs(points[:, 1:] - high[1:]) < 1e-9).any(axis=1)]
+    normals = np.where(np.abs(points - high) < 1e-9, [0.0, 1.0, 1.0], 0.0)
+    scan, part = Planes.of(points, normals, mesh.diagonal), planes_of(mesh, 1)
+    assert not len(plane_maps(scan, part, mesh.diagonal))
+    maps = plane_maps(scan, part, mesh.diagonal, reaching=points)
+    middle = points.mean(axis=0)
+    placed = np.array([pose.apply(T, middle[None])[0] for T in maps])
+    assert np.abs(np.abs(placed) - np.abs(middle)).max() <= 2.0 * WITHIN * mesh.diagonal
+    assert {tuple(row) for row in np.sign(placed[:, 1:]).tolist()} == {(1, 1), (1, -1), (-1, 1), (-1, -1)}
