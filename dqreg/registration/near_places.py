@@ -81,6 +81,12 @@ def near_maps(fit: Fit, *, of_any: bool = False) -> FloatArray:
     return np.concatenate([found.maps, _periods(fit), _half_screws(fit), *others])
 
 
+def plane_turns(fit: Fit) -> FloatArray:
+    """Motions that put the planes of a scan into others of its part, by their ends across them, (k, 4, 4)."""
+    size, reaching = fit.prepared.surface.diagonal, _inliers(fit)
+    return plane_maps(_planes_of_scan(fit), _places(fit).planes, size, reaching=reaching)
+
+
 def ring_maps(fit: Fit) -> FloatArray:
     """Turns about its axis that put most of a target cloud that shows a ring onto itself, (k, 4, 4)."""
     surface, derived = fit.prepared.surface, fit.problem.target.derived

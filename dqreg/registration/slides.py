@@ -170,8 +170,15 @@ def _losses_that_matter(fit: Fit, poses: FloatArray, counted: BoolArray, nearest
 
 def losses_at(fit: Fit, poses: FloatArray, count: int = JUDGES) -> FloatArray:
     """Log-likelihood that so many points together lose at each of some poses, (k, 4, 4), against the first of them."""
+    return losses_and_scatter(fit, poses, count)[0]
+
+
+def losses_and_scatter(fit: Fit, poses: FloatArray, count: int = JUDGES) -> tuple[FloatArray, FloatArray]:
+    """The same, and their standard deviations by chance, (k,): as what speaks for the other pose scatters."""
     scores, rows = scores_and_rows(fit, poses, count)
-    return _losses(scores.likelihoods[0] - scores.likelihoods[1:], lambda: _of_the_part(fit, rows))
+    gaps = scores.likelihoods[0] - scores.likelihoods[1:]
+    scatter = np.sqrt(2.0 * (np.clip(gaps, -MOST, 0.0) ** 2).sum(axis=1))
+    return _losses(gaps, lambda: _of_the_part(fit, rows)), scatter
 
 
 def _of_the_part(fit: Fit, rows: IntArray) -> BoolArray:

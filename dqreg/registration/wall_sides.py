@@ -2,23 +2,31 @@
 
 Where one leg of a folded sheet lies on its wrong side and the others on the right one, the few points at the fold lie
 off the part; nothing else tells, and the loop stays there. So the scan is moved by the thickness along what its faces
-look to, one leg or several at once, refined, and all points are asked.
+look to, one leg or several at once, refined, and all points are asked. The legs that a scan shows may be others of the
+part too, after a half-turn as a rule: unless an initial pose decides, those are asked alike.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, IntArray
 from dqreg.geometry import Mesh, MeshSurface
 from dqreg.geometry.normals import sample_rows
+from dqreg.geometry.vector_rows import row_dots
+from dqreg.icp import Correspondences
+from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.registration.derived import Key
-from dqreg.registration.displacement import displacement_between
+from dqreg.registration.displacement import displacement_between, offset_from_start
 from dqreg.registration.fit import Fit
+from dqreg.registration.near_places import plane_turns
 from dqreg.registration.rivals import JUDGES, NO_POSES
-from dqreg.registration.slides import losses_at
+from dqreg.registration.slides import losses_and_scatter, losses_at
+from dqreg.rigid import pose, twist
+from dqreg.search.near_symmetry import is_symmetry
 from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
 from dqreg.search.refine import refine
@@ -26,59 +34,89 @@ from dqreg.search.thin_walls import ThinWalls
 from dqreg.trust.limits import HOLDS
 from dqreg.trust.patch_tests import ON
 
-# Points whose faces are looked at, and points that screen a pose.
-LOOKED_AT, SCREENING = 2_000, 300
+# Points whose faces are looked at, those without which nothing is asked, and points that screen a pose.
+LOOKED_AT, FEWEST, SCREENING = 2_000, 10, 300
 # Points that refine, points that are asked then and steps of the refinement: few of all poses, and more of those left.
 FIRST, LAST = (400, 1_000, 3), (1_000, JUDGES, 4)
-# Inliers look along a wall's direction within this; so large a share of them makes it one of the scan's, and where so
-# many times as many look the other way both sides were scanned, which no other place fits.
-ALONG_RAD, SHARE, OTHER_WAY = np.deg2rad(15.0), 0.02, 0.25
-# Directions that are combined: the largest of the scan. A motion fits them within this share of the thickness.
-DIRECTIONS, FITS = 4, 0.25
-# Share of the points that a motion may take off the part before it is refined.
-MAY_LEAVE = 0.1
+# Inliers look along a wall's direction within this; so large a share of them makes it one of the scan's. Where so many
+# times as many look the other way both sides were scanned, unless the distances are so many times the noise. Directions
+# that are combined: the largest ones.
+ALONG_RAD, SHARE, OTHER_WAY, ROUGH, DIRECTIONS = np.deg2rad(15.0), 0.02, 0.25, 1.15, 6
+# A motion fits the sides of walls within this share of the thickness, and may take so large a share of the points off
+# the part before it is refined.
+FITS, MAY_LEAVE = 0.25, 0.1
+# Damping of motions that no point holds, relative to the mean diagonal of the normal equations.
+DAMPING = 1e-4
+# Planes of the part that are found may be those of either side of a wall, or lie between them: so the scan is displaced
+# by these shares of the thickness, along directions that leave so much beside those before.
+DISPLACED, ACROSS = (0.0, -0.5, 0.5, -1.0, 1.0), 0.3
 # Log-likelihood that a pose refined on some points may lose beyond what tells poses apart, by few points and by many:
 # six motions fitted to one point in ten lose thirty in the mean.
 ROUGHLY = (30.0, 60.0)
-# Better poses that follow one another.
-ROUNDS = 2
+# Standard deviations of chance that what tells two poses apart has to come to: of noise that is large against the
+# thickness few points beyond the middle of a wall decide, and came to 3.3 of them at a wrong pose, to 4 and more at
+# 62 right ones.
+BY_CHANCE = 3.5
+# Poses that are kept, the best first; better poses that follow one another.
+KEPT, ROUNDS = 8, 2
 
-WALL_SIDES: Key[tuple[list[Fit], FloatArray]] = Key()
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Rivals:
+    """Fits to poses on other sides of thin walls."""
+
+    fits: tuple[Fit, ...] = ()
+    losses: FloatArray = dataclasses.field(default_factory=lambda: np.zeros(0))  # Log-likelihood of all points, (k,)
+    scatter: FloatArray = dataclasses.field(default_factory=lambda: np.zeros(0))  # Of that by chance, (k,)
+
+    @property
+    def equal(self) -> IntArray:
+        """Which explain the scan as well as the pose."""
+        return np.flatnonzero(self.losses < np.maximum(HOLDS, BY_CHANCE * self.scatter))
+
+
+WALL_SIDES: Key[_Rivals] = Key()
 
 
 def on_best_sides(fit: Fit) -> Fit:
-    """The fit, or that to a pose on other sides of thin walls that explains the scan better."""
+    """The fit, or that to a pose on other sides of thin walls that explains the scan better.
+
+    Of equal poses, that near to an initial one.
+    """
     if fit.problem.options.method != "auto":
         return fit
     for _ in range(ROUNDS):
-        rivals, losses = _rivals(fit)
-        if not len(rivals) or not losses.min() < -HOLDS:
+        found = _rivals(fit)
+        losses = found.losses
+        if losses.min(initial=0.0) < -HOLDS:
+            fit = found.fits[int(losses.argmin())]
+            continue
+        meant = [k for k in found.equal if _is_meant(fit, found.fits[k].T_target_source)]
+        if not meant or _is_meant(fit, fit.T_target_source):
             break
-        fit = rivals[int(losses.argmin())]
+        fit = found.fits[min(meant, key=lambda k: float(losses[k]))]
     return fit
 
 
 def equal_sides(fit: Fit) -> FloatArray:
     """Poses on other sides of thin walls that explain the scan as well, (k, 4, 4)."""
-    rivals, losses = _rivals(fit)
-    return np.array(
-        [rival.T_target_source for rival, loss in zip(rivals, losses, strict=True) if loss < HOLDS]
-    ).reshape(-1, 4, 4)
+    found = _rivals(fit)
+    return np.array([found.fits[k].T_target_source for k in found.equal]).reshape(-1, 4, 4)
 
 
-def _rivals(fit: Fit) -> tuple[list[Fit], FloatArray]:
-    """Fits on other sides of thin walls, and the log-likelihood, (k,), that all points together lose there."""
+def _rivals(fit: Fit) -> _Rivals:
     return fit.derived.once(WALL_SIDES, lambda: _compared(fit))
 
 
-def _compared(fit: Fit) -> tuple[list[Fit], FloatArray]:
+def _compared(fit: Fit) -> _Rivals:
     poses, least = _moved(fit)
     for (points, asked, steps), roughly in zip((FIRST, LAST), ROUGHLY, strict=True):
         if not len(poses):
-            return [], np.zeros(0)
+            return _Rivals()
         poses = _refined(fit, poses, least, points, steps)
         losses = losses_at(fit, np.concatenate([fit.T_target_source[None], poses]), asked)
-        poses = poses[losses < HOLDS + roughly]
+        order = np.argsort(losses, kind="stable")
+        poses = _other_places(fit, poses[order[losses[order] < HOLDS + roughly]], least)[:KEPT]
     rivals, near = [], 0.5 * least / fit.prepared.surface.diagonal
     for T in poses:
         there, other = fit.at(T), fit.resumed(T, fit.run.mixture.scale)
@@ -86,33 +124,100 @@ def _compared(fit: Fit) -> tuple[list[Fit], FloatArray]:
         stays = other.found and displacement_between(fit, T, other.T_target_source) < near
         rivals.append(other if stays else there)
     if not rivals:
-        return [], np.zeros(0)
-    return rivals, losses_at(fit, np.stack([fit.T_target_source, *(rival.T_target_source for rival in rivals)]))
+        return _Rivals()
+    at = np.stack([fit.T_target_source, *(rival.T_target_source for rival in rivals)])
+    return _Rivals(tuple(rivals), *losses_and_scatter(fit, at))
 
 
 def _moved(fit: Fit) -> tuple[FloatArray, float]:
-    """The pose after motions onto the other sides of walls that leave most of the scan on the part; least thickness."""
+    """The pose after motions onto other sides of walls that leave most of the scan on the part; least thickness.
+
+    Those in place, and, where no initial pose decides, those that lay its planes into others of the part.
+    """
     walls = _walls(fit)
     pairs = fit.evenly_asked() if len(walls.thickness) else None
     if pairs is None:
         return NO_POSES, 0.0
     near = np.flatnonzero(pairs.distances <= ON * fit.run.mixture.scale)
     near = near[sample_rows(len(near), LOOKED_AT)]
-    along = np.take(pairs.closest.normals, near, axis=0) @ walls.normals.T
-    counts = np.count_nonzero(along > np.cos(ALONG_RAD), axis=0)
-    opposed = np.count_nonzero(along < -np.cos(ALONG_RAD), axis=0)
-    kept = np.flatnonzero((counts > SHARE * len(near)) & (opposed <= OTHER_WAY * counts))
+    if len(near) < FEWEST:
+        return NO_POSES, 0.0
+    least = float(walls.thickness.min())
+    within = max(ON * _width(fit), FITS * least)
+    points = np.take(pairs.scan.points, near, axis=0)
+    poses = _on_other_sides(fit, walls, pairs, near[sample_rows(len(near), FIRST[1])], within)
+    if not _is_meant(fit, fit.T_target_source):
+        poses = np.concatenate([poses, _in_other_planes(fit, walls, points, within)])
+    return _staying(fit, poses, points, within), least
+
+
+def _is_meant(fit: Fit, T: FloatArray) -> bool:
+    """Whether a pose is near an initial one that was given."""
+    given = fit.problem.start
+    return given is not None and offset_from_start(fit, T, fit.problem.to_centred(given)) <= 1.0
+
+
+def _on_other_sides(fit: Fit, walls: ThinWalls, pairs: Correspondences, rows: IntArray, within: float) -> FloatArray:
+    """The pose after motions that lay what some of its pairs put on sides of walls on the other ones, (k, 4, 4)."""
+    normals = np.take(pairs.closest.normals, rows, axis=0)
+    along = normals @ walls.normals.T
+    on = (along > np.cos(ALONG_RAD)) & (along == along.max(axis=1, keepdims=True))
+    counts = np.count_nonzero(on, axis=0)
+    opposed = counts @ (walls.normals @ walls.normals.T < -np.cos(ALONG_RAD))
+    # No other place fits both sides; a leg that lies across its wall lies there by more than its noise.
+    lies_across = fit.run.mixture.scale > ROUGH * _width(fit)
+    kept = np.flatnonzero((counts > SHARE * len(rows)) & (lies_across | (opposed <= OTHER_WAY * counts)))
     kept = kept[np.argsort(-counts[kept], kind="stable")][:DIRECTIONS]
     if not len(kept):
-        return NO_POSES, 0.0
-    shifts, least = _shifts(walls.normals[kept], walls.thickness[kept]), float(walls.thickness[kept].min())
-    points = np.take(pairs.moved, near[sample_rows(len(near), SCREENING)], axis=0)
-    within = max(ON * fit.run.mixture.scale, FITS * least)
-    away = fit.prepared.surface.closest((points + shifts[:, None]).reshape(-1, 3), within=2.0 * within).distances
-    shifts = shifts[np.mean(away.reshape(len(shifts), -1) <= within, axis=1) >= 1.0 - MAY_LEAVE]
-    poses = np.tile(fit.T_target_source, (len(shifts), 1, 1))
-    poses[:, :3, 3] += shifts
-    return poses, least
+        return NO_POSES
+    chosen = np.array(list(itertools.product([0.0, 1.0], repeat=len(kept)))[1:])
+    # Behind a face by its thickness is the other side.
+    heights = pairs.point_to_plane[rows] + (chosen * walls.thickness[kept]) @ on[:, kept].T
+    return _down(np.take(pairs.moved, rows, axis=0), normals, heights, within) @ fit.T_target_source
+
+
+def _down(points: FloatArray, normals: FloatArray, heights: FloatArray, within: float) -> FloatArray:
+    """Motions, (k, 4, 4), that take points, (n, 3), down to planes, each by some heights, (m, n), where most come near.
+
+    One step is enough: they are as small as walls are thin. A rotation lays a leg down that lies across its wall.
+    """
+    middle = points.mean(axis=0)
+    arms = points - middle
+    lever = max(float(np.sqrt(row_dots(arms, arms).mean())), np.finfo(float).tiny)
+    A = np.concatenate([np.cross(arms / lever, normals), normals], axis=1)
+    H = A.T @ A
+    steps = -np.linalg.solve(H + DAMPING * np.trace(H) / 6.0 * np.eye(6), A.T @ heights.T).T
+    steps = steps[np.mean(np.abs(heights + steps @ A.T) <= within, axis=1) >= 1.0 - MAY_LEAVE]
+    steps[:, :3] /= lever
+    there, back = (pose.from_parts(np.eye(3), sign * middle) for sign in (1.0, -1.0))
+    return np.asarray(there @ twist.exp(steps) @ back).reshape(-1, 4, 4)
+
+
+def _in_other_planes(fit: Fit, walls: ThinWalls, points: FloatArray, within: float) -> FloatArray:
+    """Poses, (k, 4, 4), that lay the planes of a scan, of which points are given, into others of the part."""
+    poses = _staying(fit, plane_turns(fit) @ fit.T_target_source, points, float(walls.thickness.max()) + within)
+    axes: list[FloatArray] = []
+    for normal, thickness in zip(walls.normals, walls.thickness, strict=True):
+        rest = normal - sum((normal @ axis) * axis for axis in axes)
+        if (length := float(np.linalg.norm(rest))) > ACROSS:
+            axes.append(rest / length)
+            shifted = np.repeat(poses, len(DISPLACED), axis=0)
+            shifted[:, :3, 3] += np.tile(np.outer(DISPLACED, thickness * normal), (len(poses), 1))
+            poses = shifted
+    return _staying(fit, poses, points, within)
+
+
+def _staying(fit: Fit, poses: FloatArray, points: FloatArray, within: float) -> FloatArray:
+    """Poses, (k, 4, 4), at which most of some points lie within a distance of the part."""
+    points = points[sample_rows(len(points), SCREENING)]
+    away = fit.prepared.surface.closest(Poses.of(poses).apply(points).reshape(-1, 3), within=2.0 * within).distances
+    return np.asarray(poses[np.mean(away.reshape(len(poses), len(points)) <= within, axis=1) >= 1.0 - MAY_LEAVE])
+
+
+def _width(fit: Fit) -> float:
+    """Width of the scan's distances from the part: where it lies on both sides of a wall, what its own noise says."""
+    scan, surface = fit.prepared.scan, fit.prepared.surface
+    return min(fit.run.mixture.scale, max(noise_on(scan, surface), fit.floor))
 
 
 def _walls(fit: Fit) -> ThinWalls:
@@ -125,23 +230,27 @@ def _walls(fit: Fit) -> ThinWalls:
         return none
     walls = target.thin_walls
     # Thinner ones are within the noise.
-    clear = walls.thickness > ON * fit.run.mixture.scale
+    clear = walls.thickness > ON * _width(fit)
     return ThinWalls(walls.normals[clear], walls.thickness[clear])
 
 
-def _shifts(normals: FloatArray, thickness: FloatArray) -> FloatArray:
-    """Translations, (k, 3), by the thickness inwards along one direction or several, and along no other of them."""
-    found = []
-    for chosen in itertools.product([0.0, 1.0], repeat=len(normals)):
-        wanted = -np.array(chosen) * thickness
-        shift = np.linalg.lstsq(normals, wanted, rcond=0.1)[0]
-        if any(chosen) and np.abs(normals @ shift - wanted).max() <= FITS * thickness.min():
-            found.append(shift)
-    return np.array(found).reshape(-1, 3)
+def _other_places(fit: Fit, poses: FloatArray, least: float) -> FloatArray:
+    """Poses, (k, 4, 4), each once, without those that leave the scan, or all of the part, where it is at the fit."""
+    surface, part, offset = fit.prepared.surface, fit.problem.target.geometry, FITS * least
+    middle, share = fit.prepared.scan.points.mean(axis=0), offset / surface.diagonal
+    poses = poses[Poses.of(poses).distinct(middle, share, offset, len(poses))]
+    back = pose.inverse(fit.T_target_source)
+    assert isinstance(part, Mesh)
+
+    def is_other(T: FloatArray) -> bool:
+        is_apart = displacement_between(fit, T, fit.T_target_source) > 2.0 * share
+        return is_apart and not is_symmetry(T @ back, part, surface, share)
+
+    return poses[np.flatnonzero([is_other(T) for T in poses])]
 
 
 def _refined(fit: Fit, poses: FloatArray, least: float, points: int, steps: int) -> FloatArray:
     scan = fit.prepared.scan
     sample = OrientedPoints.on_faces(scan.points[sample_rows(len(scan), points)])
-    widths = np.geomspace(0.5 * least, fit.run.mixture.scale, steps)
+    widths = np.geomspace(0.5 * least, _width(fit), steps)
     return refine(Poses.of(poses), sample, fit.prepared.surface, widths).matrices
