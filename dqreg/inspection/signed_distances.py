@@ -33,7 +33,7 @@ def signed_distances(
     points: FloatArray, geometry: Mesh | PointCloud, surface: Surface, signed: bool, progress: Progress | None = None
 ) -> Answer:
     """Distance of every point from a target, negative inside where ``signed``; see `measure_deviations`."""
-    from dqreg.kernels.scattering import put_rows
+    from dqreg.kernels.row_scatter import scatter_rows
     from dqreg.kernels.threads import over_chunks
 
     count, is_mesh = len(points), isinstance(geometry, Mesh)
@@ -45,7 +45,7 @@ def signed_distances(
 
     def measure(first: int, last: int, told: int = 0) -> None:
         rows = order[told + first : told + last].astype(np.int64)
-        put_rows(rows, *ask(np.take(points, rows, axis=0)), values, closest, faces)
+        scatter_rows(rows, *ask(np.take(points, rows, axis=0)), values, closest, faces)
 
     for told in range(0, count, TOLD):
         some = min(TOLD, count - told)

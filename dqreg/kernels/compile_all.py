@@ -9,20 +9,18 @@ import numpy as np
 from dqreg.kernels import compile_clouds, second_process
 from dqreg.kernels.areas_by_direction import areas_by_direction
 from dqreg.kernels.cache import keep_beside_package
-from dqreg.kernels.company import company_rows
+from dqreg.kernels.coarse_to_fine_nearest import nearest_at_corners, nearest_from_coarser, planes_at_nodes
 from dqreg.kernels.components import components
-from dqreg.kernels.copies import first_copies
 from dqreg.kernels.corner_lists import list_corners, weld
 from dqreg.kernels.creases import COLUMNS as OF_CREASES
 from dqreg.kernels.creases import near_creases
 from dqreg.kernels.disc_pairs import disc_pair_sums
+from dqreg.kernels.duplicate_triangles import first_duplicates
 from dqreg.kernels.face_fans import fans_of_faces
 from dqreg.kernels.face_scatter import face_precisions, face_sums, orientation_cells, square_heights, times_precisions
 from dqreg.kernels.follow_rows import follow_rows, look_up_rows
-from dqreg.kernels.garbage import not_collected
-from dqreg.kernels.held_points import hold_at_corners, hold_from_coarser, take_planes
+from dqreg.kernels.gc_pause import gc_paused
 from dqreg.kernels.largest_eigenvectors import largest_eigenvectors
-from dqreg.kernels.lopsided import lopsided_rows
 from dqreg.kernels.many_poses import distinct_rows, log_likelihoods, mean_gains, poses_within
 from dqreg.kernels.mesh_faces import ENDS, MOMENTS, face_columns, solid_faces, surface_moments
 from dqreg.kernels.mesh_sides import number_sides
@@ -30,12 +28,15 @@ from dqreg.kernels.motion_sums import COLUMNS as MOTION_SUMS
 from dqreg.kernels.motion_sums import motion_shares, motion_sums, products_of_both
 from dqreg.kernels.near_rows import near_rows
 from dqreg.kernels.nearest_at_nodes import nearest_at_nodes
+from dqreg.kernels.neighbour_counts import rows_with_neighbours
 from dqreg.kernels.neighbour_differences import neighbour_differences
+from dqreg.kernels.one_sided_neighbourhoods import off_centre_rows
 from dqreg.kernels.pair_differences import pair_differences
 from dqreg.kernels.pair_keys import all_pair_keys, key_starts, order_of_keys, pair_keys
 from dqreg.kernels.pair_poses import pair_poses
 from dqreg.kernels.patch_pairs import binned_agreements, covariance_rows, nearest_others
 from dqreg.kernels.patch_sums import BESIDE, joined_sums, patch_sums
+from dqreg.kernels.planar_boundary import in_plane_sq_distances, interior_rows, near_fractions
 from dqreg.kernels.plane_elimination import eliminate_planes
 from dqreg.kernels.plane_fits import fit_plane_rows
 from dqreg.kernels.plane_gaps import COLUMNS as OF_GAPS
@@ -50,9 +51,8 @@ from dqreg.kernels.pseudo_normals import add_scaled_rows, corner_angles, pseudo_
 from dqreg.kernels.ray_pixels import COUNTS as OF_RAYS
 from dqreg.kernels.ray_pixels import fill_pixels, rays_met
 from dqreg.kernels.rims import line_rows, one_sided_rows
-from dqreg.kernels.scattering import put_rows
+from dqreg.kernels.row_scatter import scatter_rows
 from dqreg.kernels.side_parity import number_nodes, sum_of_sides
-from dqreg.kernels.surrounded import shares_beside, squares_along, surrounded_rows
 from dqreg.kernels.systematic_rows import systematic_rows
 from dqreg.kernels.triangle_tree import TriangleTree
 from dqreg.kernels.weighing import SUMS as WEIGHED
@@ -68,7 +68,7 @@ SHAPE = np.ones(3, dtype=np.int64)
 
 def compile_all(*, backwards: bool = False) -> None:
     """Compile every kernel for the arrays that it is called with, and keep the code."""
-    with not_collected():
+    with gc_paused():
         for step in STEPS[::-1] if backwards else STEPS:
             step()
 
@@ -86,7 +86,7 @@ def compile_for_all_users() -> None:
 
 
 def _faces() -> None:
-    first_copies(CORNERS)
+    first_duplicates(CORNERS)
     tree = TriangleTree.of(CORNERS, np.ones((2, 3)))
     tree.closest(np.zeros((1, 3)))
     tree.distances(FLAT[None], ONE[None], CORNERS[0], 1.0)
@@ -101,8 +101,8 @@ def _points() -> None:
 
 def _features() -> None:
     rows, none = np.zeros((0, 3), dtype=np.int64), np.zeros(0, dtype=np.bool_)
-    company_rows(0, 0, np.zeros((1, 6)), FLAT, LEAF, 1, 1.0, none)
-    lopsided_rows(0, 0, FLAT, rows, FLAT, FLAT, 1.0, none, np.zeros((0, 3)))
+    rows_with_neighbours(0, 0, np.zeros((1, 6)), FLAT, LEAF, 1, 1.0, none)
+    off_centre_rows(0, 0, FLAT, rows, FLAT, FLAT, 1.0, none, np.zeros((0, 3)))
 
 
 def _steps() -> None:
@@ -179,10 +179,10 @@ def _rims() -> None:
     line_rows(0, 0, FLAT, few, 0.15, none)
     components(1, FIRST[:0], FIRST[:0])
     near_rows(FLAT, FIRST[:0], FLAT, FIRST[:0], LEAF, 1.0, none)
-    shares_beside(0, 0, FIRST[:0], few, 1, none, NOTHING)
-    squares_along(FLAT, ONE, FIRST, FIRST[:0], 1, 0, NOTHING)
+    near_fractions(0, 0, FIRST[:0], few, 1, none, NOTHING)
+    in_plane_sq_distances(FLAT, ONE, FIRST, FIRST[:0], 1, 0, NOTHING)
     flat = FIRST[:0], np.zeros((0, 2)), FIRST[:0], FIRST[:0]
-    surrounded_rows(0, 0, *flat, FLAT, FIRST[:0], few, 1, 1, 1.0, -0.5, none)
+    interior_rows(0, 0, *flat, FLAT, FIRST[:0], few, 1, 1, 1.0, -0.5, none)
     image = 1.0, FIRST, FIRST + 1, ONE.copy(), ONE.copy()
     fill_pixels(np.zeros((0, 3)), *image, FIRST[:0])
     rays_met(0, 0, FLAT, CORNERS, FLAT, *image, 0.0, 0.0, 1.0, np.zeros((1, OF_RAYS), dtype=np.int64))
@@ -202,10 +202,10 @@ def _search() -> None:
     key_starts(table, np.zeros(2, dtype=np.int64))
     order_of_keys(table, FIRST, held, held.copy())
     far, grid = np.ones(1, dtype=np.float32), (places, SHAPE)
-    hold_at_corners(*grid, held, far)
+    nearest_at_corners(*grid, held, far)
     nearest_at_nodes(0, 1, *grid, held, far)
-    hold_from_coarser(0, 1, *grid, SHAPE, held.copy(), held, far)
-    take_planes(0, 1, held, places, places, np.zeros((1, 6), dtype=np.float32))
+    nearest_from_coarser(0, 1, *grid, SHAPE, held.copy(), held, far)
+    planes_at_nodes(0, 1, held, places, places, np.zeros((1, 6), dtype=np.float32))
     poses_within(0, 1, rotations, places, places, SHAPE, far, 1.0, np.zeros(1, dtype=np.bool_))
     sides = 2 * (FLAT, FLAT, FIRST[:0], FIRST[:0])
     agree = np.zeros((2, 0), dtype=np.bool_)
@@ -244,7 +244,7 @@ def _sides() -> None:
 def _signs() -> None:
     flat = np.eye(3)
     smooth_normals_at(0, 0, flat, FIRST, np.zeros(1, dtype=np.bool_), CORNERS, CORNERS, flat)
-    put_rows(FIRST[:0], NOTHING, flat, FIRST, NOTHING, flat, FIRST)
+    scatter_rows(FIRST[:0], NOTHING, flat, FIRST, NOTHING, flat, FIRST)
     pseudo_normals_at(0, 0, flat, flat, FIRST, CORNERS, CORNERS, FIRST[None], flat, 1e-6, 1.0, flat, ONE)
 
 

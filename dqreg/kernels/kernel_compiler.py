@@ -11,7 +11,7 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, CompileResult
 from numba.core.compiler_machinery import PassManager
 
-from dqreg.kernels.garbage import not_collected
+from dqreg.kernels.gc_pause import gc_paused
 
 # Not those for closures, comprehensions, `with`, literals as types and errors with text, which no kernel has, and none
 # that annotates for readers: a thirtieth of the time.
@@ -35,7 +35,7 @@ class KernelCompiler(CompilerBase):  # type: ignore[misc]
 
     def compile_extra(self, function: Any) -> Any:
         """The compiled function."""
-        with not_collected():
+        with gc_paused():
             return super().compile_extra(function)
 
     def define_pipelines(self) -> list[PassManager]:

@@ -7,9 +7,9 @@ import dataclasses
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
-from dqreg.kernels.company import company_rows
 from dqreg.kernels.kd_order import heap_boxes, kd_order
 from dqreg.kernels.nearest_points import nearest_points
+from dqreg.kernels.neighbour_counts import rows_with_neighbours
 from dqreg.kernels.own_neighbours import own_neighbours
 from dqreg.kernels.threads import as_plain, aside, over_chunks
 
@@ -80,7 +80,7 @@ class PointTree:
         """Which points have so many within a distance, themselves among them; all count where there are fewer, (n,)."""
         places = np.zeros(len(self.rows), dtype=bool)
         asked = self.boxes, self.places, self.leaf, min(count, len(self.rows)), float(within)
-        over_chunks(company_rows, len(places), *asked, places)
+        over_chunks(rows_with_neighbours, len(places), *asked, places)
         found = np.zeros(len(places), dtype=bool)
         found[self.rows] = places
         return found

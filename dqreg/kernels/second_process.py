@@ -9,7 +9,7 @@ import os
 import subprocess
 import sys
 
-from dqreg.kernels import garbage
+from dqreg.kernels import gc_pause
 
 # What it does: each process reads what the other has compiled, until both meet.
 CODE = "from dqreg.kernels.compile_all import compile_all; compile_all(backwards=True)"
@@ -22,7 +22,7 @@ def allow() -> None:
     """Let this process, a program of our own, start a second one at the first kernel not kept; a fork may not."""
     global _asking  # noqa: PLW0603
     _asking = os.getpid()
-    garbage.leave_alone()
+    gc_pause.freeze_survivors()
     # Numba writes, and colours, thousands of messages why a type does not fit, and throws them away.
     os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.kernels.compiled import compiled, inside_kernels
-from dqreg.kernels.copies import FIRST, SECOND
+from dqreg.kernels.duplicate_triangles import MURMUR_FACTOR, MURMUR_FACTOR_2
 
 Words = NDArray[np.uint64]
 
@@ -19,8 +19,8 @@ Words = NDArray[np.uint64]
 @inside_kernels
 def scrambled(word: np.uint64) -> np.uint64:
     """A number each of whose bits depends on all of a word: the finaliser of MurmurHash3, which loses nothing."""
-    word = (word ^ (word >> np.uint64(33))) * np.uint64(FIRST)
-    word = (word ^ (word >> np.uint64(33))) * np.uint64(SECOND)
+    word = (word ^ (word >> np.uint64(33))) * np.uint64(MURMUR_FACTOR)
+    word = (word ^ (word >> np.uint64(33))) * np.uint64(MURMUR_FACTOR_2)
     return word ^ (word >> np.uint64(33))
 
 

@@ -10,7 +10,7 @@ from dqreg._arrays import FloatArray, IntArray, bounds
 from dqreg.kernels.area_order import area_order
 from dqreg.kernels.closest_triangles import closest_places
 from dqreg.kernels.compiled import compiled
-from dqreg.kernels.copies import FIRST, first_copies
+from dqreg.kernels.duplicate_triangles import MURMUR_FACTOR, first_duplicates
 from dqreg.kernels.morton import Codes, morton_cells, sorted_rows
 from dqreg.kernels.pose_distances import pose_distances
 from dqreg.kernels.split_sort import CHUNK as SORTED
@@ -145,7 +145,7 @@ def order_of_triangles(corners: FloatArray) -> tuple[IntArray, IntArray | None]:
     shared = np.zeros(count, dtype=bool)
     shared[rows[1:][alike]], shared[rows[:-1][alike]] = True, True
     some, first = np.flatnonzero(shared), np.arange(count)
-    first[some] = some[first_copies(np.take(corners, some, axis=0))]
+    first[some] = some[first_duplicates(np.take(corners, some, axis=0))]
     return rows[(first == np.arange(count))[rows]], first
 
 
@@ -165,5 +165,5 @@ def middles_of(first: int, last: int, corners: FloatArray, middles: FloatArray, 
             middles[f, k] = min(low, c) + max(high, c)
             # Minus zero is the same place as zero.
             inner[0] = max(low, min(high, c)) + 0.0
-            mark = (mark ^ words[0]) * np.uint64(FIRST)
+            mark = (mark ^ words[0]) * np.uint64(MURMUR_FACTOR)
         marks[f] = mark >> np.uint64(64 - MARK_BITS)

@@ -6,7 +6,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.kernels.compiled import compiled, inside_kernels
-from dqreg.kernels.copies import FIRST, SECOND, Words
+from dqreg.kernels.duplicate_triangles import MURMUR_FACTOR, MURMUR_FACTOR_2, HashWords
 from dqreg.kernels.triangle import closest_on, height_square
 
 # Steps of a walk: from 6 on they save no more on parts, but for one above a face that is a fan of needles. There the
@@ -16,7 +16,7 @@ STEPS, ROUNDS, BESIDE = 8, 12, 9.0
 
 
 @compiled
-def triangles_across(words: Words, faces: IntArray, across: IntArray) -> None:
+def triangles_across(words: HashWords, faces: IntArray, across: IntArray) -> None:
     """Write the slot of the triangle across each side of each slot, (n, 3), below zero where there is none.
 
     Sides run from a corner to the next. Sides are one where their corners have the same bits: what is found is a place
@@ -32,9 +32,9 @@ def triangles_across(words: Words, faces: IntArray, across: IntArray) -> None:
         for k in range(3):
             mixed = np.uint64(0)
             for axis in range(3):
-                mixed = (mixed ^ words[faces[t], k, axis]) * np.uint64(FIRST)
+                mixed = (mixed ^ words[faces[t], k, axis]) * np.uint64(MURMUR_FACTOR)
                 mixed ^= mixed >> shift
-            hashes[k] = mixed * np.uint64(SECOND)
+            hashes[k] = mixed * np.uint64(MURMUR_FACTOR_2)
         for k in range(3):
             # A sum, so that the sense in which a side runs does not matter.
             key = hashes[k] + hashes[(k + 1) % 3]

@@ -133,12 +133,12 @@ def edge_points(
     cloud: FloatArray, around: IntArray, at: FloatArray, normals: FloatArray
 ) -> tuple[BoolArray, FloatArray]:
     """Where a sampled face ends, and the direction that leads off it, from the neighbours of its points, (n, k)."""
-    from dqreg.kernels.lopsided import lopsided_rows
+    from dqreg.kernels.one_sided_neighbourhoods import off_centre_rows
     from dqreg.kernels.threads import as_plain, over_chunks
 
     found, outwards = np.zeros(len(at), dtype=bool), np.zeros((len(at), 3))
     asked = as_plain(cloud), around, as_plain(at), as_plain(normals), LOPSIDED
-    over_chunks(lopsided_rows, len(at), *asked, found, outwards)
+    over_chunks(off_centre_rows, len(at), *asked, found, outwards)
     return found, outwards
 
 

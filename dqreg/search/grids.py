@@ -107,7 +107,7 @@ class DistanceGrid(Grid):
 
         That of a grid with cells so many times halved, handed down.
         """
-        from dqreg.kernels.held_points import hold_at_corners, hold_from_coarser
+        from dqreg.kernels.coarse_to_fine_nearest import nearest_at_corners, nearest_from_coarser
         from dqreg.kernels.threads import over_chunks
 
         shapes = [self.shape]
@@ -119,9 +119,9 @@ class DistanceGrid(Grid):
         for level in range(HALVINGS - 1, -1, -1):
             known, shape, scaled = held, shapes[level], cells / 2.0**level
             held, squares = np.full(np.prod(shape), -1, dtype=np.int32), np.full(np.prod(shape), np.inf, np.float32)
-            hold_at_corners(scaled, shape, held, squares)
+            nearest_at_corners(scaled, shape, held, squares)
             grids = scaled, shape, shapes[level + 1], known
-            over_chunks(hold_from_coarser, int(shape[0]), *grids, held, squares, chunk=SLABS)
+            over_chunks(nearest_from_coarser, int(shape[0]), *grids, held, squares, chunk=SLABS)
         return held, squares
 
     def are_within(self, poses: Poses, points: FloatArray, limit: float) -> BoolArray:
@@ -179,7 +179,7 @@ class PlaneGrid(DistanceGrid):
     """Distances and tangent planes on a regular grid."""
 
     def __init__(self, surface: Surface, even: OrientedPoints, low: FloatArray, high: FloatArray) -> None:
-        from dqreg.kernels.held_points import take_planes
+        from dqreg.kernels.coarse_to_fine_nearest import planes_at_nodes
         from dqreg.kernels.threads import as_plain, over_chunks
 
         super().__init__(even.points, low, high, surface.diagonal)
@@ -192,7 +192,7 @@ class PlaneGrid(DistanceGrid):
         known = [np.concatenate(columns) for columns in ((even.points, asked.points), (even.directions, asked.normals))]
         # What lies outside is on no plane: the last row.
         self._planes = np.zeros((self.count + 1, 6), dtype=np.float32)
-        over_chunks(take_planes, self.count, self.held, *map(as_plain, known), self._planes)
+        over_chunks(planes_at_nodes, self.count, self.held, *map(as_plain, known), self._planes)
 
     def closest(self, points: FloatArray, hint: Hint | None = None, within: float = np.inf) -> Closest:
         """Foot on the tangent plane, its normal, and the distance; infinite outside the grid, (n, 3) each."""

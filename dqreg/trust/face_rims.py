@@ -77,14 +77,14 @@ class Faces:
     @staticmethod
     def of(tree: NeighbourTree, heights: FloatArray, within: float) -> Faces:
         """Those of a cloud within a distance of a plane, over which all of its points have these heights, (N,)."""
-        from dqreg.kernels.surrounded import shares_beside
+        from dqreg.kernels.planar_boundary import near_fractions
         from dqreg.kernels.threads import over_chunks
 
         near = np.abs(heights) < within
         rows = np.flatnonzero(near)
         lines, beside = tree.beside(rows, BESIDE)
         shares = np.zeros(len(rows))
-        over_chunks(shares_beside, len(rows), lines, beside, BESIDE, near, shares)
+        over_chunks(near_fractions, len(rows), lines, beside, BESIDE, near, shares)
         return Faces(rows, lines, beside, shares)
 
     def flat(self, share: float = MOSTLY) -> IntArray:
@@ -165,13 +165,13 @@ def surrounded(
     Shapes: points (N, 3), held (n,), rows of those in the plane, flat (n, 2), asked (m,), rows of flat; neighbours are
     the lines, (m,), of a table, (l, k).
     """
-    from dqreg.kernels.surrounded import surrounded_rows
+    from dqreg.kernels.planar_boundary import interior_rows
     from dqreg.kernels.threads import as_plain, over_chunks
 
     places, found = np.full(len(points), -1), np.zeros(len(asked), dtype=bool)
     places[held] = np.arange(len(held))
     given = asked, flat, held, places, as_plain(points), *neighbours
-    over_chunks(surrounded_rows, len(asked), *given, beside, AROUND + 1, 2.0 * within, OPEN_COS, found)
+    over_chunks(interior_rows, len(asked), *given, beside, AROUND + 1, 2.0 * within, OPEN_COS, found)
     return found
 
 

@@ -238,10 +238,10 @@ def _most_spacing(points: FloatArray, heights: FloatArray, rows: IntArray) -> fl
 
     Its neighbours are no farther off than those among the points next to it along the curve.
     """
-    from dqreg.kernels.surrounded import squares_along
+    from dqreg.kernels.planar_boundary import in_plane_sq_distances
     from dqreg.kernels.threads import as_plain
 
     some, count = sample_rows(len(rows), SAMPLE), min(WINDOW, len(rows))
     squares = np.zeros(len(some))
-    squares_along(as_plain(points), as_plain(heights), rows, some, count, min(AROUND, count - 1), squares)
+    in_plane_sq_distances(as_plain(points), as_plain(heights), rows, some, count, min(AROUND, count - 1), squares)
     return OF_SPACING * math.sqrt(max(median(squares), 0.0))

@@ -11,7 +11,7 @@ import pytest
 
 import dqreg
 from dqreg import kernels
-from dqreg.kernels import cache, closest_triangles, garbage, second_process, threads
+from dqreg.kernels import cache, closest_triangles, gc_pause, second_process, threads
 from dqreg.kernels import compile_all as compile_all_module
 from dqreg.kernels.compile_all import compile_all
 from tests.icp.scenes import bracket_mesh, bracket_points
@@ -90,7 +90,7 @@ def test_two_processes_share_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_only_the_process_that_asked_starts_a_second_one_and_only_once(monkeypatch: pytest.MonkeyPatch) -> None:
     started: list[int] = []
     monkeypatch.setattr(second_process, "start", lambda: started.append(1))
-    monkeypatch.setattr(garbage, "_leaves_alone", False)
+    monkeypatch.setattr(gc_pause, "_freezes_survivors", False)
     monkeypatch.setattr(second_process, "_asking", None)
     second_process.start_if_allowed()
     assert not started
@@ -108,7 +108,7 @@ def test_only_the_process_that_asked_starts_a_second_one_and_only_once(monkeypat
 def test_a_command_starts_it_at_once_where_nothing_is_kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     started: list[int] = []
     monkeypatch.setattr(second_process, "start", lambda: started.append(1))
-    monkeypatch.setattr(garbage, "_leaves_alone", False)
+    monkeypatch.setattr(gc_pause, "_freezes_survivors", False)
     monkeypatch.setattr(cache, "folders", lambda: ((tmp_path,), tmp_path))
     monkeypatch.setattr(second_process, "_asking", None)
     # A caller's process is not asked.

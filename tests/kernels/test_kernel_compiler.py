@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from numba.core.errors import NumbaError
 
-from dqreg.kernels import compiled, garbage, kernel_compiler
+from dqreg.kernels import compiled, gc_pause, kernel_compiler
 
 
 @pytest.fixture(autouse=True)
@@ -35,7 +35,7 @@ def seen_while_compiling(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
 
 @pytest.mark.parametrize("ours", [False, True])
 def test_nobody_looks_for_garbage_while_a_kernel_is_compiled(monkeypatch: pytest.MonkeyPatch, ours: bool) -> None:
-    monkeypatch.setattr(garbage, "_leaves_alone", ours)
+    monkeypatch.setattr(gc_pause, "_freezes_survivors", ours)
     seen = seen_while_compiling(monkeypatch)
     before = gc.get_freeze_count()
     halved: Any = compiled.compiled(lambda x: x / 2.0)
@@ -55,7 +55,7 @@ def test_after_a_kernel_that_cannot_be_compiled_garbage_is_looked_for(monkeypatc
 
 
 def test_who_looks_for_no_garbage_goes_on_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(garbage, "_leaves_alone", True)
+    monkeypatch.setattr(gc_pause, "_freezes_survivors", True)
     before = gc.get_freeze_count()
     gc.disable()
     try:

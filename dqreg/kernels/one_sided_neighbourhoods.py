@@ -1,4 +1,4 @@
-"""Neighbourhoods whose mean stands aside of their point: where a sampled face ends."""
+"""Neighbourhoods whose mean is off their point, in its tangent plane: where a sampled face ends."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.kernels.compiled import compiled
 
-LEAST = 1e-300  # a length that is divided by
+MIN_DIVISOR = 1e-300  # a length that is divided by
 
 
 @compiled
-def lopsided_rows(
+def off_centre_rows(
     first: int,
     last: int,
     cloud: FloatArray,
@@ -41,5 +41,5 @@ def lopsided_rows(
         off = np.sqrt(mx * mx + my * my + mz * mz)
         is_known = nx != 0.0 or ny != 0.0 or nz != 0.0
         found[i] = is_known and off > share * np.sqrt(square / count)
-        off = max(off, LEAST)
+        off = max(off, MIN_DIVISOR)
         outwards[i, 0], outwards[i, 1], outwards[i, 2] = -mx / off, -my / off, -mz / off

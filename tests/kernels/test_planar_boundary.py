@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
-from dqreg.kernels.surrounded import shares_beside, squares_along, surrounded_rows
+from dqreg.kernels.planar_boundary import in_plane_sq_distances, interior_rows, near_fractions
 from dqreg.trust.face_rims import AROUND, OPEN_COS, OPEN_RAD, open_sides
 
 COUNT = AROUND + 1
@@ -35,7 +35,7 @@ def told(points: FloatArray, held: IntArray, table: IntArray, beside: int, thick
     places[held] = np.arange(len(held))
     flat, asked = np.ascontiguousarray(points[held, :2]), np.arange(len(held))
     given = asked, flat, held, places, points, held, table.astype(np.int32)
-    surrounded_rows(0, len(held), *given, beside, COUNT, 2.0 * thick, OPEN_COS, found)
+    interior_rows(0, len(held), *given, beside, COUNT, 2.0 * thick, OPEN_COS, found)
     return found
 
 
@@ -81,7 +81,7 @@ def test_shares_are_those_of_the_neighbours_that_are_near() -> None:
     table, lines = rng.integers(0, 50, (30, 8)).astype(np.int32), rng.integers(0, 30, 40)
     near, shares = rng.random(50) < 0.5, np.zeros(40)
     for count in (3, 8, 20):
-        shares_beside(0, 40, lines, table, count, near, shares)
+        near_fractions(0, 40, lines, table, count, near, shares)
         np.testing.assert_array_equal(shares, near[table[lines][:, :count]].mean(axis=1))
 
 
@@ -93,7 +93,7 @@ def test_squares_are_those_in_the_plane_among_the_points_next_along_the_order(
     rng = np.random.default_rng(seed)
     points, rows, asked = rng.normal(size=(60, 3)), np.sort(rng.permutation(60)[:40]), rng.permutation(40)[:15]
     last, found = min(last, window - 1), np.zeros(15)
-    squares_along(points, points[:, 2].copy(), rows, asked, window, last, found)
+    in_plane_sq_distances(points, points[:, 2].copy(), rows, asked, window, last, found)
     for k, place in enumerate(asked):
         first = min(max(place - window // 2, 0), 40 - window)
         arms = points[rows[first : first + window], :2] - points[rows[place], :2]

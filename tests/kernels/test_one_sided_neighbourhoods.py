@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg.kernels.lopsided import lopsided_rows
+from dqreg.kernels.one_sided_neighbourhoods import off_centre_rows
 
 
 def test_places_are_those_whose_mean_neighbour_stands_aside() -> None:
@@ -14,7 +14,7 @@ def test_places_are_those_whose_mean_neighbour_stands_aside() -> None:
     normals[:20] = 0.0
     found, outwards = np.zeros(300, dtype=bool), np.zeros((300, 3))
     for first, last in ((0, 100), (100, 300)):
-        lopsided_rows(first, last, cloud, around, at, normals, 0.42, found, outwards)
+        off_centre_rows(first, last, cloud, around, at, normals, 0.42, found, outwards)
     offsets = cloud[around] - at[:, None]
     mean = offsets.mean(axis=1)
     mean -= np.einsum("ij,ij->i", mean, normals)[:, None] * normals

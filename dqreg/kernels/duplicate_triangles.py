@@ -1,4 +1,4 @@
-"""Exact copies of triangles, found by hashing."""
+"""Exact duplicates of triangles, found by hashing."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from dqreg._arrays import FloatArray, IntArray
 from dqreg.kernels.compiled import compiled, inside_kernels
 
 # Multipliers of the finaliser of MurmurHash3: each bit of a word changes half of the hash.
-FIRST, SECOND = 0xFF51AFD7ED558CCD, 0xC4CEB9FE1A85EC53
-Words = NDArray[np.uint64]
+MURMUR_FACTOR, MURMUR_FACTOR_2 = 0xFF51AFD7ED558CCD, 0xC4CEB9FE1A85EC53
+HashWords = NDArray[np.uint64]
 
 
-def first_copies(corners: FloatArray) -> IntArray:
+def first_duplicates(corners: FloatArray) -> IntArray:
     """First face with the same three corners as each face, in whatever order, (m,).
 
     Shapes: corners (m, 3, 3). O(m).
     """
     # Minus zero is the same place as zero.
     words = np.ascontiguousarray(corners + 0.0).view(np.uint64)
-    first: IntArray = _first_copies(words)
+    first: IntArray = _first_duplicates(words)
     return first
 
 
 @compiled
-def _first_copies(words: Words) -> IntArray:
+def _first_duplicates(words: HashWords) -> IntArray:
     n, size = len(words), 1
     while size < 2 * n:
         size *= 2
@@ -46,21 +46,21 @@ def _first_copies(words: Words) -> IntArray:
 
 
 @inside_kernels
-def _key(words: Words, i: int) -> np.uint64:
+def _key(words: HashWords, i: int) -> np.uint64:
     # A sum over the corners, so that their order does not matter.
     total = np.uint64(0)
     for a in range(3):
         mixed = np.uint64(0)
         for k in range(3):
-            mixed = (mixed ^ words[i, a, k]) * np.uint64(FIRST)
-            mixed = (mixed ^ (mixed >> np.uint64(33))) * np.uint64(SECOND)
+            mixed = (mixed ^ words[i, a, k]) * np.uint64(MURMUR_FACTOR)
+            mixed = (mixed ^ (mixed >> np.uint64(33))) * np.uint64(MURMUR_FACTOR_2)
             mixed = mixed ^ (mixed >> np.uint64(33))
         total += mixed
     return total
 
 
 @inside_kernels
-def _same_corners(words: Words, i: int, j: int) -> bool:
+def _same_corners(words: HashWords, i: int, j: int) -> bool:
     for a in range(3):
         found = False
         for b in range(3):

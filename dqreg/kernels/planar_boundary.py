@@ -1,4 +1,4 @@
-"""Points of a cloud in a plane: how dense they are, what is beside each, and which have others all around."""
+"""Boundary and interior of points in a plane: their density, what is beside each, and which have others all around."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from dqreg.kernels.nearest_points import U
 
 Rows = NDArray[np.int32]
 # What is certain of a place by its distance is so after rounding too.
-SURELY = 1e-9
+RELATIVE_ROUNDING = 1e-9
 
 
 @compiled
-def shares_beside(
+def near_fractions(
     first: int, last: int, lines: IntArray, table: Rows, count: int, near: BoolArray, shares: FloatArray
 ) -> None:
     """Write the share of so many neighbours that is near, for places first to last. O(k) a place.
@@ -31,7 +31,7 @@ def shares_beside(
 
 
 @compiled
-def squares_along(
+def in_plane_sq_distances(
     points: FloatArray, heights: FloatArray, rows: IntArray, asked: IntArray, window: int, last: int, found: FloatArray
 ) -> None:
     """Write the square of the distance in the plane from the rows asked to one of those next to each, so many of them.
@@ -58,7 +58,7 @@ def squares_along(
 
 
 @compiled
-def surrounded_rows(
+def interior_rows(
     first: int,
     last: int,
     asked: IntArray,
@@ -86,21 +86,21 @@ def surrounded_rows(
     most = min(count, table.shape[1])
     arms = np.zeros((3, most))
     for i in range(first, last):
-        known = _arms_to(flat, asked[i], places, table, lines[i], min(beside, most), np.inf, arms)
-        found[i] = _close_round(arms, known, cosine)
+        known = _neighbour_arms(flat, asked[i], places, table, lines[i], min(beside, most), np.inf, arms)
+        found[i] = _no_wide_gap(arms, known, cosine)
         if found[i]:
             continue
         own, end, square = held[asked[i]], table[lines[i], most - 1], 0.0
         for k in range(3):
             square += (points[end, k] - points[own, k]) ** 2
-        limit = (1.0 - SURELY) * square - (1.0 + SURELY) * thick * thick
+        limit = (1.0 - RELATIVE_ROUNDING) * square - (1.0 + RELATIVE_ROUNDING) * thick * thick
         if limit > 0.0:
-            known = _arms_to(flat, asked[i], places, table, lines[i], most, limit, arms)
-            found[i] = _close_round(arms, known, cosine)
+            known = _neighbour_arms(flat, asked[i], places, table, lines[i], most, limit, arms)
+            found[i] = _no_wide_gap(arms, known, cosine)
 
 
 @inside_kernels
-def _arms_to(
+def _neighbour_arms(
     flat: FloatArray, own: int, places: IntArray, table: Rows, line: int, count: int, limit: float, arms: FloatArray
 ) -> int:
     """Write x, y and square of the arms from a place to those of its first neighbours nearer than a limit, squared.
@@ -125,7 +125,7 @@ def _arms_to(
 
 
 @inside_kernels
-def _close_round(arms: FloatArray, known: int, cosine: float) -> bool:
+def _no_wide_gap(arms: FloatArray, known: int, cosine: float) -> bool:
     """Whether after each of so many arms, (3, k), another one follows within an obtuse angle, counterclockwise.
 
     A walk in steps of no wider an angle passes over no wider one: it comes round, or ends before it. O(k).

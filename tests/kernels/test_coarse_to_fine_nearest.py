@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg.kernels.held_points import hold_at_corners, hold_from_coarser, take_planes
+from dqreg.kernels.coarse_to_fine_nearest import nearest_at_corners, nearest_from_coarser, planes_at_nodes
 
 SHAPE = np.array([6, 7, 9])
 COARSE = SHAPE // 2 + 1
@@ -22,7 +22,7 @@ def test_corners_hold_the_nearest_of_the_points_in_their_cells() -> None:
     # On the last slab there is no cell beyond.
     points[0] = SHAPE - 1.0
     held, squares = nothing()
-    hold_at_corners(points, SHAPE, held, squares)
+    nearest_at_corners(points, SHAPE, held, squares)
     apart = nodes_of(SHAPE)[:, None] - np.floor(points)
     beside = ((apart == 0.0) | (apart == 1.0)).all(axis=2)
     away = np.where(beside, np.linalg.norm(nodes_of(SHAPE)[:, None] - points, axis=2), np.inf)
@@ -38,7 +38,7 @@ def test_nodes_hold_the_nearest_of_what_the_coarser_ones_around_them_do() -> Non
     held, squares = nothing()
     held[:50], squares[:50] = 3, 0.5
     for first, last in ((3, 6), (0, 3)):
-        hold_from_coarser(first, last, points, SHAPE, COARSE, known, held, squares)
+        nearest_from_coarser(first, last, points, SHAPE, COARSE, known, held, squares)
     for n, node in enumerate(nodes_of(SHAPE)):
         around = np.abs(nodes_of(COARSE) - node / 2.0).max(axis=1) <= 0.5
         rows = known[around]
@@ -55,6 +55,6 @@ def test_planes_are_those_of_what_is_held() -> None:
     places, normals = rng.normal(size=(2, 5, 3))
     held, planes = rng.integers(0, 5, size=8).astype(np.int32), np.zeros((9, 6), dtype=np.float32)
     for first, last in ((0, 3), (3, 8)):
-        take_planes(first, last, held, places, normals, planes)
+        planes_at_nodes(first, last, held, places, normals, planes)
     np.testing.assert_array_equal(planes[:8], np.hstack([places[held], normals[held]]).astype(np.float32))
     assert (planes[8] == 0.0).all()

@@ -1,4 +1,4 @@
-"""What was found for some rows, written to their places among all."""
+"""Results of some rows, scattered to their places among all."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dqreg.kernels.compiled import compiled
 
 
 @compiled
-def put_rows(
+def scatter_rows(
     rows: IntArray,
     values: FloatArray,
     places: FloatArray,

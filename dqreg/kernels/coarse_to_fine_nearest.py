@@ -1,4 +1,4 @@
-"""Which point lies about nearest to each node of a regular grid, from what the nodes of a coarser one hold."""
+"""About the nearest point to each node of a regular grid, taken over from the nodes of a coarser grid around it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ U = np.uint64
 
 
 @inside_kernels
-def hold_nearer(
+def keep_nearer(
     places: FloatArray,
     held: NDArray[np.int32],
     squares: NDArray[np.float32],
@@ -32,7 +32,9 @@ def hold_nearer(
 
 
 @compiled
-def hold_at_corners(places: FloatArray, shape: IntArray, held: NDArray[np.int32], squares: NDArray[np.float32]) -> None:
+def nearest_at_corners(
+    places: FloatArray, shape: IntArray, held: NDArray[np.int32], squares: NDArray[np.float32]
+) -> None:
     """Write the nearest of the points in the cells around each node, and the square of its distance. O(points).
 
     What is held is nearer than what was. Points are in cells from the first node, within the grid. Shapes: places
@@ -43,11 +45,11 @@ def hold_at_corners(places: FloatArray, shape: IntArray, held: NDArray[np.int32]
         for x in range(u, min(u + 2, shape[0])):
             for y in range(v, min(v + 2, shape[1])):
                 for z in range(w, min(w + 2, shape[2])):
-                    hold_nearer(places, held, squares, row, (x * shape[1] + y) * shape[2] + z, x, y, z)
+                    keep_nearer(places, held, squares, row, (x * shape[1] + y) * shape[2] + z, x, y, z)
 
 
 @compiled
-def hold_from_coarser(
+def nearest_from_coarser(
     first: int,
     last: int,
     places: FloatArray,
@@ -72,11 +74,11 @@ def hold_from_coarser(
                             # Of the type that rows have above: whichever is compiled first decides for both, or not.
                             row = int(np.int64(known[U((u * coarse[1] + v) * coarse[2] + w)]))
                             if row != held[U(node)]:
-                                hold_nearer(places, held, squares, row, node, x, y, z)
+                                keep_nearer(places, held, squares, row, node, x, y, z)
 
 
 @compiled
-def take_planes(
+def planes_at_nodes(
     first: int, last: int, held: NDArray[np.int32], places: FloatArray, normals: FloatArray, planes: NDArray[np.float32]
 ) -> None:
     """Write the places and normals, (n, 3), that nodes first to last hold, a node a row of (nodes, 6). O(1) a node."""

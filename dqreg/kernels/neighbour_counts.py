@@ -1,4 +1,4 @@
-"""Which points of a tree have others near by: answered by the first that are found, not by the nearest."""
+"""Which points of a tree have enough neighbours within a radius: counted until there are enough, nearest or not."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from dqreg.kernels.compiled import compiled
 
 
 @compiled
-def company_rows(
+def rows_with_neighbours(
     first: int, last: int, boxes: FloatArray, places: FloatArray, leaf: int, count: int, within: float, found: BoolArray
 ) -> None:
-    """Write which places of a tree of points, first to last, have so many within a distance, themselves among them.
+    """Write which points of a tree, first to last, have ``count`` within a distance, themselves among them.
 
-    Most have them in their own leaf. O(count) a place, O(count + log n) where there are none.
+    Most have them in their own leaf. O(count) a point, O(count + log n) where there are none.
     """
     n, half, square = len(places), len(boxes) // 2, within * within
     stack = np.zeros(DEEPEST, np.int64)
