@@ -11,8 +11,8 @@ from dqreg._arrays import FloatArray
 from dqreg.multiway.scans import View
 from dqreg.multiway.viewpoints import Viewpoints
 from dqreg.rigid import pose
-from dqreg.trust.free_space import FEWEST, DepthImage
-from dqreg.trust.limits import LOOKED_THROUGH
+from dqreg.trust.free_space import MIN_COMPARED, DepthImage
+from dqreg.trust.limits import DEPTH_CONFLICT_SHARE
 
 # Points of a scan that are looked at, and cells of free space in spacings of them.
 POINTS, GAPS = 3_000, 4.0
@@ -51,7 +51,7 @@ class FreeSpace:
             if image is not None and points is not None:
                 counts = image.compared(pose.apply(pose.inverse(T_i_j) if T is None else T, points), margin)
                 nearer, alike = nearer + counts[0], alike + counts[1]
-        return nearer / (nearer + alike) if nearer + alike >= FEWEST else np.nan
+        return nearer / (nearer + alike) if nearer + alike >= MIN_COMPARED else np.nan
 
     def contradictions(self, T_world_scan: FloatArray) -> FloatArray:
         """By how much each pair of placed scans exceeds the share that is allowed, (n, n); 0 where it does not."""
@@ -67,7 +67,7 @@ class FreeSpace:
         T_k_world = pose.inverse(T_world_scan[k])
         for j in range(len(self.points)) if others is None else others:
             if j != k and self._stands(j, T_world_scan):
-                found[j] = max(np.nan_to_num(self.share(k, j, T_k_world @ T_world_scan[j])) - LOOKED_THROUGH, 0.0)
+                found[j] = max(np.nan_to_num(self.share(k, j, T_k_world @ T_world_scan[j])) - DEPTH_CONFLICT_SHARE, 0.0)
         return found
 
     def _stands(self, k: int, T_world_scan: FloatArray) -> bool:

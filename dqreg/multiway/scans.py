@@ -20,7 +20,7 @@ from dqreg.geometry.opening import open_geometry
 from dqreg.registration.source import MESH_SAMPLES
 from dqreg.registration.target import Target
 from dqreg.registration.target_index import index_target
-from dqreg.trust.free_space import HIDDEN, hidden_share
+from dqreg.trust.free_space import MAX_HIDDEN_SHARE, hidden_share
 
 # Scans that are compared at least.
 FEWEST = 2
@@ -153,10 +153,10 @@ def _indexed(view: View) -> View:
 def _seen(views: Sequence[View]) -> list[View]:
     """The scans without the viewpoints that cannot have seen them; where most are wrong, all were given wrongly."""
     given = [view for view in views if view.cloud is not None and view.cloud.viewpoint is not None]
-    none_seen = 2 * sum(view.hidden > HIDDEN for view in given) > len(given)
+    none_seen = 2 * sum(view.hidden > MAX_HIDDEN_SHARE for view in given) > len(given)
     return [
         dataclasses.replace(view, cloud=dataclasses.replace(view.cloud, viewpoint=None))
-        if view.cloud is not None and (none_seen or view.hidden > HIDDEN)
+        if view.cloud is not None and (none_seen or view.hidden > MAX_HIDDEN_SHARE)
         else dataclasses.replace(view, hidden=0.0)
         for view in views
     ]

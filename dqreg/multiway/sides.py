@@ -22,7 +22,7 @@ from dqreg.multiway.free_space import FreeSpace
 from dqreg.multiway.scans import View
 from dqreg.multiway.viewpoints import Viewpoint, Viewpoints, common_viewpoints, given_viewpoints
 from dqreg.rigid import pose
-from dqreg.trust.limits import LOOKED_THROUGH
+from dqreg.trust.limits import DEPTH_CONFLICT_SHARE
 
 # Matches are of one place within so many spacings, and so many scales of noise along the normal.
 NEAR, THICK, ALIKE = 2.0, 4.0, 0.8
@@ -80,7 +80,7 @@ def _fitting(free: FreeSpace, pairs: Sequence[tuple[int, int, FloatArray]]) -> f
     """Share of the pairs in which next to nothing stands where the other's scanner looked through."""
     shares = np.array([free.share(*pair) for pair in pairs])
     shares = shares[np.isfinite(shares)]
-    return float(np.mean(shares <= LOOKED_THROUGH)) if len(shares) >= TELLING[0] else 0.0
+    return float(np.mean(shares <= DEPTH_CONFLICT_SHARE)) if len(shares) >= TELLING[0] else 0.0
 
 
 @dataclasses.dataclass(frozen=True)

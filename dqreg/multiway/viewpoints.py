@@ -10,7 +10,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Scan
 from dqreg.multiway.scans import View
-from dqreg.trust.free_space import BEHIND
+from dqreg.trust.free_space import MAX_HIDDEN_FROM_ORIGIN
 
 # Directions that are tried, points of a scan that are looked at, and scans of a turntable that are.
 DIRECTIONS, POINTS, LOOKED_AT = 150, 3_000, 12
@@ -74,7 +74,7 @@ def _line_of_sight(views: Sequence[View]) -> FloatArray | None:
     directions = np.column_stack([flat * np.cos(turn), flat * np.sin(turn), height])
     hidden = np.array([np.mean([_hidden(view.scan, d) for view in views], axis=0) for d in directions])
     best = int(hidden.sum(axis=1).argmin())
-    return directions[best] if hidden[best, 0] <= BEHIND else None
+    return directions[best] if hidden[best, 0] <= MAX_HIDDEN_FROM_ORIGIN else None
 
 
 def _hidden(scan: Scan, direction: FloatArray) -> tuple[float, float]:

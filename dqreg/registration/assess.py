@@ -35,12 +35,12 @@ from dqreg.trust import (
     without_free_motion,
 )
 from dqreg.trust.covariance import partial_information_of
-from dqreg.trust.limits import HOLDS
+from dqreg.trust.limits import CONSTRAINT_LOG_LIKELIHOOD
 from dqreg.trust.neighbourhoods import is_flat
-from dqreg.trust.patch_tests import ON
+from dqreg.trust.patch_tests import INLIER_SIGMAS
 from dqreg.trust.records import Alternative, Direction, Verdict
-from dqreg.trust.segments import OFF
-from dqreg.trust.strain import LEAST_DRIFT, drift_of
+from dqreg.trust.segments import OFF_WIDTHS
+from dqreg.trust.strain import MIN_DRIFT_DIAGONALS, drift_of
 
 # Fraction of the inliers that must remain where a drift along an unconstrained motion is taken back.
 STAYS = 0.99
@@ -223,7 +223,7 @@ def _drift(fit: Fit) -> tuple[float, float, Vector]:
     # Between the points of two clouds planes are guesses: their order alone tells nothing.
     if not fit.found or fit.is_late or not (isinstance(surface, MeshSurface) or times is not None) or source.mesh:
         return NO_DRIFT
-    if fit.agreement.width < SHOWN * LEAST_DRIFT * surface.diagonal:
+    if fit.agreement.width < SHOWN * MIN_DRIFT_DIAGONALS * surface.diagonal:
         # A drift that matters would have left larger residuals.
         return NO_DRIFT
     rows = sample_rows(len(points), DRIFTING)
@@ -232,7 +232,7 @@ def _drift(fit: Fit) -> tuple[float, float, Vector]:
     placed, times = placed[order], rows[order] / len(points) - 0.5 if times is None else times[rows[order]]
     closest = surface.closest(placed)
     # Farther off, tables and clamps begin.
-    near = closest.distances <= min(fit.agreement.near, OFF * ON * fit.run.mixture.scale)
+    near = closest.distances <= min(fit.agreement.near, OFF_WIDTHS * INLIER_SIGMAS * fit.run.mixture.scale)
     residuals = row_dots(placed - closest.points, closest.normals)[near]
     found = drift_of(closest.points[near], closest.normals[near], residuals, times[near])
     if not found.matters(surface.diagonal):
@@ -263,7 +263,7 @@ def without_drift(fit: Fit, start: FloatArray) -> Fit:
     if weights.sum() < STAYS * run.weights.sum():
         return fit
     moved = replaced(fit, run=replaced(run, T_target_source=T, pairs=pairs, weights=weights))
-    if slide.loss < HOLDS:
+    if slide.loss < CONSTRAINT_LOG_LIKELIHOOD:
         # What held too little before holds as little now: the verdict refuses it, and it is not asked for again.
         moved.derived.put(SLIDE, replaced(slide, best=None))
     return moved

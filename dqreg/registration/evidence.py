@@ -21,11 +21,11 @@ from dqreg.registration.evenly_asked import LOOKED_AT_LATE, evenly_asked
 from dqreg.registration.local_evidence import LocalEvidence, share
 from dqreg.registration.surroundings import TOGETHER, Surroundings, displaced_of, surroundings_of
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
-from dqreg.trust.chance import COUNTED, places_of, random_ratio
+from dqreg.trust.chance import COUNTED_POINTS, places_of, random_ratio
 from dqreg.trust.deformation import ON_A_PART, deformation_of, may_be_deformed
 from dqreg.trust.evidence import Evidence
-from dqreg.trust.limits import LEAST_NOISE
-from dqreg.trust.patch_tests import ON, isolated, patches_off, share_together, stretch_of, waviness_of
+from dqreg.trust.limits import MIN_NOISE_DIAGONALS
+from dqreg.trust.patch_tests import INLIER_SIGMAS, isolated, patches_off, share_together, stretch_of, waviness_of
 from dqreg.trust.strain import Strain, strain_of
 
 # A scan of fewer points does not know its own noise: neighbours stand on different faces. The pattern of the distances
@@ -59,7 +59,7 @@ def agreement_of(
     """
     mixture = run.mixture
     near = NEAR * max_distance
-    width = min(ON * mixture.scale, near)
+    width = min(INLIER_SIGMAS * mixture.scale, near)
     pairs = evenly_asked(run, scan, surface, mixture.scale) if pairs is None else pairs
     on = pairs.distances <= width
     here, aside = np.flatnonzero(on), pairs.point_to_plane[on]
@@ -114,7 +114,7 @@ def agreement_in_time(
     """The same where the time is up and no pose is accepted: how many points are inliers, and how far off they are."""
     scale, near = run.mixture.scale, NEAR * max_distance
     pairs = evenly_asked(run, scan, surface, scale, LOOKED_AT_LATE)
-    border = surface, scale, min(ON * scale, near), near
+    border = surface, scale, min(INLIER_SIGMAS * scale, near), near
     close = _within_border(pairs, *border) if has_border else pairs.distances <= near
     counted = _counted(run, surface, pairs, close, max_distance, has_border=has_border)
     least = scan.spacing if has_border else smallest_kernel_scale(scan, surface)
@@ -126,7 +126,7 @@ def _counted(
 ) -> Evidence:
     """How many points are inliers, of those that count, (n,), and how far off they are; nothing else is known."""
     near = NEAR * max_distance
-    on = pairs.distances <= min(ON * run.mixture.scale, near)
+    on = pairs.distances <= min(INLIER_SIGMAS * run.mixture.scale, near)
     here, aside = np.flatnonzero(on), pairs.point_to_plane[on]
     return Evidence(
         status=run.status,
@@ -145,7 +145,7 @@ def _counted(
         normals_apart=0.0,
         width=root_mean_square(aside) if len(aside) else run.mixture.scale,
         expected=0.0,
-        places=places_of(np.take(pairs.moved, here[sample_rows(len(here), COUNTED)], axis=0)),
+        places=places_of(np.take(pairs.moved, here[sample_rows(len(here), COUNTED_POINTS)], axis=0)),
         share_on=share_of(on),
         share_other=share_of(~on),
         looking_away=pairs.looking_away(max_distance),
@@ -214,7 +214,7 @@ def _shape_of(
 
 def _together(pairs: Correspondences, close: BoolArray, kept: IntArray | slice, noise: float, size: float) -> float:
     """Share of the points near a part that lie off it together, beyond the noise."""
-    off = pairs.distances[kept] > TOGETHER * max(noise, LEAST_NOISE * size)
+    off = pairs.distances[kept] > TOGETHER * max(noise, MIN_NOISE_DIAGONALS * size)
     return share_together(pairs.moved[kept], off, close[kept])
 
 

@@ -11,7 +11,7 @@ from dqreg.rigid import pose
 from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
 from dqreg.search.refine import refine
-from dqreg.trust.patch_tests import ON
+from dqreg.trust.patch_tests import INLIER_SIGMAS
 
 # Points that are looked at; those off the target, nearer than this share of its size, are so many and such a share of
 # all at least.
@@ -28,7 +28,7 @@ def second_pose(fit: Fit) -> tuple[float, float]:
     surface, scan = fit.prepared.surface, fit.prepared.scan
     if not fit.found or fit.is_late or not isinstance(surface, MeshSurface):
         return 0.0, 0.0
-    size, within = surface.diagonal, ON * fit.run.mixture.scale
+    size, within = surface.diagonal, INLIER_SIGMAS * fit.run.mixture.scale
     if within <= ON_TARGET * size and fit.agreement.share_on >= 1.0 - SHARE and not fit.has_border:
         return 0.0, 0.0
     within = min(within, ON_TARGET * size)

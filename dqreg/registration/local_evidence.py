@@ -14,8 +14,8 @@ from dqreg.icp import Alignment, Correspondences, smallest_kernel_scale
 from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.registration.evenly_asked import fitted_pairs
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
-from dqreg.trust.limits import NORMALS_APART
-from dqreg.trust.neighbourhoods import APART_COS, SMOOTH, Neighbourhoods, apart_in_cells
+from dqreg.trust.limits import DISAGREEING_NORMAL_SHARE
+from dqreg.trust.neighbourhoods import DISAGREEING_COS, MAX_ROUGHNESS, Neighbourhoods, apart_in_cells
 
 # Standard deviations of the distances, in the scan's own noise, beyond which that is estimated once more and another
 # pose is searched for: of 2,000 right poses none came above 1.4, walls settled on their wrong side to 2.4 and more.
@@ -57,7 +57,7 @@ class LocalEvidence:
             fitted = fitted_pairs(run, scan, scan.fitted, surface, run.mixture.scale)
         local = LocalEvidence.of(fitted, width)
         local = replaced(local, noise=max(min(local.noise, noise_on(scan, surface)), floor))
-        is_apart = local.normals_apart > NORMALS_APART
+        is_apart = local.normals_apart > DISAGREEING_NORMAL_SHARE
         if isinstance(surface, CloudSurface):
             is_asked = is_apart and not given_normals
             return local._in_cells(scan, surface, pairs, width) if is_asked else local
@@ -94,7 +94,7 @@ class LocalEvidence:
             # How far the neighbours leave their plane, in their own extent: no length in it.
             rough = np.minimum(residuals / np.sqrt(levers), np.finfo(float).max)
         rough[np.isnan(rough)] = np.inf
-        compared = (rough < SMOOTH) & on & nonzero_rows(normals)
+        compared = (rough < MAX_ROUGHNESS) & on & nonzero_rows(normals)
         cosines = row_dots(normals @ pairs.T_target_source[:3, :3], own)
         cosines = cosines if pairs.same_sign else np.abs(cosines)
         # Among strays many neighbourhoods hold one; the better part of them is the sensor's own.
@@ -102,7 +102,7 @@ class LocalEvidence:
         usual = quantile(flat, 0.3) if len(flat) else 0.0
         return LocalEvidence(
             strays=share((rough > max(ROUGH, MORE_THAN_USUAL * usual)) & ~on, known),
-            normals_apart=share(cosines < APART_COS, compared),
+            normals_apart=share(cosines < DISAGREEING_COS, compared),
             noise=quantile(residuals[on & known], 0.3) if (on & known).any() else np.inf,
         )
 

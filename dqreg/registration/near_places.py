@@ -23,7 +23,7 @@ from dqreg.search.poses import Poses
 from dqreg.search.refine import refine
 from dqreg.search.tangent_planes import TangentPlanes
 from dqreg.trust.information import scaling_by
-from dqreg.trust.patch_tests import ON
+from dqreg.trust.patch_tests import INLIER_SIGMAS
 
 # Points of a scan that are asked how far it reaches.
 REACHING = 5_000
@@ -127,7 +127,7 @@ def _inliers(fit: Fit) -> FloatArray:
     """Points on the target, (n, 3), of those that are asked how far the scan reaches."""
 
     def found() -> FloatArray:
-        pairs, within = fit.run.pairs, ON * fit.run.mixture.scale
+        pairs, within = fit.run.pairs, INLIER_SIGMAS * fit.run.mixture.scale
         rows = sample_rows(len(pairs.moved), REACHING)
         return np.take(pairs.moved, rows[pairs.distances[rows] <= within], axis=0)
 
@@ -138,7 +138,7 @@ def _planes_of_scan(fit: Fit) -> Planes:
     pairs = fit.run.pairs
     # Those that are looked at there.
     rows = sample_rows(len(pairs.moved), LOOKED_AT)
-    near = pairs.distances[rows] <= ON * fit.run.mixture.scale
+    near = pairs.distances[rows] <= INLIER_SIGMAS * fit.run.mixture.scale
     normals = np.where(near[:, None], pairs.closest.normals[rows], 0.0)
     return Planes.of(pairs.moved[rows], normals, fit.prepared.surface.diagonal)
 

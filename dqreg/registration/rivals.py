@@ -23,7 +23,7 @@ from dqreg.search.refine import refine
 from dqreg.search.scoring import PoseScores, distances_at, scored
 from dqreg.search.search import TOLD
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
-from dqreg.trust.patch_tests import ON
+from dqreg.trust.patch_tests import INLIER_SIGMAS
 
 # A pose is better by so much mean log-likelihood at least, and by so many of its standard errors.
 BETTER, SIGNIFICANT = 0.02, 5.0
@@ -84,7 +84,7 @@ def _of_those_on(fit: Fit, distances: FloatArray, narrowest: float = np.inf) -> 
     By all where none does.
     """
     scores = scored(distances, limit_of(fit), min(fit.floor, narrowest))
-    on = scores.distances.min(axis=0) <= ON * scores.width
+    on = scores.distances.min(axis=0) <= INLIER_SIGMAS * scores.width
     if not on.any():
         return scores, np.ones(len(on), dtype=bool)
     return PoseScores(scores.likelihoods[:, on], scores.distances[:, on], scores.width), on
@@ -115,7 +115,7 @@ def down_to_noise(fit: Fit) -> Fit:
         return fit
     if options.method != "auto" or fit.constraints.any:
         return fit
-    near = fit.run.pairs.distances <= ON * fit.run.mixture.scale
+    near = fit.run.pairs.distances <= INLIER_SIGMAS * fit.run.mixture.scale
     points = fit.run.pairs.scan.points[near]
     if not near.any():
         return fit

@@ -28,8 +28,8 @@ from dqreg.search.poses import Poses
 from dqreg.search.refine import refine
 from dqreg.search.scoring import CLEAR
 from dqreg.trust.information import scaling_by
-from dqreg.trust.limits import HOLDS, fewest_carriers
-from dqreg.trust.patch_tests import ON, is_background
+from dqreg.trust.limits import CONSTRAINT_LOG_LIKELIHOOD, fewest_carriers
+from dqreg.trust.patch_tests import INLIER_SIGMAS, is_background
 
 # Displacements that are tried either way, in sizes; those from the second on count as they are, all of them where a
 # refinement leads from there.
@@ -39,7 +39,7 @@ BACK = 0.005
 # Points that refine; first and last kernel scale of it, in sizes, and their number.
 POINTS, WIDE, NARROW, STEPS = 1_000, 6e-3, 1e-3, 6
 # Log-likelihood that one point may lose at most: few strays hold nothing.
-MOST = HOLDS / 8.0
+MOST = CONSTRAINT_LOG_LIKELIHOOD / 8.0
 # Log-likelihood of all points from which another pose is better; times that one is gone on from.
 BETTER, ROUNDS = 5.0, 2
 # Where points that gain clearly have more than this share of what others lose, the scan is divided.
@@ -93,8 +93,8 @@ def _slide_of(fit: Fit, share: float = 0.0) -> Slide:
     loss = float(losses[counted].min(initial=np.inf))
     better = poses[1 + best] if losses[best] < -BETTER else None
     reach = np.nan
-    if by_rims and loss >= HOLDS:
-        nearest = losses[: 2 * len(motions)].min() >= HOLDS
+    if by_rims and loss >= CONSTRAINT_LOG_LIKELIHOOD:
+        nearest = losses[: 2 * len(motions)].min() >= CONSTRAINT_LOG_LIKELIHOOD
         # Anywhere within the least displacement that is excluded: an even distribution.
         reach = DISPLACED[0 if nearest else 1] * size / np.sqrt(3.0)
     return Slide(loss, better, reach)
@@ -160,7 +160,7 @@ def _losses_that_matter(fit: Fit, poses: FloatArray, counted: BoolArray, nearest
         return losses_at(fit, poses)
     scores = scores_of(fit, poses, SCREENING)
     few = _losses(scores.likelihoods[0] - scores.likelihoods[1:], split=0.5 * SPLIT)
-    asked, rows = few < SURELY * HOLDS, np.arange(len(few))
+    asked, rows = few < SURELY * CONSTRAINT_LOG_LIKELIHOOD, np.arange(len(few))
     for group in (rows[:nearest], rows[nearest:], rows[counted]):
         asked[group[np.argsort(few[group], kind="stable")[:ALWAYS]]] = True
     losses = np.full(len(few), np.inf)
@@ -187,7 +187,7 @@ def _of_the_part(fit: Fit, rows: IntArray) -> BoolArray:
         return np.ones(len(rows), dtype=bool)
     scan, near = fit.prepared.scan, fit.agreement.near
     pairs = find_correspondences(scan.taken(rows), fit.prepared.surface, fit.T_target_source)
-    width = min(ON * fit.run.mixture.scale, near)
+    width = min(INLIER_SIGMAS * fit.run.mixture.scale, near)
     on, far = pairs.distances <= width, pairs.distances > near
     of_the_part = ~surroundings_of(pairs, width, near, fit.prepared.surface.diagonal).elsewhere
     off = np.flatnonzero(~on & of_the_part)

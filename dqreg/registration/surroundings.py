@@ -13,7 +13,7 @@ from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp import Correspondences
 from dqreg.search.problem import SCENE
-from dqreg.trust.limits import LEAST_NOISE
+from dqreg.trust.limits import MIN_NOISE_DIAGONALS
 from dqreg.trust.patch_tests import share_displaced
 from dqreg.trust.segments import Segments, segments_of
 
@@ -64,7 +64,7 @@ def displaced_of(pairs: Correspondences, close: BoolArray, width: float, noise: 
     """
     if pairs.scan.diagonal > SCENE * surface.diagonal:
         return 0.0
-    noise = max(noise, LEAST_NOISE * surface.diagonal)
+    noise = max(noise, MIN_NOISE_DIAGONALS * surface.diagonal)
     off = pairs.distances[close] > max(TOGETHER * noise, width)
     if not off.any():
         return 0.0

@@ -31,8 +31,8 @@ from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
 from dqreg.search.refine import refine
 from dqreg.search.thin_walls import ThinWalls
-from dqreg.trust.limits import HOLDS
-from dqreg.trust.patch_tests import ON
+from dqreg.trust.limits import CONSTRAINT_LOG_LIKELIHOOD
+from dqreg.trust.patch_tests import INLIER_SIGMAS
 
 # Points whose faces are looked at, those without which nothing is asked, and points that screen a pose.
 LOOKED_AT, FEWEST, SCREENING = 2_000, 10, 300
@@ -72,7 +72,7 @@ class _Rivals:
     @property
     def equal(self) -> IntArray:
         """Which explain the scan as well as the pose."""
-        return np.flatnonzero(self.losses < np.maximum(HOLDS, BY_CHANCE * self.scatter))
+        return np.flatnonzero(self.losses < np.maximum(CONSTRAINT_LOG_LIKELIHOOD, BY_CHANCE * self.scatter))
 
 
 WALL_SIDES: Key[_Rivals] = Key()
@@ -88,7 +88,7 @@ def on_best_sides(fit: Fit) -> Fit:
     for _ in range(ROUNDS):
         found = _rivals(fit)
         losses = found.losses
-        if losses.min(initial=0.0) < -HOLDS:
+        if losses.min(initial=0.0) < -CONSTRAINT_LOG_LIKELIHOOD:
             fit = found.fits[int(losses.argmin())]
             continue
         meant = [k for k in found.equal if _is_meant(fit, found.fits[k].T_target_source)]
@@ -116,7 +116,7 @@ def _compared(fit: Fit) -> _Rivals:
         poses = _refined(fit, poses, least, points, steps)
         losses = losses_at(fit, np.concatenate([fit.T_target_source[None], poses]), asked)
         order = np.argsort(losses, kind="stable")
-        poses = _other_places(fit, poses[order[losses[order] < HOLDS + roughly]], least)[:KEPT]
+        poses = _other_places(fit, poses[order[losses[order] < CONSTRAINT_LOG_LIKELIHOOD + roughly]], least)[:KEPT]
     rivals, near = [], 0.5 * least / fit.prepared.surface.diagonal
     for T in poses:
         there, other = fit.at(T), fit.resumed(T, fit.run.mixture.scale)
@@ -138,12 +138,12 @@ def _moved(fit: Fit) -> tuple[FloatArray, float]:
     pairs = fit.evenly_asked() if len(walls.thickness) else None
     if pairs is None:
         return NO_POSES, 0.0
-    near = np.flatnonzero(pairs.distances <= ON * fit.run.mixture.scale)
+    near = np.flatnonzero(pairs.distances <= INLIER_SIGMAS * fit.run.mixture.scale)
     near = near[sample_rows(len(near), LOOKED_AT)]
     if len(near) < FEWEST:
         return NO_POSES, 0.0
     least = float(walls.thickness.min())
-    within = max(ON * _width(fit), FITS * least)
+    within = max(INLIER_SIGMAS * _width(fit), FITS * least)
     points = np.take(pairs.scan.points, near, axis=0)
     poses = _on_other_sides(fit, walls, pairs, near[sample_rows(len(near), FIRST[1])], within)
     if not _is_meant(fit, fit.T_target_source):
@@ -230,7 +230,7 @@ def _walls(fit: Fit) -> ThinWalls:
         return none
     walls = target.thin_walls
     # Thinner ones are within the noise.
-    clear = walls.thickness > ON * _width(fit)
+    clear = walls.thickness > INLIER_SIGMAS * _width(fit)
     return ThinWalls(walls.normals[clear], walls.thickness[clear])
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from dqreg.report.hints import hints_of, remarks_of
 from dqreg.report.text import unit_words
-from dqreg.trust.free_space import HIDDEN
+from dqreg.trust.free_space import MAX_HIDDEN_SHARE
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -88,7 +88,7 @@ def scale_words(result: RegistrationResult) -> str:
 def viewpoint_words(result: RegistrationResult) -> str:
     """What the scan itself says against the viewpoint that was given; empty where nothing."""
     share = result.settings.get("viewpoint_behind", 0.0)
-    if not share > HIDDEN:
+    if not share > MAX_HIDDEN_SHARE:
         return ""
     return (
         f"not where the scanner stood: from there {100 * share:.0f} % of the scan's own points are behind others. It "

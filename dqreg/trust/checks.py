@@ -10,7 +10,7 @@ from dqreg.trust.deformation import BETWEEN_CLOUDS, ON_A_PART
 from dqreg.trust.doubts import DOUBTS
 from dqreg.trust.evidence import Evidence
 from dqreg.trust.records import Check, Code, Relation, Unit
-from dqreg.trust.strain import LEAST, LEAST_BEND, LEAST_DRIFT
+from dqreg.trust.strain import MIN_BEND, MIN_DRIFT_DIAGONALS, MIN_STRAIN
 
 Figures = Callable[[Evidence], tuple[float, float]]
 
@@ -33,7 +33,8 @@ def _not_asked(code: Code, value: float) -> bool:
 
 
 def _inlier_share(evidence: Evidence) -> tuple[float, float]:
-    return evidence.share_near, limits.FEW_OF_ALL if limits.counts_all(evidence) else limits.FEW_INLIERS
+    least = limits.MIN_FRACTION_OF_ALL if limits.counts_all(evidence) else limits.MIN_INLIER_FRACTION
+    return evidence.share_near, least
 
 
 def _patches(evidence: Evidence) -> tuple[float, float]:
@@ -41,26 +42,26 @@ def _patches(evidence: Evidence) -> tuple[float, float]:
 
 
 def _contradicting(evidence: Evidence) -> tuple[float, float]:
-    return evidence.contradiction, limits.CONTRADICTING
+    return evidence.contradiction, limits.OFF_FACE_SHARE
 
 
 def _clutter(evidence: Evidence) -> tuple[float, float]:
     limit = limits.most_clutter(evidence)
-    return (math.nan, limits.CLUTTER) if math.isnan(limit) else (1.0 - evidence.share_on, limit)
+    return (math.nan, limits.CLUTTER_SHARE) if math.isnan(limit) else (1.0 - evidence.share_on, limit)
 
 
 def _residuals(evidence: Evidence) -> tuple[float, float]:
     noise = limits.own_noise(evidence)
-    return evidence.width / noise if noise > 0.0 else math.nan, limits.ROUGH
+    return evidence.width / noise if noise > 0.0 else math.nan, limits.RESIDUAL_NOISE_RATIO
 
 
 # The next figures are 0 unless they are significant and reach their limits: smaller ones were not kept.
 def _stretch(evidence: Evidence) -> tuple[float, float]:
-    return abs(evidence.stretch), LEAST
+    return abs(evidence.stretch), MIN_STRAIN
 
 
 def _bend(evidence: Evidence) -> tuple[float, float]:
-    return evidence.bend, LEAST_BEND
+    return evidence.bend, MIN_BEND
 
 
 def _deformation(evidence: Evidence) -> tuple[float, float]:
@@ -72,7 +73,7 @@ def _deformation(evidence: Evidence) -> tuple[float, float]:
 def _drift(evidence: Evidence) -> tuple[float, float]:
     value = evidence.drift / evidence.size if evidence.size > 0.0 else evidence.drift
     # Of two exposures every one counts.
-    return value, LEAST_DRIFT if value >= LEAST_DRIFT or not value else 0.0
+    return value, MIN_DRIFT_DIAGONALS if value >= MIN_DRIFT_DIAGONALS or not value else 0.0
 
 
 def _free(evidence: Evidence) -> tuple[float, float]:
@@ -81,7 +82,7 @@ def _free(evidence: Evidence) -> tuple[float, float]:
 
 def _uncertainty(evidence: Evidence) -> tuple[float, float]:
     # A rotation as its displacement at half the diagonal.
-    sizes = {"rotation": limits.UNCERTAIN_RAD / 2.0, "translation": limits.UNCERTAIN}
+    sizes = {"rotation": limits.MAX_SIGMA_RAD / 2.0, "translation": limits.MAX_SIGMA_DIAGONALS}
     known = [d.sigma / (sizes[d.kind] * evidence.size) for d in evidence.directions if d.kind in sizes]
     return max((value for value in known if math.isfinite(value)), default=math.nan), 1.0
 
@@ -104,21 +105,21 @@ QUESTIONS: dict[Code, tuple[str, Relation, Unit, Figures]] = {
         "Inliers at distinct places",
         "at least",
         "points",
-        lambda e: (e.distinct_inliers, limits.FEWEST_INLIERS),
+        lambda e: (e.distinct_inliers, limits.MIN_INLIERS),
     ),
     "low_inlier_fraction": ("Inliers among the points near the target", "at least", "1", _inlier_share),
     "falling_inlier_fraction": (
         "Inliers against the frames before",
         "at least",
         "1",
-        lambda e: (e.share_near if math.isfinite(e.usual) else math.nan, limits.FALL * e.usual),
+        lambda e: (e.share_near if math.isfinite(e.usual) else math.nan, limits.MIN_RATIO_TO_EARLIER * e.usual),
     ),
     "stretched": (f"Strain against the target{UNLESS}", "at most", "1", _stretch),
     "mirrored": (
         "Log-likelihood that mirroring the scan gains",
         "at most",
         "",
-        lambda e: (e.mirror_gain, limits.MIRRORED),
+        lambda e: (e.mirror_gain, limits.MIRROR_GAIN),
     ),
     "deviating_patches": ("Patches that deviate as a whole", "at most", "1", _patches),
     "contradicting_surface": ("Surface of the part itself off the target", "at most", "1", _contradicting),
@@ -133,7 +134,7 @@ QUESTIONS: dict[Code, tuple[str, Relation, Unit, Figures]] = {
         "Places that both scans show and that lie apart",
         "at most",
         "1",
-        lambda e: (e.faces_apart, limits.FACES_APART),
+        lambda e: (e.faces_apart, limits.FACES_APART_SHARE),
     ),
     "ends_apart": (
         "Faces in the only common planes that reach beyond the other scan",
@@ -151,31 +152,31 @@ QUESTIONS: dict[Code, tuple[str, Relation, Unit, Figures]] = {
         "Rims of those faces that both scans show after a slide, more than at the pose",
         "at most",
         "1",
-        lambda e: (e.rims_elsewhere[0], limits.RIMS_GAINED),
+        lambda e: (e.rims_elsewhere[0], limits.RIM_GAIN_SHARE),
     ),
     "opposed_edges": (
         "Rims of both scans in one plane beside which the faces turn to opposite sides",
         "at most",
         "1",
-        lambda e: (e.opposed_edges, limits.OPPOSED_EDGES),
+        lambda e: (e.opposed_edges, limits.OPPOSED_EDGE_SHARE),
     ),
     "closed_hole": (
         "Diameter of a hole in one scan's face that the other's face closes, of the size",
         "at most",
         "1",
-        lambda e: (e.closed_hole / e.size, limits.CLOSED_HOLE),
+        lambda e: (e.closed_hole / e.size, limits.CLOSED_HOLE_DIAGONALS),
     ),
     "one_plane": (
         "Places that both scans show in one plane",
         "at most",
         "1",
-        lambda e: (e.largest_plane, limits.ONE_PLANE),
+        lambda e: (e.largest_plane, limits.ONE_PLANE_SHARE),
     ),
     "disagreeing_normals": (
         "Inliers with another normal than the target",
         "at most",
         "1",
-        lambda e: (e.normals_apart, limits.NORMALS_APART),
+        lambda e: (e.normals_apart, limits.DISAGREEING_NORMAL_SHARE),
     ),
     "outliers": (
         "Points of the whole scan amid no smooth surface",
@@ -224,5 +225,5 @@ SLIDING: tuple[str, Relation, Unit, Figures] = (
     "Log-likelihood that a displacement along the weakest motion costs",
     "at least",
     "",
-    lambda e: (e.sliding_loss, limits.HOLDS),
+    lambda e: (e.sliding_loss, limits.CONSTRAINT_LOG_LIKELIHOOD),
 )

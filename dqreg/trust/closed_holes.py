@@ -11,12 +11,12 @@ from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.trust.face_rims import Held
 
 # Width of a cell of the plane, in spacings of its points; a plane of more cells has a point far away, and is not asked.
-CELL, MOST_CELLS = 2.0, 1 << 22
+CELL_SPACINGS, MAX_CELLS = 2.0, 1 << 22
 # Cells of a hole at least: of right pairs of generated views gaps of up to 4 cells between the points were filled.
-FEWEST_CELLS = 5
+MIN_HOLE_CELLS = 5
 # So many cells around a hole are looked at. What stands beside it, so many cells high at most, may hide the face there
 # from one side.
-SURROUNDING, STANDING = 3, 20.0
+MARGIN_CELLS, OBSTACLE_CELLS = 3, 20.0
 
 
 class Asked(NamedTuple):
@@ -61,12 +61,12 @@ def closed_hole(one: Held, theirs: Held, other: FloatArray, asked: Asked = CLOSE
     """
     if not one.spacing > 0.0:
         return 0.0
-    cell = CELL * one.spacing
+    cell = CELL_SPACINGS * one.spacing
     # A free cell all around, so that what is outside is one.
     columns = np.ascontiguousarray(one.flat.T)
     low = columns.min(axis=1) - cell
     height, width = (np.floor((columns.max(axis=1) - low) / cell) + 2.0).tolist()
-    if height * width > MOST_CELLS:
+    if height * width > MAX_CELLS:
         return 0.0
     grid = _Grid(low, cell, (int(height), int(width)))
     own, standing = grid.held(one.flat), None
@@ -91,17 +91,17 @@ def _gaps(own: BoolArray, theirs: BoolArray) -> tuple[NDArray[np.int32], IntArra
     from dqreg.kernels.plane_gaps import COLUMNS, enclosed_gaps
 
     labels, stack = np.zeros(own.shape, dtype=np.int32), np.zeros(own.size, dtype=np.int64)
-    found = np.zeros((own.size // FEWEST_CELLS + 1, COLUMNS), dtype=np.int64)
-    return labels, found[: enclosed_gaps(own, theirs, FEWEST_CELLS, labels, stack, found)]
+    found = np.zeros((own.size // MIN_HOLE_CELLS + 1, COLUMNS), dtype=np.int64)
+    return labels, found[: enclosed_gaps(own, theirs, MIN_HOLE_CELLS, labels, stack, found)]
 
 
 def _around(first: int, last: int) -> slice:
-    return slice(max(first - SURROUNDING, 0), last + 1 + SURROUNDING)
+    return slice(max(first - MARGIN_CELLS, 0), last + 1 + MARGIN_CELLS)
 
 
 def _is_whole(hole: BoolArray, own: BoolArray, share: float) -> bool:
     """Whether so much of the cells around a hole holds points."""
-    around = grown(hole, SURROUNDING) & ~hole
+    around = grown(hole, MARGIN_CELLS) & ~hole
     return bool(own[around].mean() >= share)
 
 
@@ -121,5 +121,5 @@ def grown(hole: BoolArray, steps: int) -> BoolArray:
 def _standing(grid: _Grid, one: Held, other: FloatArray) -> BoolArray:
     """Cells in which points of the other cloud, (n, 3), stand beside the plane."""
     heights = np.abs((other - one.plane.middle) @ one.plane.normal)
-    beside = (heights >= one.within) & (heights < STANDING * grid.cell)
+    beside = (heights >= one.within) & (heights < OBSTACLE_CELLS * grid.cell)
     return grid.held((other[beside] - one.plane.middle) @ one.plane.across.T)

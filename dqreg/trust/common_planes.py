@@ -12,28 +12,50 @@ from dqreg.geometry.normals import sample_rows
 from dqreg.kernels.threads import unlocked_property
 from dqreg.rigid import pose
 from dqreg.trust.closed_holes import CLOSED, PERHAPS_CLOSED
-from dqreg.trust.face_rims import FEWEST_RIMS, SAME, Plane, Rims, shared_along, shared_count, shared_rims
-from dqreg.trust.limits import CLOSED_HOLE, RIMS_SHARED_MANY
+from dqreg.trust.face_rims import (
+    MIN_RIM_POINTS,
+    SAME_RIM_SPACINGS,
+    Plane,
+    Rims,
+    shared_along,
+    shared_count,
+    shared_rims,
+)
+from dqreg.trust.limits import CLOSED_HOLE_DIAGONALS, SHARED_RIM_SHARE_OF_MANY_PLANES
 from dqreg.trust.opposed_edges import Opposed, opposed_share
 from dqreg.trust.overlap import IndexedPoints, Overlap
 from dqreg.trust.shown_planes import ShownPlanes
 from dqreg.trust.turning_rims import Turning, shared_turning
 
-# Planes of a corner, which fix a pose and leave nothing to check it by; most planes that are found, of which a corner
-# may have some more by chance or beside a face's edges; the share of the common places that they hold, and the share
-# below which a plane is none; places that are tried as one of it.
-CORNER, PLANES, ALL, LEAST_SHARE, TRIED = 3, 6, 0.95, 0.02, 30
-# A plane: normals within this angle, and distances within this share of the size, or so many times the noise.
-SAME_COS, WITHIN, NOISY = np.cos(np.deg2rad(8.0)), 5e-3, 3.0
-# Places look the same way within this angle; a plane that holds less of them than this is no wall: on a figure, where
-# planes are chance, they came to 0.11 at most, in streets and rooms to 0.26 and more.
-ALIKE_COS, LEAST_ALIKE = np.cos(np.deg2rad(30.0)), 0.125
-# Points of the faces in more planes than a corner has of which it is asked first whether they are rims of both clouds;
-# standard errors by which a share of them is above its limit for certain; share of its limit below which a hole in them
-# is none.
-RIMS_ASKED, CLEAR, CLEARLY = 2_000, 4.0, 0.5
-# Slides that are tried, in sizes; a plane that leans on the others by more of its normal than this is slid along none.
-REACH, LEANING = 0.06, 0.2
+# Planes of a corner, which fix a pose and leave nothing to check it by.
+CORNER_PLANES = 3
+# Most planes that are found: a corner may have some more by chance or beside a face's edges.
+MAX_PLANES = 6
+# Share of the common places that those planes hold.
+COMMON_PLACE_SHARE = 0.95
+# Share of the places below which a plane is none.
+MIN_PLANE_SHARE = 0.02
+# Places whose tangent plane is tried.
+TRIED_PLACES = 30
+# Normals of one plane are within this angle.
+PLANE_NORMAL_COS = np.cos(np.deg2rad(8.0))
+# Distances from one plane: within this share of the size, or so many times the noise.
+PLANE_THICKNESS_DIAGONALS, PLANE_THICKNESS_SIGMAS = 5e-3, 3.0
+# Places look the same way within this angle.
+WALL_NORMAL_COS = np.cos(np.deg2rad(30.0))
+# A plane that holds less of them than this is no wall: on a figure, where planes are chance, they came to 0.11 at most,
+# in streets and rooms to 0.26 and more.
+MIN_WALL_SHARE = 0.125
+# Points of the faces in more planes than a corner has of which it is asked first whether they are rims of both clouds.
+FIRST_RIM_POINTS = 2_000
+# Standard errors by which a share of them is above its limit for certain.
+CERTAIN_SIGMAS = 4.0
+# Share of its limit below which a hole in them is none.
+MIN_HOLE_RATIO = 0.5
+# Slides that are tried, in sizes.
+SLIDE_DIAGONALS = 0.06
+# A plane that leans on the others by more of its normal than this is slid along none.
+MAX_LEANING = 0.2
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -53,7 +75,7 @@ class CommonPlanes:
         overlap: Overlap, moves: IndexedPoints, stands: IndexedPoints, T_target_source: FloatArray, size: float
     ) -> CommonPlanes | None:
         """Of two clouds of a size at a pose, (4, 4); None where they have no plane in common."""
-        within = max(WITHIN * size, NOISY * float(np.median(overlap.noise)))
+        within = max(PLANE_THICKNESS_DIAGONALS * size, PLANE_THICKNESS_SIGMAS * float(np.median(overlap.noise)))
         planes, shares = _planes(overlap, within)
         if not planes:
             return None
@@ -71,12 +93,12 @@ class CommonPlanes:
     @property
     def are_all(self) -> bool:
         """Whether they hold all that the clouds have in common."""
-        return sum(self.shares) >= ALL
+        return sum(self.shares) >= COMMON_PLACE_SHARE
 
     @property
     def are_a_corner(self) -> bool:
         """Whether they are three at most, and hold all that the clouds have in common."""
-        return len(self.planes) <= CORNER and self.are_all
+        return len(self.planes) <= CORNER_PLANES and self.are_all
 
     @property
     def largest(self) -> float:
@@ -103,7 +125,7 @@ class CommonPlanes:
 
         Where some of many points show none that is half as wide as clouds of a size may have, no more are asked.
         """
-        if self.shown.are_many and self.shown.some.hole(PERHAPS_CLOSED) < CLEARLY * CLOSED_HOLE * size:
+        if self.shown.are_many and self.shown.some.hole(PERHAPS_CLOSED) < MIN_HOLE_RATIO * CLOSED_HOLE_DIAGONALS * size:
             return 0.0
         return self.shown.hole(CLOSED)
 
@@ -115,7 +137,7 @@ class CommonPlanes:
         if not self.are_a_corner:
             for rest in (False, True):
                 shared, error = self.rims_of_one(rest=rest)
-                if shared - CLEAR * error >= RIMS_SHARED_MANY:
+                if shared - CERTAIN_SIGMAS * error >= SHARED_RIM_SHARE_OF_MANY_PLANES:
                     return np.nan, shared
         return self.ends_apart(), self.rims_shared()
 
@@ -140,9 +162,9 @@ class CommonPlanes:
 
         The share of all is no smaller. It is a count where all points of both clouds are asked.
         """
-        rims = self._known_rims + (self.shown.some.rims_beside(RIMS_ASKED, rest=True) if rest else [])
+        rims = self._known_rims + (self.shown.some.rims_beside(FIRST_RIM_POINTS, rest=True) if rest else [])
         count, shared = np.sum([shared_count(one, other) for _, one, other in rims], axis=0) if rims else (0, 0)
-        if not count >= FEWEST_RIMS:
+        if not count >= MIN_RIM_POINTS:
             return np.nan, np.nan
         found = float(shared / count)
         is_count = rest and not self.shown.are_many
@@ -159,10 +181,10 @@ class CommonPlanes:
         for k, normal in enumerate(normals):
             rest = np.delete(normals, k, axis=0)
             axis = normal - np.linalg.pinv(rest) @ (rest @ normal) if len(rest) else normal
-            if not len(rest) or np.linalg.norm(axis) < LEANING:
+            if not len(rest) or np.linalg.norm(axis) < MAX_LEANING:
                 continue
             one, other = self._rims(but=k)
-            slides, shares = shared_along(one, other, axis / np.linalg.norm(axis), REACH * size)
+            slides, shares = shared_along(one, other, axis / np.linalg.norm(axis), SLIDE_DIAGONALS * size)
             gained = np.nan_to_num(shares - shares[len(shares) // 2])
             best = int(gained.argmax())
             found = max(found, (float(gained[best]), abs(float(slides[best]))))
@@ -182,7 +204,7 @@ class CommonPlanes:
     def _known_rims(self) -> list[tuple[int, Rims, Rims]]:
         """Rims that are asked for in any case: of a corner all, else some of the sparser cloud; and the other's."""
         if not self.are_a_corner:
-            return self.shown.some.rims_beside(RIMS_ASKED)
+            return self.shown.some.rims_beside(FIRST_RIM_POINTS)
         first = self.shown.sparser
         both = [(k, pair[first], pair[1 - first]) for k, pair in enumerate(self.shown.rims)]
         return [(k, one, other) for k, one, other in both if one is not None and other is not None]
@@ -195,13 +217,13 @@ class CommonPlanes:
         shown, heights = self.shown, self.shown.heights
         sides, found = (shown.sparser, 1 - shown.sparser), {}
         for k, *both in self._known_rims:
-            if self.alike[k] < LEAST_ALIKE:
+            if self.alike[k] < MIN_WALL_SHARE:
                 continue
             one, other = (
                 Turning.of(rims.rows, rims.outward, shown.sides[side], heights[side][k], shown.within, rims.spacing)
                 for side, rims in zip(sides, both, strict=True)
             )
-            turning = shared_turning(one, other, SAME * max(rims.spacing for rims in both))
+            turning = shared_turning(one, other, SAME_RIM_SPACINGS * max(rims.spacing for rims in both))
             if turning.are_hardly_opposed:
                 found[k] = turning.opposed
         return found
@@ -210,7 +232,7 @@ class CommonPlanes:
     def _opposed(self) -> list[Opposed | None]:
         """Opposed rims, plane by plane, where these are not known to be few."""
         one, other = self.shown.heights
-        asked = [k for k, alike in enumerate(self.alike) if alike >= LEAST_ALIKE and k not in self._hardly_opposed]
+        asked = [k for k, alike in enumerate(self.alike) if alike >= MIN_WALL_SHARE and k not in self._hardly_opposed]
         within = self.shown.within
         return [Opposed.of(self.shown.sides, (one[k], other[k]), self.planes[k], within) for k in asked]
 
@@ -220,11 +242,11 @@ def _planes(overlap: Overlap, within: float) -> tuple[tuple[Plane, ...], tuple[f
     left = np.ones(len(overlap.points), dtype=bool)
     planes: list[Plane] = []
     shares: list[float] = []
-    for k in range(PLANES):
+    for k in range(MAX_PLANES):
         rows = np.flatnonzero(left)
-        if len(rows) < LEAST_SHARE * len(left) or (k >= CORNER and sum(shares) >= ALL):
+        if len(rows) < MIN_PLANE_SHARE * len(left) or (k >= CORNER_PLANES and sum(shares) >= COMMON_PLACE_SHARE):
             break
-        held = _fullest(overlap, rows[sample_rows(len(rows), TRIED)], left, within)
+        held = _fullest(overlap, rows[sample_rows(len(rows), TRIED_PLACES)], left, within)
         points = overlap.points[held]
         middle = points.mean(axis=0)
         planes.append(Plane(middle, np.linalg.eigh((points - middle).T @ (points - middle))[1][:, 0]))
@@ -236,8 +258,8 @@ def _planes(overlap: Overlap, within: float) -> tuple[tuple[Plane, ...], tuple[f
 def _alike(overlap: Overlap, planes: tuple[Plane, ...], shares: tuple[float, ...]) -> tuple[float, ...]:
     """Share of the places that look the same way as each of the planes, held by it and those parallel to it."""
     normals = np.array([plane.normal for plane in planes])
-    looking = np.mean(np.abs(product(normals, overlap.normals.T)) > ALIKE_COS, axis=1)
-    held = (np.abs(normals @ normals.T) > SAME_COS) @ np.array(shares)
+    looking = np.mean(np.abs(product(normals, overlap.normals.T)) > WALL_NORMAL_COS, axis=1)
+    held = (np.abs(normals @ normals.T) > PLANE_NORMAL_COS) @ np.array(shares)
     return tuple((held / np.maximum(looking, held)).tolist())
 
 
@@ -246,6 +268,6 @@ def _fullest(overlap: Overlap, tried: IntArray, left: BoolArray, within: float) 
     normals = overlap.normals[tried]
     offsets = np.einsum("ij,ij->i", overlap.points[tried], normals)[:, None]
     held = left & (np.abs(product(normals, overlap.points.T) - offsets) < within)
-    held &= np.abs(product(normals, overlap.normals.T)) > SAME_COS
+    held &= np.abs(product(normals, overlap.normals.T)) > PLANE_NORMAL_COS
     fullest: BoolArray = held[np.count_nonzero(held, axis=1).argmax()]
     return fullest

@@ -40,17 +40,19 @@ BETWEEN_CLOUDS = Limits(
     (Limit(18.0, 2.5e-4, 1.5e-3), Limit(24.0, 1.2e-4, 1.5e-3)),
     (Limit(40.0, 2e-4, 9e-4),),
 )
-# Of a scan of a part: made parts warp a little, and a bend of 0.2 % (`dqreg.trust.strain.LEAST_BEND`) shows so much.
+# Of a scan of a part: made parts warp a little, and a bend of 0.2 % (`dqreg.trust.strain.MIN_BEND`) shows so much.
 # Right poses of generated scans came to 10 standard deviations at 5e-4, those on bent parts to 85 and more at 6.4e-4.
 ON_A_PART = Limits((Limit(40.0, 5e-4, 9e-4),), (Limit(40.0, 5e-4, 9e-4),))
 # Share of what is shown that residuals have beyond the noise at least.
-LEFT = 0.7
+EXCESS_SHARE = 0.7
 # Share of a limit below which what two rounds of a fit of all fields find is not fitted to its end.
-HARDLY = 0.5
+NEGLIGIBLE_SHARE = 0.5
 # Numbers of a motion, of bends and a torsion, and of fields that are quadratic in the place.
-MOTIONS, BENDS, QUADRATICS = 6, 3, 18
+MOTION_NUMBERS = 6
+BEND_NUMBERS = 3
+QUADRATIC_NUMBERS = 18
 # Places for each number that is fitted: with fewer, all that neighbours have in common looks like some deformation.
-PLACES_EACH = 16
+PLACES_PER_NUMBER = 16
 
 
 def deformation_of(
@@ -72,8 +74,8 @@ def deformation_of(
     if not _may_be_told(p, n, residuals, lever, limits, size):
         return 0.0
     strains = _strains(p)
-    for others, count, told in ((_bends, BENDS, limits.few), (_quadratics, QUADRATICS, limits.many)):
-        if len(points) < PLACES_EACH * (MOTIONS + len(strains) + count):
+    for others, count, told in ((_bends, BEND_NUMBERS, limits.few), (_quadratics, QUADRATIC_NUMBERS, limits.many)):
+        if len(points) < PLACES_PER_NUMBER * (MOTION_NUMBERS + len(strains) + count):
             continue
         fields = np.concatenate([strains, others(p)])
         found = _explained(fields, p * lever, n, residuals, lever, told, size)
@@ -118,7 +120,10 @@ def _may_be_told(
         robust_fit(rows, residuals, lever, weights_of(residuals), rounds=2),
         (robust_fit(rows, residuals, lever, ones, rounds=1)[0], ones),
     )
-    least = [Limit(HARDLY * told.sigmas, HARDLY * told.shown, 0.0) for told in (*limits.few, *limits.many)]
+    least = [
+        Limit(NEGLIGIBLE_SHARE * told.sigmas, NEGLIGIBLE_SHARE * told.shown, 0.0)
+        for told in (*limits.few, *limits.many)
+    ]
     found = (_gained(rows, len(motions), *fit, residuals) for fit in fits)
     return any(each.exceeds(limit, size) for each in found for limit in least)
 
@@ -194,5 +199,5 @@ def may_be_deformed(width: float, noise: float, size: float) -> bool:
     >>> may_be_deformed(0.01, 0.01, 100.0), may_be_deformed(0.1, 0.01, 100.0)
     (False, True)
     """
-    least = LEFT * ON_A_PART.few[0].shown * size
+    least = EXCESS_SHARE * ON_A_PART.few[0].shown * size
     return width > math.hypot(noise, least)

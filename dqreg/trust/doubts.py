@@ -8,17 +8,17 @@ from collections.abc import Callable, Iterator
 from dqreg.solvers.status import Status
 from dqreg.trust.evidence import Evidence
 from dqreg.trust.limits import (
-    CONTRADICTING,
-    FALL,
-    FEW_INLIERS,
-    FEW_OF_ALL,
-    FEWEST_INLIERS,
-    HOLDS,
-    MIRRORED,
-    NORMALS_APART,
-    ROUGH,
-    UNCERTAIN,
-    UNCERTAIN_RAD,
+    CONSTRAINT_LOG_LIKELIHOOD,
+    DISAGREEING_NORMAL_SHARE,
+    MAX_SIGMA_DIAGONALS,
+    MAX_SIGMA_RAD,
+    MIN_FRACTION_OF_ALL,
+    MIN_INLIER_FRACTION,
+    MIN_INLIERS,
+    MIN_RATIO_TO_EARLIER,
+    MIRROR_GAIN,
+    OFF_FACE_SHARE,
+    RESIDUAL_NOISE_RATIO,
     chance_limit,
     counts_all,
     fewest_carriers,
@@ -60,14 +60,14 @@ def counted(evidence: Evidence) -> str:
 
 
 def _few_inliers(evidence: Evidence) -> Iterator[str]:
-    if not evidence.inliers >= FEWEST_INLIERS:
+    if not evidence.inliers >= MIN_INLIERS:
         yield f"only {evidence.inliers:.0f} inliers: too few to check the pose"
-    elif not evidence.places >= FEWEST_INLIERS:
+    elif not evidence.places >= MIN_INLIERS:
         yield f"the inliers lie at {evidence.places:.0f} distinct places only: too few to check the pose"
 
 
 def _low_inlier_fraction(evidence: Evidence) -> Iterator[str]:
-    if not evidence.share_near >= (FEW_OF_ALL if counts_all(evidence) else FEW_INLIERS):
+    if not evidence.share_near >= (MIN_FRACTION_OF_ALL if counts_all(evidence) else MIN_INLIER_FRACTION):
         if counts_all(evidence):
             cause = "the pose may have slipped"
         else:
@@ -84,11 +84,11 @@ def fraction_fits(fraction: float, usual: float) -> bool:
     >>> fraction_fits(0.6, 0.7), fraction_fits(0.6, 0.9), fraction_fits(0.4, float("nan"))
     (True, False, False)
     """
-    return fraction >= FEW_OF_ALL and not fraction < FALL * usual
+    return fraction >= MIN_FRACTION_OF_ALL and not fraction < MIN_RATIO_TO_EARLIER * usual
 
 
 def _falling_inlier_fraction(evidence: Evidence) -> Iterator[str]:
-    if evidence.share_near < FALL * evidence.usual:
+    if evidence.share_near < MIN_RATIO_TO_EARLIER * evidence.usual:
         yield (
             f"{100 * evidence.share_near:.0f} % of {counted(evidence)} are inliers, after "
             f"{100 * evidence.usual:.0f} % in the frames before: the pose may have slipped, or the view is new"
@@ -96,7 +96,7 @@ def _falling_inlier_fraction(evidence: Evidence) -> Iterator[str]:
 
 
 def _mirrored(evidence: Evidence) -> Iterator[str]:
-    if evidence.mirror_gain > MIRRORED:
+    if evidence.mirror_gain > MIRROR_GAIN:
         # At a wrong scale neither image fits, and either may gain.
         scaled = evidence.stretch and not any(evidence.stretched_along)
         also = "; at another scale this may be otherwise" if scaled else ""
@@ -115,7 +115,7 @@ def _deviating_patches(evidence: Evidence) -> Iterator[str]:
 
 
 def _contradicting_surface(evidence: Evidence) -> Iterator[str]:
-    if evidence.contradiction > CONTRADICTING:
+    if evidence.contradiction > OFF_FACE_SHARE:
         yield (
             f"{100 * evidence.share_contradicting:.0f} % of the scan are faces that continue beyond the target or meet "
             f"it in a convex edge, and {100 * evidence.share_on:.0f} % are on it: another part, or a wrong pose"
@@ -131,7 +131,7 @@ def _clutter(evidence: Evidence) -> Iterator[str]:
 
 
 def _disagreeing_normals(evidence: Evidence) -> Iterator[str]:
-    if not evidence.normals_apart <= NORMALS_APART:
+    if not evidence.normals_apart <= DISAGREEING_NORMAL_SHARE:
         yield (
             f"{100 * evidence.normals_apart:.0f} % of the inliers have normals that disagree with the target: a local "
             "minimum, another part, or normals that were given without a side"
@@ -149,7 +149,7 @@ def _outliers(evidence: Evidence) -> Iterator[str]:
 
 def _large_residuals(evidence: Evidence) -> Iterator[str]:
     noise = own_noise(evidence)
-    if noise > 0.0 and not evidence.width <= ROUGH * noise:
+    if noise > 0.0 and not evidence.width <= RESIDUAL_NOISE_RATIO * noise:
         yield (
             f"the residuals are {evidence.length(evidence.width)} (one sigma), "
             f"{evidence.width / noise:.0f} times the scan's own noise "
@@ -179,7 +179,7 @@ def _unconstrained(evidence: Evidence) -> Iterator[str]:
 
 def _large_uncertainty(evidence: Evidence) -> Iterator[str]:
     # A rotation by its displacement at half the diagonal.
-    limits = {"rotation": 0.5 * UNCERTAIN_RAD * evidence.size, "translation": UNCERTAIN * evidence.size}
+    limits = {"rotation": 0.5 * MAX_SIGMA_RAD * evidence.size, "translation": MAX_SIGMA_DIAGONALS * evidence.size}
     for direction in evidence.directions:
         if direction.kind in limits and direction.sigma > limits[direction.kind]:
             yield (
@@ -189,7 +189,7 @@ def _large_uncertainty(evidence: Evidence) -> Iterator[str]:
 
 
 def _weakly_constrained(evidence: Evidence) -> Iterator[str]:
-    if evidence.sliding_loss >= HOLDS:
+    if evidence.sliding_loss >= CONSTRAINT_LOG_LIKELIHOOD:
         return
     fewest = fewest_carriers(evidence.inliers, of_both=evidence.carriers_of_both)
     for direction, carriers in zip(evidence.directions, evidence.carriers, strict=False):

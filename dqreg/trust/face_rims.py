@@ -19,21 +19,26 @@ Points = tuple[FloatArray, NeighbourTree]
 Rows = NDArray[np.int32]
 
 # Neighbours of a point in space that tell whether its face lies in the plane, and the share of them that lie there.
-BESIDE, MOSTLY = 8, 0.6
-# Neighbours in the plane that leave so wide an angle without any about a point on a rim; a point that has them within
-# so many times the usual distance only is on no face.
-AROUND, SPARSE, OPEN_RAD = 20, 2.0, np.deg2rad(140.0)
+SPACE_NEIGHBOURS, IN_PLANE_SHARE = 8, 0.6
+# Neighbours in the plane that leave so wide an angle without any about a point on a rim.
+PLANE_NEIGHBOURS, OPEN_RAD = 20, np.deg2rad(140.0)
 OPEN_COS = float(np.cos(OPEN_RAD))
+# A point that has them within so many times the usual distance only is on no face.
+SPARSE_RATIO = 2.0
 # What the distance to the last of these is of the edge of the square that each has for itself.
-OF_SPACING = float(np.sqrt(np.pi / AROUND))
+NEIGHBOUR_REACH_SPACINGS = float(np.sqrt(np.pi / PLANE_NEIGHBOURS))
 # Points of a plane of which its spacing is measured: good to some per cent.
-SAMPLE = 100
-# Points of a plane without which it has no rims; rims within so many spacings of another plane end there in any case.
-FEWEST, MEETING = 30, 1.5
-# Rims are the same where their points are within so many spacings of each other and look the same way.
-SAME, NEAREST, SAME_COS = 1.2, 4, 0.7
+SPACING_SAMPLE = 100
+# Points of a plane without which it has no rims.
+MIN_PLANE_POINTS = 30
+# Rims within so many spacings of another plane end there in any case.
+PLANE_MEETING_SPACINGS = 1.5
+# Rims are the same where their points are within so many spacings of each other,
+SAME_RIM_SPACINGS = 1.2
+# of so many nearest ones, and look the same way.
+NEAREST_RIMS, SAME_RIM_COS = 4, 0.7
 # Points on rims without which nothing is said.
-FEWEST_RIMS = 30
+MIN_RIM_POINTS = 30
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -82,12 +87,12 @@ class Faces:
 
         near = np.abs(heights) < within
         rows = np.flatnonzero(near)
-        lines, beside = tree.beside(rows, BESIDE)
+        lines, beside = tree.beside(rows, SPACE_NEIGHBOURS)
         shares = np.zeros(len(rows))
-        over_chunks(near_fractions, len(rows), lines, beside, BESIDE, near, shares)
+        over_chunks(near_fractions, len(rows), lines, beside, SPACE_NEIGHBOURS, near, shares)
         return Faces(rows, lines, beside, shares)
 
-    def flat(self, share: float = MOSTLY) -> IntArray:
+    def flat(self, share: float = IN_PLANE_SHARE) -> IntArray:
         """Points whose faces lie in the plane, (m,): those of which more than a share of the neighbours does."""
         return self.rows[self.shares > share]
 
@@ -109,18 +114,18 @@ class Held:
     def of(points: FloatArray, faces: Faces, plane: Plane, within: float) -> Held | None:
         """Those of a cloud, (N, 3); None where few of its points are in the plane."""
         rows = faces.flat()
-        if len(rows) < FEWEST:
+        if len(rows) < MIN_PLANE_POINTS:
             return None
         flat = (np.take(points, rows, axis=0) - plane.middle) @ plane.across.T
         tree = NeighbourTree(lifted(flat), in_order=True)
-        usual = median(tree.nearest_to(sample_rows(len(flat), SAMPLE), AROUND + 1)[1][:, -1])
-        neighbours = faces.lines[faces.shares > MOSTLY], faces.beside
+        usual = median(tree.nearest_to(sample_rows(len(flat), SPACING_SAMPLE), PLANE_NEIGHBOURS + 1)[1][:, -1])
+        neighbours = faces.lines[faces.shares > IN_PLANE_SHARE], faces.beside
         return Held(points, plane, within, rows, neighbours, flat, tree, usual)
 
     @property
     def spacing(self) -> float:
         """Edge of the square that a point has for itself."""
-        return self.usual * OF_SPACING
+        return self.usual * NEIGHBOUR_REACH_SPACINGS
 
     def rims(self, planes: Sequence[Plane], asked: IntArray | None = None) -> Rims:
         """Rims among the points asked, (m,) of these, or all; one of some planes is this one."""
@@ -128,16 +133,16 @@ class Held:
         lines, beside = self.neighbours
         neighbours = np.take(lines, asked), beside
         places = self.points, self.rows, self.flat, asked
-        rows = asked[~surrounded(*places, neighbours, self.within, beside=BESIDE)]
-        found, apart = self.tree.nearest_to(rows, AROUND + 1)
+        rows = asked[~surrounded(*places, neighbours, self.within, beside=SPACE_NEIGHBOURS)]
+        found, apart = self.tree.nearest_to(rows, PLANE_NEIGHBOURS + 1)
         open_rad, towards = open_sides(np.take(self.flat, rows, axis=0), self.flat, found)
-        is_rim = (open_rad > OPEN_RAD) & (apart[:, -1] <= SPARSE * self.usual)
+        is_rim = (open_rad > OPEN_RAD) & (apart[:, -1] <= SPARSE_RATIO * self.usual)
         rims = self.rows[rows[is_rim]]
         points = np.take(self.points, rims, axis=0)
         counted = np.ones(len(points), dtype=bool)
         for other in planes:
             if other is not self.plane:
-                counted &= ~other.holds(points, MEETING * self.spacing)
+                counted &= ~other.holds(points, PLANE_MEETING_SPACINGS * self.spacing)
         outward = np.column_stack([np.cos(towards), np.sin(towards)])[is_rim] @ self.plane.across
         return Rims(rims, points, outward, counted, self.spacing)
 
@@ -171,7 +176,7 @@ def surrounded(
     places, found = np.full(len(points), -1), np.zeros(len(asked), dtype=bool)
     places[held] = np.arange(len(held))
     given = asked, flat, held, places, as_plain(points), *neighbours
-    over_chunks(interior_rows, len(asked), *given, beside, AROUND + 1, 2.0 * within, OPEN_COS, found)
+    over_chunks(interior_rows, len(asked), *given, beside, PLANE_NEIGHBOURS + 1, 2.0 * within, OPEN_COS, found)
     return found
 
 
@@ -179,22 +184,22 @@ def shared_rims(rims: Sequence[Rims | None], others: Sequence[Rims | None]) -> f
     """Share of a cloud's rims that are rims of another one's faces in the same planes too; NaN for few."""
     both = [(one, other) for one, other in zip(rims, others, strict=True) if one is not None and other is not None]
     count, shared = np.sum([shared_count(*each) for each in both], axis=0) if both else (0, 0)
-    return float(shared / count) if count >= FEWEST_RIMS else np.nan
+    return float(shared / count) if count >= MIN_RIM_POINTS else np.nan
 
 
 def shared_count(one: Rims, other: Rims) -> tuple[int, int]:
     """How many of a cloud's rims in a plane count, and how many of these are rims of another one's faces too."""
     count = int(np.count_nonzero(one.counted))
-    if len(other.points) < NEAREST or not count:
+    if len(other.points) < NEAREST_RIMS or not count:
         return count, 0
     return count, int(np.count_nonzero(_alike(one, other, one.counted)[1].any(axis=1)))
 
 
 def _alike(one: Rims, other: Rims, asked: BoolArray) -> tuple[IntArray, BoolArray]:
     """The other cloud's rims next to those asked, (m, k), and whether they are the same ones."""
-    rows, apart = NeighbourTree(other.points, in_order=True).nearest(one.points[asked], NEAREST)
-    look_alike = np.einsum("ijk,ik->ij", other.outward[rows], one.outward[asked]) > SAME_COS
-    return rows, look_alike & (apart < SAME * max(one.spacing, other.spacing))
+    rows, apart = NeighbourTree(other.points, in_order=True).nearest(one.points[asked], NEAREST_RIMS)
+    look_alike = np.einsum("ijk,ik->ij", other.outward[rows], one.outward[asked]) > SAME_RIM_COS
+    return rows, look_alike & (apart < SAME_RIM_SPACINGS * max(one.spacing, other.spacing))
 
 
 def shared_along(
@@ -207,14 +212,14 @@ def shared_along(
     both = [(one, other) for one, other in zip(rims, others, strict=True) if one is not None and other is not None]
     if not both:
         return np.zeros(1), np.full(1, np.nan)
-    step = SAME * max(max(one.spacing, other.spacing) for one, other in both)
+    step = SAME_RIM_SPACINGS * max(max(one.spacing, other.spacing) for one, other in both)
     count = int(np.ceil(reach / step))
     slides, shared, total = np.arange(-count, count + 1.0), np.zeros((2, 2 * count + 1)), np.zeros(2)
     for one, other in both:
         gaps = other.points - one.points[:, None]
         along = gaps @ axis
         aside = np.sqrt(np.maximum(np.einsum("ijk,ijk->ij", gaps, gaps) - along**2, 0.0))
-        alike = (aside < step) & (one.outward @ other.outward.T > SAME_COS) & (np.abs(along) < reach)
+        alike = (aside < step) & (one.outward @ other.outward.T > SAME_RIM_COS) & (np.abs(along) < reach)
         pair = np.nonzero(alike)
         for side, cloud in enumerate((one, other)):
             counted = cloud.counted[pair[side]]
@@ -224,7 +229,7 @@ def shared_along(
             each = np.unique(np.concatenate([rows, rows]) * len(slides) + reached)
             shared[side] += np.bincount(each % len(slides), minlength=len(slides))
             total[side] += np.count_nonzero(cloud.counted)
-    shares = np.where(total < FEWEST_RIMS, np.nan, shared.T / np.maximum(total, 1.0))
+    shares = np.where(total < MIN_RIM_POINTS, np.nan, shared.T / np.maximum(total, 1.0))
     return slides * step, np.fmax(shares[:, 0], shares[:, 1])
 
 

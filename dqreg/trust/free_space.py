@@ -17,21 +17,25 @@ from dqreg.geometry.vector_rows import cross
 # Rows that a thread takes in one go: after each it asks for the interpreter, which others may be at.
 TOGETHER = 16_384
 # Edge of a pixel in distances of neighbouring points, and pixels a side at most.
-PIXEL, LARGEST = 1.5, 1_000
+PIXEL_SPACINGS, MAX_PIXELS = 1.5, 1_000
 # Points count as behind or in front of what was seen from so many pixels on: surfaces may be seen at a grazing angle.
-STEP = 4.0
+DEPTH_STEP_PIXELS = 4.0
 # The origin of a cloud is taken for the scanner's place where at most this share of the points is behind others from
-# there, and it lies that share of the size outside of the points, or the far points are so many times as far as the
-# near ones, as around a LiDAR: 2.9 to 15 times in furnished rooms, where what it puts before the furniture tells the
-# half-turn that the walls allow. Depth cameras came to 0.029, LiDARs to 0.04, several sides of a body to 0.06 and
-# more, or, where none hides another, to 2.6 times.
-BEHIND, OUTSIDE, FAR = 0.045, 0.15, 2.8
+# there: depth cameras came to 0.029, LiDARs to 0.04, several sides of a body to 0.06 and more,
+MAX_HIDDEN_FROM_ORIGIN = 0.045
+# and it lies that share of the size outside of the points,
+MIN_DISTANCE_OUTSIDE = 0.15
+# or the far points are so many times as far as the near ones, as around a LiDAR: 2.9 to 15 times in furnished rooms,
+# where what it puts before the furniture tells the half-turn that the walls allow; bodies of which no side hides
+# another came to 2.6 times.
+FAR_TO_NEAR_RATIO = 2.8
 # Points of which the distance to the nearest is asked: their median is good to two per cent.
-SAMPLE = 1_000
-# Points compared that say something; points of a scan that are looked at from its viewpoint, and the share of them that
-# may stand behind others: up to 0.07 from where scanners stood, 0.06 to 0.4 from beside, where some scans show it and
-# others do not.
-FEWEST, LOOKED_AT, HIDDEN = 200, 3_000, 0.12
+SPACING_SAMPLE = 1_000
+# Points compared that say something.
+MIN_COMPARED = 200
+# Points of a scan that are looked at from its viewpoint, and the share of them that may stand behind others: up to 0.07
+# from where scanners stood, 0.06 to 0.4 from beside, where some scans show it and others do not.
+VIEWPOINT_POINTS, MAX_HIDDEN_SHARE = 3_000, 0.12
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,17 +59,17 @@ class DepthImage:
         axes = _looking(np.einsum("ij->j", points) / len(points) - eye)
         places, ranges = _project(points, axes, eye)
         low, high = places.min(axis=1), places.max(axis=1)
-        least = max(float((high - low).max()) / LARGEST, np.finfo(float).eps)
-        pixel = max(PIXEL * _spacing(places) if pixel is None else pixel, least)
+        least = max(float((high - low).max()) / MAX_PIXELS, np.finfo(float).eps)
+        pixel = max(PIXEL_SPACINGS * _spacing(places) if pixel is None else pixel, least)
         low = low - 1.5 * pixel
         height, width = ((high - low) / pixel).astype(np.int64) + 3
         image, at = np.full((height, width), np.inf), np.zeros(len(points), dtype=np.int64)
         fill_nearest(places, ranges, low, float(pixel), image, at)
-        behind = count_behind(ranges, image, at, float(1.0 + STEP * pixel)) / len(points)
+        behind = count_behind(ranges, image, at, float(1.0 + DEPTH_STEP_PIXELS * pixel)) / len(points)
         least_around(image, nearest := np.zeros(image.shape))
         return DepthImage(eye, axes, pixel, low, nearest, np.isfinite(image), behind)
 
-    def compared(self, points: FloatArray, margin: float, step: float = STEP) -> tuple[int, int]:
+    def compared(self, points: FloatArray, margin: float, step: float = DEPTH_STEP_PIXELS) -> tuple[int, int]:
         """Points nearer than what was seen there by more than a margin and a step of so many pixels, and those as far.
 
         Points behind it say nothing, nor do those where nothing was seen.
@@ -91,7 +95,7 @@ class Seen:
     @cached_property
     def spacing(self) -> float:
         """Distance between neighbouring points."""
-        return measure_spacing(NeighbourTree(self.points, in_order=True), self.points, SAMPLE)
+        return measure_spacing(NeighbourTree(self.points, in_order=True), self.points, SPACING_SAMPLE)
 
     @cached_property
     def image(self) -> DepthImage | None:
@@ -105,10 +109,10 @@ class Seen:
         arms = self.points - self.origin
         ranges = np.sqrt(np.einsum("ij,ij->i", arms, arms))
         near, far = quantile(ranges, 0.05), quantile(ranges, 0.95)
-        if not outside >= OUTSIDE * np.linalg.norm(high - low) and not far >= FAR * near:
+        if not outside >= MIN_DISTANCE_OUTSIDE * np.linalg.norm(high - low) and not far >= FAR_TO_NEAR_RATIO * near:
             return None
         image = DepthImage.of(self.points, self.origin)
-        return image if image.behind <= BEHIND else None
+        return image if image.behind <= MAX_HIDDEN_FROM_ORIGIN else None
 
 
 def looked_through(source: Seen, target: Seen, T_target_source: FloatArray, gaps: float) -> float:
@@ -126,7 +130,7 @@ def looked_through(source: Seen, target: Seen, T_target_source: FloatArray, gaps
         if image is not None:
             counts = image.compared(points, margin)
             nearer, alike = nearer + counts[0], alike + counts[1]
-    return nearer / (nearer + alike) if nearer + alike >= FEWEST else np.nan
+    return nearer / (nearer + alike) if nearer + alike >= MIN_COMPARED else np.nan
 
 
 def can_look_through(source: Seen, target: Seen) -> bool:
@@ -141,9 +145,9 @@ def can_look_through(source: Seen, target: Seen) -> bool:
 
 def hidden_share(points: FloatArray, viewpoint: FloatArray) -> float:
     """Share of the points of a scan, (n, 3), that stand behind others, seen from a viewpoint; 0 where that is open."""
-    some = points[:: max(1, len(points) // LOOKED_AT)]
+    some = points[:: max(1, len(points) // VIEWPOINT_POINTS)]
     some = some[np.isfinite(some).all(axis=1)]
-    if len(some) < FEWEST or not (some != viewpoint).any(axis=1).all():
+    if len(some) < MIN_COMPARED or not (some != viewpoint).any(axis=1).all():
         return 0.0
     return DepthImage.of(some, viewpoint).behind
 
@@ -162,7 +166,9 @@ def _project(points: FloatArray, axes: FloatArray, eye: FloatArray) -> tuple[Flo
 def _spacing(places: FloatArray) -> float:
     flat = np.column_stack([*places, np.zeros(places.shape[1])])
     flat = np.take(flat, morton_order(flat), axis=0)
-    return float(median(NeighbourTree(flat, in_order=True).nearest_to(sample_rows(len(flat), SAMPLE), 4)[1][:, -1]))
+    return float(
+        median(NeighbourTree(flat, in_order=True).nearest_to(sample_rows(len(flat), SPACING_SAMPLE), 4)[1][:, -1])
+    )
 
 
 def _looking(sight: FloatArray) -> FloatArray:

@@ -20,10 +20,10 @@ from dqreg.geometry.vector_rows import nonzero_rows, row_dots, second_moment
 from dqreg.rigid import pose
 
 # Neighbourhoods that are looked at; those flatter than this, in their extent, have a normal worth comparing.
-LOOKED_AT, SMOOTH = 1_500, 0.4
+COMPARED_NEIGHBOURHOODS, MAX_ROUGHNESS = 1_500, 0.4
 # Normals farther apart than this are of different faces; one that noise alone tilts by this much over the spread of its
 # feet is no witness.
-APART_COS, TILT_RAD = np.cos(np.deg2rad(35.0)), np.deg2rad(7.0)
+DISAGREEING_COS, MAX_NOISE_TILT_RAD = np.cos(np.deg2rad(35.0)), np.deg2rad(7.0)
 # Neighbours that are of several profiles: what they leave of their planes is an upper estimate of the noise.
 MANY = 3 * NEIGHBOURS
 # Fewer of a single profile are those at rims.
@@ -31,10 +31,10 @@ PROFILES = 0.1
 # Thickness of a scan in its length: what is thinner may be a single profile, whose neighbourhoods turn freely about it.
 FLAT = 0.02
 # Neighbourhoods without which no noise is estimated; and its quantile: in others there is an edge.
-FEWEST, QUIET = 50, 0.3
+MIN_NEIGHBOURHOODS, NOISE_QUANTILE = 50, 0.3
 # Points of a cell from which on its normal is another witness than those of its points, where that share of the cells
 # beside the other cloud is smooth.
-CROWDED, MOSTLY = 4.0, 0.25
+MIN_CELL_POINTS, SMOOTH_CELL_SHARE = 4.0, 0.25
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,24 +53,28 @@ class Neighbourhoods:
         rows = np.flatnonzero(on)
         if len(rows) <= NEIGHBOURS or is_flat(points[rows]):
             return Neighbourhoods()
-        rows = rows[sample_rows(len(rows), LOOKED_AT)]
+        rows = rows[sample_rows(len(rows), COMPARED_NEIGHBOURHOODS)]
         tree = NeighbourTree(points)
         indices, _ = tree.nearest(points[rows], NEIGHBOURS)
         own, there = fit_planes_among(points, indices), fit_planes_among(feet, indices)
         with np.errstate(divide="ignore", invalid="ignore"):
-            smooth = np.nan_to_num(own.residuals / np.sqrt(own.lever), nan=np.inf) < SMOOTH
+            smooth = np.nan_to_num(own.residuals / np.sqrt(own.lever), nan=np.inf) < MAX_ROUGHNESS
         wide = fit_planes_among(points, tree.nearest(points[rows], min(MANY, len(points)))[0])
-        noise = min(width, float(np.quantile(wide.residuals[np.isfinite(wide.residuals)], QUIET)))
-        spans = noise / np.sqrt(NEIGHBOURS * np.maximum(there.lever, np.finfo(float).tiny)) < TILT_RAD
+        noise = min(width, float(np.quantile(wide.residuals[np.isfinite(wide.residuals)], NOISE_QUANTILE)))
+        spans = noise / np.sqrt(NEIGHBOURS * np.maximum(there.lever, np.finfo(float).tiny)) < MAX_NOISE_TILT_RAD
         spans |= np.mean(spans) >= 1.0 - PROFILES
         quiet = spans & (there.residuals <= width)
-        noise = float(np.quantile(own.residuals[quiet], QUIET)) if np.count_nonzero(quiet) >= FEWEST else np.nan
+        noise = (
+            float(np.quantile(own.residuals[quiet], NOISE_QUANTILE))
+            if np.count_nonzero(quiet) >= MIN_NEIGHBOURHOODS
+            else np.nan
+        )
         counted = smooth & spans & nonzero_rows(normals[rows])
         if not counted.any():
             return Neighbourhoods(noise=noise)
         scan = np.nan_to_num(own.normals[counted])
         others = normals[rows][counted], np.nan_to_num(there.normals[counted])
-        apart = [np.abs(row_dots(scan, other)) < APART_COS for other in others]
+        apart = [np.abs(row_dots(scan, other)) < DISAGREEING_COS for other in others]
         return Neighbourhoods(float(np.mean(apart[0] & apart[1])), noise)
 
 
@@ -81,7 +85,7 @@ def apart_in_cells(source: FloatArray, target: FloatArray, T_target_source: Floa
     nearest ones turn freely; those of the means of cells do not. Shapes: (n, 3), (m, 3), (4, 4).
     """
     moves, stands = (Cells.of(points, width) for points in (source, target))
-    if min(np.mean(cells.counts) for cells in (moves, stands)) < CROWDED:
+    if min(np.mean(cells.counts) for cells in (moves, stands)) < MIN_CELL_POINTS:
         return np.nan
     moved = pose.apply(T_target_source, moves.points)
     nearest, distances = NeighbourTree(stands.points).nearest(moved, 1)
@@ -92,11 +96,11 @@ def apart_in_cells(source: FloatArray, target: FloatArray, T_target_source: Floa
     near = (distances[:, 0] <= 2.0 * width) & (aside <= width)
     with np.errstate(divide="ignore", invalid="ignore"):
         rough = [fits.residuals / np.sqrt(fits.lever) for fits in (own, other)]
-    compared = near & (rough[0] < SMOOTH) & (rough[1] < SMOOTH)
-    if np.count_nonzero(compared) < max(FEWEST, MOSTLY * np.count_nonzero(near)):
+    compared = near & (rough[0] < MAX_ROUGHNESS) & (rough[1] < MAX_ROUGHNESS)
+    if np.count_nonzero(compared) < max(MIN_NEIGHBOURHOODS, SMOOTH_CELL_SHARE * np.count_nonzero(near)):
         return np.nan
     cosines = row_dots(own.normals, other.normals @ T_target_source[:3, :3])
-    return float(np.mean(np.abs(cosines[compared]) < APART_COS))
+    return float(np.mean(np.abs(cosines[compared]) < DISAGREEING_COS))
 
 
 def is_flat(points: FloatArray) -> bool:

@@ -17,12 +17,12 @@ from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.kernels.threads import unlocked_property
 from dqreg.trust.face_rims import (
-    AROUND,
-    FEWEST,
-    OF_SPACING,
+    MIN_PLANE_POINTS,
+    NEIGHBOUR_REACH_SPACINGS,
     OPEN_RAD,
-    SAME,
-    SPARSE,
+    PLANE_NEIGHBOURS,
+    SAME_RIM_SPACINGS,
+    SPARSE_RATIO,
     Plane,
     Points,
     lifted,
@@ -30,15 +30,15 @@ from dqreg.trust.face_rims import (
     stand_near,
     surrounded,
 )
-from dqreg.trust.turning_rims import BESIDE_RIM, FEWEST_TURNING, REACH, Turning, shared_turning
+from dqreg.trust.turning_rims import MIN_TURNING_RIMS, RIM_NEIGHBOURS, RIM_REACH_SPACINGS, Turning, shared_turning
 
 # Points that are asked first whether they are such rims.
-ASKED = 150
+FIRST_POINTS = 150
 # Points of a plane of which its spacing is measured: good to some per cent; and those next to each along the curve that
 # tell what it is at most.
-SAMPLE, WINDOW = 100, 48
+SPACING_SAMPLE, CURVE_WINDOW = 100, 48
 # What heights are rounded by at most, in distances within which a point lies in the plane.
-ROUNDING = 1e-6
+HEIGHT_ROUNDING = 1e-6
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -56,7 +56,7 @@ class InPlane:
     def of(cloud: Points, heights: FloatArray, plane: Plane, within: float) -> InPlane | None:
         """Of a cloud whose heights over the plane are known; None where few of its points are in the plane."""
         rows = np.flatnonzero(np.abs(heights) < within)
-        if len(rows) < FEWEST:
+        if len(rows) < MIN_PLANE_POINTS:
             return None
         return InPlane(cloud, plane, within, heights, rows, _most_spacing(cloud[0], heights, rows))
 
@@ -86,7 +86,7 @@ class InPlane:
     @property
     def reach(self) -> float:
         """How far the points beside a rim are away from it at most."""
-        return REACH * self.most_spacing
+        return RIM_REACH_SPACINGS * self.most_spacing
 
     def places(self, k: IntArray) -> FloatArray:
         """Where some of the points are, (k, 3)."""
@@ -124,23 +124,23 @@ class Beside:
     def of(held: InPlane) -> Beside:
         """Of points in a plane."""
         tree = NeighbourTree(lifted(held.flat), in_order=True)
-        usual = median(tree.nearest_to(sample_rows(len(held.flat), SAMPLE), AROUND + 1)[1][:, -1])
-        return Beside(held, tree, usual, held.beside_any(REACH * usual * OF_SPACING))
+        usual = median(tree.nearest_to(sample_rows(len(held.flat), SPACING_SAMPLE), PLANE_NEIGHBOURS + 1)[1][:, -1])
+        return Beside(held, tree, usual, held.beside_any(RIM_REACH_SPACINGS * usual * NEIGHBOUR_REACH_SPACINGS))
 
     @property
     def spacing(self) -> float:
         """Edge of the square that a point in the plane has for itself."""
-        return self.usual * OF_SPACING
+        return self.usual * NEIGHBOUR_REACH_SPACINGS
 
     def rims(self, asked: IntArray) -> Turning:
         """Which of those asked, (m,) of these, are rims beside which the faces turn to one side."""
         held, rows = self.held, self.rows[asked]
         cloud, tree = held.cloud
-        neighbours = tree.beside(held.rows[rows], BESIDE_RIM)
+        neighbours = tree.beside(held.rows[rows], RIM_NEIGHBOURS)
         rows = rows[~surrounded(cloud, held.rows, held.flat, rows, neighbours, held.within)]
-        found, apart = self.tree.nearest_to(rows, AROUND + 1)
+        found, apart = self.tree.nearest_to(rows, PLANE_NEIGHBOURS + 1)
         open_rad, towards = open_sides(held.flat[rows], held.flat, found)
-        is_rim = (open_rad > OPEN_RAD) & (apart[:, -1] <= SPARSE * self.usual)
+        is_rim = (open_rad > OPEN_RAD) & (apart[:, -1] <= SPARSE_RATIO * self.usual)
         rows, towards = rows[is_rim], towards[is_rim]
         outward = np.column_stack([np.cos(towards), np.sin(towards)]) @ held.plane.across
         return Turning.of(held.rows[rows], outward, held.cloud, held.heights, held.within, self.spacing)
@@ -171,14 +171,14 @@ class Opposed:
         if not _may_be_opposed(self.one, self.other):
             return None
         first, second = Beside.of(self.one), Beside.of(self.other)
-        reach = SAME * max(first.spacing, second.spacing)
+        reach = SAME_RIM_SPACINGS * max(first.spacing, second.spacing)
         # What has none of the other cloud's beside it is no rim of both, whatever it is.
         here, there = ((x.held.cloud[0], x.held.rows[x.rows]) for x in (first, second))
         asked = np.flatnonzero(stand_near(*here, *there, reach))
-        if len(asked) < FEWEST_TURNING:
+        if len(asked) < MIN_TURNING_RIMS:
             return np.nan
         # Some of them first: hardly ever is there anything opposed.
-        for some in (asked[sample_rows(len(asked), ASKED)], asked):
+        for some in (asked[sample_rows(len(asked), FIRST_POINTS)], asked):
             beside = stand_near(*there, here[0], here[1][some], reach)
             found = shared_turning(first.rims(some), second.rims(np.flatnonzero(beside)), reach)
             if len(some) == len(asked) or found.are_hardly_opposed:
@@ -188,7 +188,7 @@ class Opposed:
     @property
     def may_have_rims(self) -> bool:
         """Whether enough points of either cloud may be on rims, which are opposed nowhere."""
-        return min(len(self.one.beside), len(self.other.beside)) >= FEWEST_TURNING
+        return min(len(self.one.beside), len(self.other.beside)) >= MIN_TURNING_RIMS
 
 
 def opposed_share(planes: Sequence[Opposed | None], others: Sequence[float] = ()) -> float:
@@ -211,11 +211,11 @@ def _may_be_opposed(one: InPlane, other: InPlane) -> bool:
     A rim is such a point, whichever these are. In scans of one scene there is hardly any: the two have to be near each
     other, and each so near to its side of the plane, which leaves few to be asked.
     """
-    reach = SAME * max(one.most_spacing, other.most_spacing)
+    reach = SAME_RIM_SPACINGS * max(one.most_spacing, other.most_spacing)
     for side in (1.0, -1.0):
         # Rounded up.
-        here = one.lower(side, (other.reach - one.within + reach) + ROUNDING * one.within)
-        there = other.lower(-side, (one.reach - one.within + reach) + ROUNDING * one.within)
+        here = one.lower(side, (other.reach - one.within + reach) + HEIGHT_ROUNDING * one.within)
+        there = other.lower(-side, (one.reach - one.within + reach) + HEIGHT_ROUNDING * one.within)
         # Few of the one are left whenever the other is asked.
         here = _near(one, here, other, there, reach)
         here = one.beside_one(here, side) if len(here) else here
@@ -241,7 +241,9 @@ def _most_spacing(points: FloatArray, heights: FloatArray, rows: IntArray) -> fl
     from dqreg.kernels.planar_boundary import in_plane_sq_distances
     from dqreg.kernels.threads import as_plain
 
-    some, count = sample_rows(len(rows), SAMPLE), min(WINDOW, len(rows))
+    some, count = sample_rows(len(rows), SPACING_SAMPLE), min(CURVE_WINDOW, len(rows))
     squares = np.zeros(len(some))
-    in_plane_sq_distances(as_plain(points), as_plain(heights), rows, some, count, min(AROUND, count - 1), squares)
-    return OF_SPACING * math.sqrt(max(median(squares), 0.0))
+    in_plane_sq_distances(
+        as_plain(points), as_plain(heights), rows, some, count, min(PLANE_NEIGHBOURS, count - 1), squares
+    )
+    return NEIGHBOUR_REACH_SPACINGS * math.sqrt(max(median(squares), 0.0))

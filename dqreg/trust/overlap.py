@@ -31,38 +31,42 @@ from dqreg.solvers.quadratic import plane_rows
 from dqreg.trust.deformation import deformation_of
 from dqreg.trust.patch_tests import waviness_of
 from dqreg.trust.robust_fit import robust_fit, weights_of
-from dqreg.trust.strain import SIGNIFICANT_CLUTTER, Strain, strain_of
+from dqreg.trust.strain import STRAIN_SIGMAS_IN_CLUTTER, Strain, strain_of
 
 # Points that are compared; comparisons without which nothing is said.
-ASKED, FEWEST = 2_000, 60
+COMPARED_POINTS, MIN_COMPARISONS = 2_000, 60
 # Points of a cloud of which its spacing is measured.
 SAMPLE = 1_000
 # Of clouds of so many times as many about as much is known by those.
-SPARE = 2
+SPARE_FACTOR = 2
 # Planes of the two are of one face where their normals are within this angle, neighbours leave this share of their
-# extent at most, or so many times the usual noise, and the points are less than this share of it beside each other.
-SAME_COS, FLAT, NOISY, FLATTEST, BESIDE = np.cos(np.deg2rad(15.0)), 0.15, 2.0, 0.4, 0.7
+# extent at most, or so many times the usual noise up to the last, and points are beside each other by less of it.
+SAME_FACE_COS, MAX_OFFSET_EXTENTS = np.cos(np.deg2rad(15.0)), 0.7
+MAX_ROUGHNESS, ROUGHNESS_SIGMAS = 0.15, 2.0
+MAX_ROUGHNESS_BY_NOISE = 0.4
 # Of the neighbours of a point by an edge that its tree remembers those are of its face that lie in one plane with it,
-# within so many times the usual noise of a plane: on a step two points wide eight of 24 do. Asked where both clouds
-# have a point within so many extents, and of so many points at most: of more, faces that matter hold places on no edge.
-IN_PLANE, NEAR, DENSE = 3.0, 2.0, 10_000
+# within so many times the usual noise of a plane: on a step two points wide eight of 24 do.
+EDGE_PLANE_SIGMAS = 3.0
+# Both clouds have a point within so many extents; of more points than so many, faces that matter have places off edges.
+EDGE_REACH_EXTENTS, MAX_EDGE_POINTS = 2.0, 10_000
 # Places by an edge of which fewer others are on the same plane, within this angle and this slope, are on no face.
-OTHERS, FACE_COS, SLOPE = 4, float(np.cos(np.deg2rad(8.0))), 0.03
-# Comparisons of a patch; patches lie apart whose median is this many times the noise, and this share of the size: what
-# is many times the noise from a smaller share on. Fragments of a room that drifted come to 2 and 0.0015, streets to 6
-# and 0.0003.
-PATCH, APART, LEAST, CLEARLY, LEAST_CLEARLY = 16, 1.0, 2e-3, 4.0, 7e-4
+MIN_FACE_PLACES = 4
+FACE_COS, FACE_SLOPE = float(np.cos(np.deg2rad(8.0))), 0.03
+# Patches lie apart whose median is this many times the noise, and this share of the size: what is many times the noise
+# from a smaller share on. Fragments of a room that drifted come to 2 and 0.0015, streets to 6 and 0.0003.
+PATCH_PLACES = 16
+APART_SIGMAS, APART_DIAGONALS = 1.0, 2e-3
+FAR_APART_SIGMAS, FAR_APART_DIAGONALS = 4.0, 7e-4
 # Fewer patches than this are a thing that moved, or chance: fragments of a kitchen came to 2 of 26.
-FEWEST_APART = 4
+MIN_PATCHES_APART = 4
 # The same at the pose itself, beyond what its covariance leaves.
-APART_THERE = 5.0
-# What the residuals of so many nearest neighbours have in common is no noise where it is so many times that from point
-# to point: ripples of 0.3 to 0.6 % came to 1.9 and more, right poses of measured pairs to 1.65 (LiDARs to 4, of less
-# than the verdict asks for). Neighbours on a curve through the points stand farther apart, and what a ripple changes
-# between them looks like noise: 1.6 and 1.44.
-BESIDE_EACH, IN_COMMON = 2, 1.8
+APART_SIGMAS_AT_POSE = 5.0
+# What the residuals of so many nearest neighbours have in common is no noise at so many times that from point to point:
+# ripples of 0.3 to 0.6 % came to 1.9 and more, right poses of measured pairs to 1.65 (LiDARs to 4, of less than the
+# verdict asks for). Neighbours on a curve are farther apart, where ripples look like noise: 1.6 and 1.44.
+WAVE_NEIGHBOURS, WAVE_NOISE_RATIO = 2, 1.8
 # A strain matters that displaces the surface by this share of the size, root mean square.
-SHOWN = 3e-4
+STRAIN_DIAGONALS = 3e-4
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,7 +87,7 @@ class IndexedPoints:
     @property
     def is_sampled(self) -> bool:
         """Whether some of the points are compared alone."""
-        return len(self.points) > SPARE * ASKED
+        return len(self.points) > SPARE_FACTOR * COMPARED_POINTS
 
     @cached_property
     def spacing(self) -> float:
@@ -93,7 +97,7 @@ class IndexedPoints:
     @cached_property
     def some(self) -> tuple[IntArray, PlaneFits]:
         """Rows of the points that are compared, and planes there."""
-        rows = sample_rows(len(self.points), ASKED)
+        rows = sample_rows(len(self.points), COMPARED_POINTS)
         return rows, self.planes_at(rows)
 
     def planes_at(self, rows: IntArray) -> PlaneFits:
@@ -130,9 +134,9 @@ class IndexedPoints:
         flat = _is_flat(fits)
         normals, residuals = fits.normals.copy(), np.where(flat, fits.residuals, np.inf)
         steep = np.flatnonzero(asked & ~flat)
-        if len(steep) and flat.any() and len(self.points) <= DENSE:
+        if len(steep) and flat.any() and len(self.points) <= MAX_EDGE_POINTS:
             neighbours = self.tree.around(rows[steep])[0].astype(np.int64)
-            planes, left, found = fit_edge_planes(self.points, neighbours, IN_PLANE * _usual_noise(fits))
+            planes, left, found = fit_edge_planes(self.points, neighbours, EDGE_PLANE_SIGMAS * _usual_noise(fits))
             at = steep[found]
             normals[at], residuals[at] = planes[found], left[found]
         return dataclasses.replace(fits, normals=normals, residuals=residuals), flat
@@ -151,14 +155,14 @@ class Overlap:
     @staticmethod
     def of(moves: IndexedPoints, stands: IndexedPoints, T_target_source: FloatArray) -> Overlap | None:
         """Of two clouds at a pose, (4, 4); None where they have hardly any such place."""
-        if min(len(moves.points), len(stands.points)) < FEWEST:
+        if min(len(moves.points), len(stands.points)) < MIN_COMPARISONS:
             return None
         rows, one = moves.some
         placed = pose.apply(T_target_source, np.take(moves.points, rows, axis=0))
         found = stands.tree.nearest(placed, 1)[0][:, 0]
         fixed, other = np.take(stands.points, found, axis=0), stands.planes_at(found)
         gaps, reach = placed - fixed, np.sqrt(np.fmax(one.lever, other.lever))
-        near = lengths_of(gaps) < NEAR * reach
+        near = lengths_of(gaps) < EDGE_REACH_EXTENTS * reach
         one, is_inner = moves.faces_among(one, rows, near)
         other, are_inner = stands.faces_among(other, found, near & np.isfinite(one.residuals))
         normals, theirs = np.nan_to_num(one.normals) @ T_target_source[:3, :3].T, np.nan_to_num(other.normals)
@@ -166,10 +170,10 @@ class Overlap:
         normals = theirs + np.where(cosines < 0.0, -1.0, 1.0)[:, None] * normals
         normals /= np.maximum(lengths_of(normals), np.finfo(float).tiny)[:, None]
         residuals = row_dots(gaps, normals)
-        kept = lengths_of(gaps - residuals[:, None] * normals) < BESIDE * reach
-        kept &= np.isfinite(one.residuals + other.residuals) & (np.abs(cosines) > SAME_COS)
+        kept = lengths_of(gaps - residuals[:, None] * normals) < MAX_OFFSET_EXTENTS * reach
+        kept &= np.isfinite(one.residuals + other.residuals) & (np.abs(cosines) > SAME_FACE_COS)
         inner = is_inner & are_inner
-        if np.count_nonzero(kept & inner) < FEWEST:
+        if np.count_nonzero(kept & inner) < MIN_COMPARISONS:
             return None
         noise = np.hypot(one.residuals, other.residuals)
         middles = 0.5 * (placed + fixed)
@@ -194,7 +198,7 @@ class Overlap:
 
         edge, with_others = np.flatnonzero(~self.inner), np.zeros(len(self.points), dtype=bool)
         found = np.zeros(len(edge), dtype=bool)
-        limits = IN_PLANE * median(self.noise[self.inner]), SLOPE, FACE_COS, OTHERS
+        limits = EDGE_PLANE_SIGMAS * median(self.noise[self.inner]), FACE_SLOPE, FACE_COS, MIN_FACE_PLACES
         given = edge, as_plain(self.points), as_plain(self.normals), *limits
         over_chunks(with_others_rows, len(edge), *given, found, chunk=EDGES)
         with_others[edge] = found
@@ -233,28 +237,30 @@ class Overlap:
         Those that lie apart at the pose by more than it leaves count, and those that no motion brings together.
         """
         flat = self.on_no_edge
-        count = len(flat.points) // PATCH
-        whole = slice(count * PATCH)
-        noise = np.sqrt((flat.noise[whole].reshape(count, PATCH) ** 2).mean(axis=1))
-        here, best = (np.abs(np.median(r[whole].reshape(count, PATCH), axis=1)) for r in (flat.residuals, flat._moved))
+        count = len(flat.points) // PATCH_PLACES
+        whole = slice(count * PATCH_PLACES)
+        noise = np.sqrt((flat.noise[whole].reshape(count, PATCH_PLACES) ** 2).mean(axis=1))
+        here, best = (
+            np.abs(np.median(r[whole].reshape(count, PATCH_PLACES), axis=1)) for r in (flat.residuals, flat._moved)
+        )
         arms = plane_rows(flat.points[whole], flat.normals[whole], np.zeros(3), 1.0)
-        arms = arms.reshape(6, count, PATCH).mean(axis=2)
+        arms = arms.reshape(6, count, PATCH_PLACES).mean(axis=2)
         known = np.hypot(noise, np.linalg.norm(_root(covariance).T @ arms, axis=0))
-        off = best > np.maximum(APART * noise, LEAST * size)
-        off |= best > np.maximum(CLEARLY * noise, LEAST_CLEARLY * size)
-        off |= here > np.maximum(APART_THERE * known, LEAST * size)
-        return float(np.mean(off)) if np.count_nonzero(off) >= FEWEST_APART else 0.0
+        off = best > np.maximum(APART_SIGMAS * noise, APART_DIAGONALS * size)
+        off |= best > np.maximum(FAR_APART_SIGMAS * noise, FAR_APART_DIAGONALS * size)
+        off |= here > np.maximum(APART_SIGMAS_AT_POSE * known, APART_DIAGONALS * size)
+        return float(np.mean(off)) if np.count_nonzero(off) >= MIN_PATCHES_APART else 0.0
 
     def waviness(self) -> float:
         """What neighbouring residuals have in common after the best motion, one sigma; 0 where it is noise."""
         kept = weights_of(self._moved) > 0.0
         points = self.points[kept]
-        if len(points) <= BESIDE_EACH:
+        if len(points) <= WAVE_NEIGHBOURS:
             return 0.0
         tree = NeighbourTree(points, in_order=True)
-        beside = tree.nearest_to(np.arange(len(points)), BESIDE_EACH + 1)[0][:, 1:]
+        beside = tree.nearest_to(np.arange(len(points)), WAVE_NEIGHBOURS + 1)[0][:, 1:]
         shared, noise = waviness_of(self._moved[kept], self.normals[kept], beside)
-        return shared if shared > IN_COMMON * noise else 0.0
+        return shared if shared > WAVE_NOISE_RATIO * noise else 0.0
 
     def shapes(self, size: float) -> tuple[Strain, float, float]:
         """Strain, deformation and waviness of one cloud of a size against the other."""
@@ -264,8 +270,8 @@ class Overlap:
         """Strain of one cloud against the other that matters to a size; zeros else."""
         # Places on both are no clutter, a whole face that is off may be what a strain explains; but they are chosen.
         flat = self.on_no_edge
-        found = strain_of(flat.points, flat.normals, flat.residuals, faults=True, least=SHOWN * size)
-        return dataclasses.replace(found, significant=SIGNIFICANT_CLUTTER)
+        found = strain_of(flat.points, flat.normals, flat.residuals, faults=True, least=STRAIN_DIAGONALS * size)
+        return dataclasses.replace(found, significant=STRAIN_SIGMAS_IN_CLUTTER)
 
     def deformation(self, size: float) -> float:
         """Displacement of the surface of one cloud by a deformation, root mean square; 0 for none."""
@@ -275,7 +281,9 @@ class Overlap:
 def _is_flat(fits: PlaneFits) -> BoolArray:
     """Which neighbourhoods, (n,), are flat for their extent, or but for noise."""
     extents = np.sqrt(fits.lever)
-    limits = np.minimum(np.maximum(FLAT * extents, NOISY * _usual_noise(fits)), FLATTEST * extents)
+    limits = np.minimum(
+        np.maximum(MAX_ROUGHNESS * extents, ROUGHNESS_SIGMAS * _usual_noise(fits)), MAX_ROUGHNESS_BY_NOISE * extents
+    )
     return np.asarray(np.nan_to_num(fits.residuals, nan=np.inf) < limits)
 
 

@@ -19,16 +19,16 @@ from dqreg.solvers.quadratic import plane_rows
 
 # Neighbouring points of a patch, and the kernel scales that its median may deviate: for 32 points of independent noise
 # the median is good to a quarter of one.
-PATCH, OFF = 32, 2.0
+PATCH_POINTS, PATCH_OFFSET_SIGMAS = 32, 2.0
 # Kernel scales within which a point lies on a surface; real scans have longer tails than a Gaussian.
-ON = 4.0
+INLIER_SIGMAS = 4.0
 # A point off the target whose neighbour of this rank is so many times as far as for points on it is an outlier.
-NEIGHBOURS, SCATTERED = 5, 2.5
+ISOLATION_NEIGHBOUR, ISOLATION_RATIO = 5, 2.5
 # Points on the target that tell what is usual, and the reach, in spacings, within which it may be settled sooner.
-USUAL, NO_FARTHER = 250, 1.5
+SPACING_SAMPLE, FIRST_REACH_SPACINGS = 250, 1.5
 # A patch whose plane holds more points far from the target than so many times those near it belongs to an object that
 # the part stands on or leans against.
-BACKGROUND = 1.0
+BACKGROUND_RATIO = 1.0
 
 
 def isolated(scan: Scan, on: BoolArray, whole: Scan | None = None) -> BoolArray:
@@ -39,21 +39,21 @@ def isolated(scan: Scan, on: BoolArray, whole: Scan | None = None) -> BoolArray:
     """
     off, points = np.flatnonzero(~on), scan.points
     alone = np.zeros(len(points), dtype=bool)
-    if len(off) and len(points) - len(off) > NEIGHBOURS:
-        some = np.flatnonzero(on)[sample_rows(len(points) - len(off), USUAL)]
+    if len(off) and len(points) - len(off) > ISOLATION_NEIGHBOUR:
+        some = np.flatnonzero(on)[sample_rows(len(points) - len(off), SPACING_SAMPLE)]
         if len(off) > len(some):
             # Of many it is only asked whether they are farther apart: the search ends there, whatever is rounded.
-            limit = SCATTERED * median(_gaps(scan, some, whole or scan))
+            limit = ISOLATION_RATIO * median(_gaps(scan, some, whole or scan))
             alone[off] = _gaps(scan, off, whole or scan, limit * (1.0 + 1e-9)) > limit
             return alone
         gaps = _gaps(scan, off, whole or scan)
         # Where more than half of the others have none nearer than this, it is no more than the usual one.
-        reach = float(gaps.max()) / SCATTERED * (1.0 + 1e-9)
-        if reach <= NO_FARTHER * scan.spacing:
+        reach = float(gaps.max()) / ISOLATION_RATIO * (1.0 + 1e-9)
+        if reach <= FIRST_REACH_SPACINGS * scan.spacing:
             capped = _gaps(scan, some, whole or scan, reach)
             if 2 * np.count_nonzero(capped >= reach * (1.0 - 1e-12)) > len(some):
                 return alone
-        alone[off] = gaps > SCATTERED * median(_gaps(scan, some, whole or scan))
+        alone[off] = gaps > ISOLATION_RATIO * median(_gaps(scan, some, whole or scan))
     return alone
 
 
@@ -62,7 +62,7 @@ def _gaps(scan: Scan, rows: IntArray, whole: Scan, within: float = np.inf) -> Fl
     # Both are in the order of one curve: as far along the whole stands the point itself, which is the first, or a
     # neighbour of it.
     along = rows * len(whole) // len(scan)
-    return whole.tree.nearest_beside(scan.points[rows], along, NEIGHBOURS + 1, within)[1][:, -1]
+    return whole.tree.nearest_beside(scan.points[rows], along, ISOLATION_NEIGHBOUR + 1, within)[1][:, -1]
 
 
 def patches_off(
@@ -73,24 +73,26 @@ def patches_off(
     An outlier leaves the median of its patch alone; a face in the wrong place moves it. So does a table that touches
     the part: patches whose plane continues far from the target are not counted.
     """
-    count = len(points) // PATCH
+    count = len(points) // PATCH_POINTS
     if count == 0:
         return 0, 0.0
-    whole = slice(count * PATCH)
-    d, a = (x[whole].reshape(count, PATCH) for x in (apart, aside))
-    close = near[whole].reshape(count, PATCH)
+    whole = slice(count * PATCH_POINTS)
+    d, a = (x[whole].reshape(count, PATCH_POINTS) for x in (apart, aside))
+    close = near[whole].reshape(count, PATCH_POINTS)
     # A median is off where half of its patch is at least: most patches need none.
     some = np.flatnonzero(
-        (np.count_nonzero(np.abs(a) > OFF * width, axis=1) >= PATCH // 2)
-        | (np.count_nonzero(d > ON * width, axis=1) >= PATCH // 2)
+        (np.count_nonzero(np.abs(a) > PATCH_OFFSET_SIGMAS * width, axis=1) >= PATCH_POINTS // 2)
+        | (np.count_nonzero(d > INLIER_SIGMAS * width, axis=1) >= PATCH_POINTS // 2)
     )
     off = np.zeros(count, dtype=bool)
     if len(some):
-        off[some] = (np.abs(_medians(a[some])) > OFF * width) | (_medians(d[some]) > ON * width)
-    counted = 2 * np.count_nonzero(close, axis=1) >= PATCH
+        off[some] = (np.abs(_medians(a[some])) > PATCH_OFFSET_SIGMAS * width) | (
+            _medians(d[some]) > INLIER_SIGMAS * width
+        )
+    counted = 2 * np.count_nonzero(close, axis=1) >= PATCH_POINTS
     doubtful = np.flatnonzero(off & counted)
     if len(doubtful) and not near.all():
-        patches = points[whole].reshape(count, PATCH, 3)[doubtful]
+        patches = points[whole].reshape(count, PATCH_POINTS, 3)[doubtful]
         counted[doubtful[is_background(patches, points, near, ~near, width)]] = False
     total = int(np.count_nonzero(counted))
     return total, float(np.count_nonzero(off & counted)) / total if total else 0.0
@@ -109,22 +111,23 @@ def is_background(patches: FloatArray, points: FloatArray, near: BoolArray, far:
     centred = patches - patches.mean(axis=1, keepdims=True)
     normals = np.linalg.eigh(np.matmul(centred.transpose(0, 2, 1), centred))[1][:, :, 0]
     heights = np.einsum("ki,ki->k", normals, middles)
-    held = np.abs(product(normals, points.T) - heights[:, None]) <= ON * width
+    held = np.abs(product(normals, points.T) - heights[:, None]) <= INLIER_SIGMAS * width
     on_far, on_near = (np.count_nonzero(held & some, axis=1) for some in (far, near))
-    return np.asarray(on_far > BACKGROUND * on_near)
+    return np.asarray(on_far > BACKGROUND_RATIO * on_near)
 
 
-# Points after each other along the curve that are compared, and pairs of them without which nothing is said; normals of
-# one face are within this angle.
-LAGS, FEWEST_PAIRS, SAME_FACE_COS = (1, 3), 200, 0.95
+# Points after each other along the curve that are compared, and pairs of them without which nothing is said.
+CURVE_LAGS, MIN_LAG_PAIRS = (1, 3), 200
+# Normals of one face are within this angle.
+SAME_FACE_COS = 0.95
 # Share of the variance that neighbours have in common from which on it is no chance. Right poses of generated scans
 # came to 0.05, where clamps stand near by to 0.32.
-IN_COMMON = 0.3
+COMMON_VARIANCE_SHARE = 0.3
 
 
 # Quantile of the differences between neighbours that tells the noise: larger ones are between two sheets, or of
 # outliers. That quantile of the differences of two numbers with a standard deviation of 1.
-QUIET, QUIET_NORMAL = 0.3, 0.545
+NOISE_QUANTILE, NORMAL_QUANTILE = 0.3, 0.545
 
 
 def waviness_of(residuals: FloatArray, normals: FloatArray, beside: IntArray | None = None) -> tuple[float, float]:
@@ -143,22 +146,23 @@ def waviness_of(residuals: FloatArray, normals: FloatArray, beside: IntArray | N
     apart, sums = np.zeros(beside.size), np.zeros(2)
     columns = as_plain(residuals), as_plain(normals), np.ascontiguousarray(beside, dtype=np.int64)
     count = neighbour_differences(*columns, SAME_FACE_COS, apart, sums)
-    if count < FEWEST_PAIRS:
+    if count < MIN_LAG_PAIRS:
         return 0.0, np.nan
     together, alone = sums.tolist()
-    shared = math.sqrt(together / count) if together > IN_COMMON * alone else 0.0
-    return shared, quantile(apart[:count], QUIET) / QUIET_NORMAL
+    shared = math.sqrt(together / count) if together > COMMON_VARIANCE_SHARE * alone else 0.0
+    return shared, quantile(apart[:count], NOISE_QUANTILE) / NORMAL_QUANTILE
 
 
 @lru_cache(maxsize=4)
 def _along_curve(count: int) -> IntArray:
     """Rows that stand so many places before each, (n, lags); below zero before the first. The same for every scan."""
-    return np.asarray(np.arange(count)[:, None] - np.array(LAGS), dtype=np.int64)
+    return np.asarray(np.arange(count)[:, None] - np.array(CURVE_LAGS), dtype=np.int64)
 
 
 # Points off the target are of one feature where so many others that are off stand as near to each as so many points of
 # the scan usually do, by this factor; fewer of them are chance.
-OTHERS, AS_NEAR, FEWEST_TOGETHER = 4, 2.0, 6
+FEATURE_NEIGHBOURS, FEATURE_REACH_RATIO = 4, 2.0
+MIN_FEATURE_POINTS = 6
 
 
 def share_together(points: FloatArray, off: BoolArray, counted: BoolArray) -> float:
@@ -167,21 +171,25 @@ def share_together(points: FloatArray, off: BoolArray, counted: BoolArray) -> fl
     Shapes: points (n, 3) in the order of a space-filling curve, off and counted (n,).
     """
     together = off & counted
-    if np.count_nonzero(together) <= max(OTHERS, FEWEST_TOGETHER):
+    if np.count_nonzero(together) <= max(FEATURE_NEIGHBOURS, MIN_FEATURE_POINTS):
         return 0.0
     apart, near = points[together], points[counted]
-    some = near[sample_rows(len(near), USUAL)]
-    usual = median(NeighbourTree(near, in_order=True).nearest(some, OTHERS + 1)[1][:, -1])
-    together = NeighbourTree(apart, in_order=True).nearest(apart, OTHERS + 1)[1][:, -1] <= AS_NEAR * usual
+    some = near[sample_rows(len(near), SPACING_SAMPLE)]
+    usual = median(NeighbourTree(near, in_order=True).nearest(some, FEATURE_NEIGHBOURS + 1)[1][:, -1])
+    together = (
+        NeighbourTree(apart, in_order=True).nearest(apart, FEATURE_NEIGHBOURS + 1)[1][:, -1]
+        <= FEATURE_REACH_RATIO * usual
+    )
     count = int(np.count_nonzero(together))
-    return count / len(near) if count >= FEWEST_TOGETHER else 0.0
+    return count / len(near) if count >= MIN_FEATURE_POINTS else 0.0
 
 
 # Directions of faces that are told apart, and as many of them at most: those with most of the points.
-ALIKE_COS, DIRECTIONS = float(np.cos(np.deg2rad(8.0))), 12
-# Heights within so many standard deviations of the noise either way are of one plane; so many points are in it at
-# least, and so many times as many as in as wide a layer of those beside it, so many of them on each side.
-SIGMAS, FEWEST_DISPLACED, CLEARLY, BESIDE = 3.0, 12, 4.0, 2
+DIRECTION_COS, MAX_DIRECTIONS = float(np.cos(np.deg2rad(8.0))), 12
+# Heights within so many standard deviations of the noise either way are of one plane; so many points are in it,
+LAYER_SIGMAS, MIN_LAYER_POINTS = 3.0, 12
+# and so many times as many as in as wide a layer of those beside it, so many of them on each side.
+LAYER_DENSITY_RATIO, LAYERS_BESIDE = 4.0, 2
 
 
 def share_displaced(points: FloatArray, normals: FloatArray, off: BoolArray, noise: float) -> float:
@@ -192,11 +200,11 @@ def share_displaced(points: FloatArray, normals: FloatArray, off: BoolArray, noi
 
     Shapes: points (n, 3), normals of the target at them (n, 3), which are off it (n,).
     """
-    if np.count_nonzero(off) < FEWEST_DISPLACED:
+    if np.count_nonzero(off) < MIN_LAYER_POINTS:
         return 0.0
     left, found = points[off], 0
     for direction in _directions(normals[~off]):
-        while (held := _fullest_layer(left @ direction, 2.0 * SIGMAS * noise)) is not None:
+        while (held := _fullest_layer(left @ direction, 2.0 * LAYER_SIGMAS * noise)) is not None:
             found, left = found + int(np.count_nonzero(held)), left[~held]
     return found / len(points)
 
@@ -205,12 +213,12 @@ def _fullest_layer(heights: FloatArray, width: float) -> BoolArray | None:
     """Which heights, (n,), are in the layer of a width that holds most; None where those beside it hold as many."""
     order = np.sort(heights)
     counts = np.searchsorted(order, order + width, side="right") - np.arange(len(order))
-    if counts.max(initial=0) < FEWEST_DISPLACED:
+    if counts.max(initial=0) < MIN_LAYER_POINTS:
         return None
     low = order[counts.argmax()]
-    high, margin = low + width, BESIDE * width
+    high, margin = low + width, LAYERS_BESIDE * width
     beside = np.count_nonzero((heights >= low - margin) & (heights <= high + margin)) - counts.max()
-    if counts.max() < CLEARLY * beside / (2.0 * BESIDE):
+    if counts.max() < LAYER_DENSITY_RATIO * beside / (2.0 * LAYERS_BESIDE):
         return None
     return np.asarray((heights >= low) & (heights <= high))
 
@@ -219,8 +227,8 @@ def _directions(normals: FloatArray) -> list[FloatArray]:
     """Directions of the faces that points lie on, the fullest first; opposite ones are one."""
     left = normals[np.linalg.norm(normals, axis=1) > 0.5]
     found: list[FloatArray] = []
-    while len(left) >= FEWEST_DISPLACED and len(found) < DIRECTIONS:
-        alike = np.abs(product(left[:: max(1, len(left) // 50)], left.T)) > ALIKE_COS
+    while len(left) >= MIN_LAYER_POINTS and len(found) < MAX_DIRECTIONS:
+        alike = np.abs(product(left[:: max(1, len(left) // 50)], left.T)) > DIRECTION_COS
         held = alike[np.count_nonzero(alike, axis=1).argmax()]
         some = left[held]
         direction = some.T @ np.sign(some @ some[0])

@@ -16,25 +16,30 @@ from dqreg._arrays import FloatArray, IntArray, median, quantile
 from dqreg.geometry.morton import morton_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
-from dqreg.trust.limits import PASSED, SEEN_ALIKE
+from dqreg.trust.limits import MAX_RAY_PASS_SHARE, MIN_RAY_MEETING_SHARE
 
-# Rays of which it is asked how far the neighbours are that surround them, neighbours that may, and the widest angle
-# that they leave; the share of the rays that must be surrounded.
-ASKED, NEIGHBOURS, OPEN_RAD, SURROUNDED = 120, 65, np.deg2rad(120.0), 0.5
+# Rays of which it is asked how far the neighbours are that surround them, and neighbours that may.
+ASKED_RAYS, MAX_NEIGHBOURS = 120, 65
+# The widest angle that they leave; the share of the rays that must be surrounded.
+OPEN_RAD, SURROUNDED_SHARE = np.deg2rad(120.0), 0.5
 # Nearest neighbours that are tried, the fewest first.
-TRIED = (4, 6, 8, 12, 16, 24, 32, 48, 64)
-# Least edge of a pixel, rad; beyond this sine rows are too short, and nothing is asked.
-SMALLEST, POLE = 3e-3, float(np.sin(np.deg2rad(75.0)))
+NEIGHBOUR_COUNTS = (4, 6, 8, 12, 16, 24, 32, 48, 64)
+# Least edge of a pixel; beyond this sine rows are too short, and nothing is asked.
+MIN_PIXEL_RAD, POLE_SINE = 3e-3, float(np.sin(np.deg2rad(75.0)))
 # Points are apart from what rays met by so many standard deviations of the noise, and so much of a pixel.
-NOISY, BLURRED = 5.0, 0.25
-# A place is amid what it shows where the far points are so many times as far as the near ones: see `free_space.FAR`.
+APART_SIGMAS, APART_PIXELS = 5.0, 0.25
+# A place is amid what it shows where the far points are so many times as far as the near ones:
+# see `free_space.FAR_TO_NEAR_RATIO`.
+FAR_TO_NEAR_RATIO = 2.8
 # Where rays are as far apart in angle be they long or short, fewer times tell: the exponent of that is 0, and -1 of the
 # points of a body, which are as far apart on its faces, as seen from inside.
-FAR, EVEN_FAR, EVEN = 2.8, 1.5, -0.5
+FAR_TO_NEAR_RATIO_OF_EVEN_RAYS, EVEN_RAY_EXPONENT = 1.5, -0.5
 # Ranges below this share of the largest are none.
-NOTHING = 1e-6
-# Points behind others in their own pixel, by what is far for noise and slopes, of scans from one place at most.
-BEHIND, STEP = 0.1, 4.0
+MIN_RANGE_SHARE = 1e-6
+# Points behind others in their own pixel at most, of scans from one place;
+MAX_HIDDEN_SHARE = 0.1
+# and what is far behind for noise and slopes, in pixels.
+DEPTH_STEP_PIXELS = 4.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -56,23 +61,23 @@ class Rays:
         """Those to points, (n, 3), from a place that is known or likely; None where it is not amid what it shows."""
         arms = points - eye
         ranges = np.sqrt(np.einsum("ij,ij->i", arms, arms))
-        is_any = ranges > NOTHING * ranges.max()
+        is_any = ranges > MIN_RANGE_SHARE * ranges.max()
         points, arms, ranges = points[is_any], arms[is_any], ranges[is_any]
         directions = arms / ranges[:, None]
         pixel, exponent = _apart(directions, ranges)
-        is_even = exponent > EVEN
+        is_even = exponent > EVEN_RAY_EXPONENT
         far = quantile(ranges, 0.95) / quantile(ranges, 0.05)
-        if not pixel > 0.0 or not far >= (EVEN_FAR if is_even else FAR):
+        if not pixel > 0.0 or not far >= (FAR_TO_NEAR_RATIO_OF_EVEN_RAYS if is_even else FAR_TO_NEAR_RATIO):
             return None
-        order = np.argsort(np.count_nonzero(np.abs(directions) > POLE, axis=0), kind="stable")[::-1]
+        order = np.argsort(np.count_nonzero(np.abs(directions) > POLE_SINE, axis=0), kind="stable")[::-1]
         axes = np.eye(3)[order]
-        pixel = max(pixel, SMALLEST)
+        pixel = max(pixel, MIN_PIXEL_RAD)
         heights = (np.arange(int(np.ceil(np.pi / pixel))) + 0.5) * pixel - 0.5 * np.pi
         columns = np.maximum((2.0 * np.pi / pixel * np.cos(heights)).astype(np.int64), 3)
         firsts = np.cumsum(columns) - columns
         nearest, farthest = np.full(columns.sum(), np.inf), np.zeros(columns.sum())
         behind = _filled(arms @ axes.T, ranges, pixel, firsts, columns, nearest, farthest)
-        if not is_known and behind > BEHIND:
+        if not is_known and behind > MAX_HIDDEN_SHARE:
             return None
         return Rays(points, eye, axes, pixel, firsts, columns, nearest, farthest, is_even)
 
@@ -84,7 +89,15 @@ class Rays:
         turns, shifts = self.axes @ T[:, :3, :3], (T[:, :3, 3] - self.eye) @ self.axes.T
         counts = np.zeros((len(T), COUNTS), dtype=np.int64)
         image = self.pixel, self.firsts, self.columns, self.nearest, self.farthest
-        asked = as_plain(points), as_plain(turns), as_plain(shifts), *image, float(margin), BLURRED * self.pixel, POLE
+        asked = (
+            as_plain(points),
+            as_plain(turns),
+            as_plain(shifts),
+            *image,
+            float(margin),
+            APART_PIXELS * self.pixel,
+            POLE_SINE,
+        )
         over_chunks(rays_met, len(T), *asked, counts, chunk=1)
         return counts
 
@@ -99,7 +112,7 @@ class BothRays:
     def met(self, T_target_source: FloatArray, noise: float, count: int, slack: float = 0.0) -> Met:
         """What they say at some poses, (k, 4, 4), of so many points of each, by their noise and how exact poses are."""
         there, back = T_target_source, np.asarray(np.linalg.inv(T_target_source), dtype=np.float64)
-        margin, counts, asked = NOISY * noise + slack, np.zeros((len(there), 3)), 0
+        margin, counts, asked = APART_SIGMAS * noise + slack, np.zeros((len(there), 3)), 0
         for rays, points, T in ((self.target, self.source.points, there), (self.source, self.target.points, back)):
             points = points[sample_rows(len(points), count)]
             counts, asked = counts + rays.met(points, T, margin), asked + len(points)
@@ -119,7 +132,7 @@ class Met:
     @property
     def agree(self) -> bool:
         """Whether they tell at the first pose that faces end where they end in both scans."""
-        is_seen = self.through[0] <= PASSED and self.alike[0] >= SEEN_ALIKE
+        is_seen = self.through[0] <= MAX_RAY_PASS_SHARE and self.alike[0] >= MIN_RAY_MEETING_SHARE
         return bool(self.are_even and is_seen)
 
 
@@ -130,19 +143,19 @@ def _apart(directions: FloatArray, ranges: FloatArray) -> tuple[float, float]:
     """
     order = morton_order(directions)
     directions, ranges = np.take(directions, order, axis=0), ranges[order]
-    if len(directions) <= NEIGHBOURS:
+    if len(directions) <= MAX_NEIGHBOURS:
         return 0.0, 0.0
-    rows = sample_rows(len(directions), ASKED)
-    neighbours, lengths = NeighbourTree(directions, in_order=True).nearest_to(rows, NEIGHBOURS)
+    rows = sample_rows(len(directions), ASKED_RAYS)
+    neighbours, lengths = NeighbourTree(directions, in_order=True).nearest_to(rows, MAX_NEIGHBOURS)
     flat = _about(directions[rows], directions[neighbours])
     apart = np.full(len(rows), np.nan)
     towards = np.arctan2(flat[:, 1:, 1], flat[:, 1:, 0])
-    for count in TRIED[::-1]:
+    for count in NEIGHBOUR_COUNTS[::-1]:
         angles = np.sort(towards[:, :count], axis=1)
         gaps = np.diff(np.concatenate([angles, angles[:, :1] + 2.0 * np.pi], axis=1), axis=1).max(axis=1)
         apart = np.where(gaps < OPEN_RAD, lengths[:, count], apart)
     known = np.isfinite(apart)
-    if np.mean(known) < SURROUNDED:
+    if np.mean(known) < SURROUNDED_SHARE:
         return 0.0, 0.0
     apart, ranges = apart[known], ranges[rows][known]
     far = ranges > median(ranges)
@@ -175,4 +188,4 @@ def _filled(
 
     at = np.zeros(len(arms), dtype=np.int64)
     fill_pixels(as_plain(arms), float(pixel), firsts, columns, nearest, farthest, at)
-    return float(np.mean(ranges > (1.0 + STEP * pixel) * nearest[at]))
+    return float(np.mean(ranges > (1.0 + DEPTH_STEP_PIXELS * pixel) * nearest[at]))

@@ -9,14 +9,16 @@ import numpy as np
 from dqreg._arrays import FloatArray, dot, median, product
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 
-# Rounds of the robust fit; residuals beyond so many standard deviations have no weight (Tukey's biweight).
-ROUNDS, TUKEY = 8, 4.685
+# Rounds of the robust fit.
+MAX_ROUNDS = 8
+# Residuals beyond so many standard deviations have no weight (Tukey's biweight).
+TUKEY_SIGMAS = 4.685
 # A round that moves the fit by less than this share of a standard deviation is the last.
-STILL = 0.02
+CONVERGENCE_SIGMAS = 0.02
 # Information below this share of the whole is none: of fifteen unknowns, some times what `scatter_of` takes for none.
-SINGULAR = 3e-9
+SINGULAR_SHARE = 3e-9
 # Strains and motions expected beforehand, in extents of the scan: what the faces do not show stays at zero.
-USUAL = 0.2
+PRIOR_SIGMA_EXTENTS = 0.2
 TINY = float(np.finfo(float).tiny)
 
 
@@ -31,7 +33,7 @@ def best_motion(displaced: FloatArray, motions: FloatArray, weights: FloatArray)
     # Six unknowns need no decomposition of n rows, which takes ten times as long and wakes the threads of BLAS.
     weighed = motions * weights
     values, axes = np.linalg.eigh(product(weighed, motions.T))
-    shown = values > SINGULAR * values[-1]
+    shown = values > SINGULAR_SHARE * values[-1]
     found: FloatArray = axes[:, shown] @ (axes[:, shown].T @ (weighed @ displaced) / values[shown])
     return found
 
@@ -42,7 +44,7 @@ def robust_fit(
     lever: float,
     first: FloatArray,
     is_small: Callable[[FloatArray], bool] = lambda _: False,
-    rounds: int = ROUNDS,
+    rounds: int = MAX_ROUNDS,
 ) -> tuple[FloatArray, FloatArray]:
     """Least squares with Tukey's biweight, from the first weights; and the last weights.
 
@@ -62,7 +64,7 @@ def robust_fit(
         was_small = now_small
         left = residuals - fitted @ rows
         weights = weights_of(left)
-        if step @ information @ step <= STILL**2 * variance:
+        if step @ information @ step <= CONVERGENCE_SIGMAS**2 * variance:
             break
     return fitted, weights
 
@@ -73,14 +75,16 @@ def known_before(information: FloatArray, variance: float, lever: float) -> Floa
     Nearly exact data tell next to nothing of what their faces do not show: that has to be told from rounding.
     """
     known = np.zeros(information.shape)
-    np.fill_diagonal(known, variance / (USUAL * lever) ** 2 + SINGULAR * float(information.diagonal().sum()))
+    np.fill_diagonal(
+        known, variance / (PRIOR_SIGMA_EXTENTS * lever) ** 2 + SINGULAR_SHARE * float(information.diagonal().sum())
+    )
     return known
 
 
 def weights_of(residuals: FloatArray) -> FloatArray:
     """Tukey's biweight of residuals, (n,), from their own median."""
     aside = np.abs(residuals)
-    limit = TUKEY * GAUSSIAN_MEDIAN * median(aside) + TINY
+    limit = TUKEY_SIGMAS * GAUSSIAN_MEDIAN * median(aside) + TINY
     # Beyond the limit nothing counts, and exact data would overflow.
     inner = np.minimum(aside, limit) / limit
     return np.asarray((1.0 - inner**2) ** 2)

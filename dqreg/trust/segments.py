@@ -16,35 +16,42 @@ from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import PlaneFits, fit_planes_among, fit_planes_around
 
-# Neighbours of a plane, and those that a point is linked with, within so many usual distances of them.
-PLANE, LINKS, REACH = 12, 8, 2.0
+# Neighbours of a plane.
+PLANE_NEIGHBOURS = 12
+# Those that a point is linked with, within so many usual distances of them.
+LINKED_NEIGHBOURS, LINK_SPACINGS = 8, 2.0
 # Where less than this share of so many points is flat, the noise is large against their distances: then more of them.
 # Of fewer points, it is the shape that is not flat.
-WIDER, MOSTLY_FLAT, MANY = (PLANE, 2 * PLANE, 4 * PLANE), 0.5, 4_000
+FLAT_SHARE, MIN_NOISY_POINTS = 0.5, 4_000
+NEIGHBOUR_COUNTS = PLANE_NEIGHBOURS, 2 * PLANE_NEIGHBOURS, 4 * PLANE_NEIGHBOURS
 # A point whose neighbours leave their plane by more than this share of their extent is on an edge, or on no surface.
-ROUGH = 0.15
-# Tangent planes agree within this angle, and with each point within this slope (and so many residuals) of the other's.
-SMOOTH_COS, SLOPE, RESIDUALS = np.cos(np.deg2rad(20.0)), 0.27, 2.0
+MAX_ROUGHNESS = 0.15
+# Tangent planes agree within this angle,
+SMOOTH_COS = np.cos(np.deg2rad(20.0))
+# and with each point within this slope (and so many residuals) of the other's.
+SMOOTH_SLOPE, SLOPE_RESIDUALS = 0.27, 2.0
 # Segments of an edge differ by more than this angle; points of one then lie this slope below the plane of the other.
-EDGE_COS, BELOW = np.cos(np.deg2rad(35.0)), 0.2
+EDGE_COS, CONVEX_SLOPE = np.cos(np.deg2rad(35.0)), 0.2
 # Normals of scan and target agree within this angle where a segment lies on the target.
 AGREE_COS = np.cos(np.deg2rad(30.0))
 # Points are off the target beyond so many widths within which they are on it.
-OFF = 2.0
+OFF_WIDTHS = 2.0
 # A segment continues where its points on the target are so many widths and distances of points from those off it: the
 # rim of a table that passes under the part is not.
-CLEAR = 3.0
+CONTINUATION_WIDTHS = 3.0
 # Share of the points on the target that a larger segment holds from which on it goes on beneath it: of 41 parts on a
 # table, at their right poses, none but those it merges with holds 0.006; a leg that is too long by a tenth 0.13.
-BORROWED = 0.05
+BORROWED_SHARE = 0.05
 # Most points of a level lie within so many widths of each other.
-LEVEL = 2.0
+LEVEL_WIDTHS = 2.0
 # The points at an edge belong to no segment: links over it are this many usual distances long at most.
-OVER = 5.0
-# Points on the target, and off it, that say something; links over an edge, and the share of them that must be convex.
-FEWEST, FEWEST_LINKS, CONVEX = 12, 4, 0.75
+EDGE_LINK_SPACINGS = 5.0
+# Points on the target, and off it, that say something.
+MIN_SEGMENT_POINTS = 12
+# Links over an edge that do, and the share of them that must be convex.
+MIN_EDGE_LINKS, CONVEX_LINK_SHARE = 4, 0.75
 # Most of a segment.
-MOST = 0.7
+SEGMENT_SHARE = 0.7
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,10 +98,10 @@ class _Sides:
         tree, rows = NeighbourTree(points), np.arange(len(points))
         fits, flat = _planes(tree, points)
         own = np.nan_to_num(fits.normals)
-        indices = tree.around(rows)[0][:, 1 : LINKS + 1].astype(np.int64)
+        indices = tree.around(rows)[0][:, 1 : LINKED_NEIGHBOURS + 1].astype(np.int64)
         labels, spacing = _smooth_segments(points, own, fits, indices, flat)
         on = (distances <= width) & flat & (np.abs(np.einsum("ij,ij->i", own, normals)) > AGREE_COS)
-        off = (distances > np.maximum(OFF * width, spacing)) & flat
+        off = (distances > np.maximum(OFF_WIDTHS * width, spacing)) & flat
         return _Sides(points, own, normals, spacing, labels, on, off, width)
 
     def counted(self, points: BoolArray) -> IntArray:
@@ -104,14 +111,14 @@ class _Sides:
     def continuing(self, larger: BoolArray) -> BoolArray:
         """Segments that lie on the target and go on beyond it, given which are larger than it, (segments,)."""
         count = self.counted(self.on)
-        found = (self.counted(self.off) >= FEWEST) & (count >= FEWEST)
+        found = (self.counted(self.off) >= MIN_SEGMENT_POINTS) & (count >= MIN_SEGMENT_POINTS)
         # Of a table that holds some of the target's points none is of the target, be they rows beside its rim.
-        borrowed = larger & (count >= BORROWED * count.sum()) & (count < MOST * count.sum())
+        borrowed = larger & (count >= BORROWED_SHARE * count.sum()) & (count < SEGMENT_SHARE * count.sum())
         for segment in np.flatnonzero(found):
             on, off = (np.flatnonzero(side & (self.labels == segment)) for side in (self.on, self.off))
             apart = NeighbourTree(self.points[off]).nearest(self.points[on], 1)[1][:, 0]
-            clear = apart > CLEAR * (self.width + self.spacing[on])
-            is_clear = np.count_nonzero(clear) >= FEWEST or borrowed[segment]
+            clear = apart > CONTINUATION_WIDTHS * (self.width + self.spacing[on])
+            is_clear = np.count_nonzero(clear) >= MIN_SEGMENT_POINTS or borrowed[segment]
             found[segment] = is_clear and not self._is_step(on, off)
         return found
 
@@ -124,8 +131,8 @@ class _Sides:
         normal = np.linalg.eigh(np.cov(points.T))[1][:, 0]
         heights = [self.points[rows] @ normal - np.median(points @ normal) for rows in (on, off)]
         low, middle, high = np.quantile(heights[0], (0.1, 0.5, 0.9))
-        is_flat = max(high - low, 2.0 * np.quantile(np.abs(heights[1]), 0.9)) <= LEVEL * self.width
-        return bool(is_flat and abs(middle) > CLEAR * self.width)
+        is_flat = max(high - low, 2.0 * np.quantile(np.abs(heights[1]), 0.9)) <= LEVEL_WIDTHS * self.width
+        return bool(is_flat and abs(middle) > CONTINUATION_WIDTHS * self.width)
 
     def larger_than(self, size: float) -> BoolArray:
         """Segments with two points farther apart than a length, (segments,): along one of the axes, at least."""
@@ -142,14 +149,16 @@ class _Sides:
     def beyond_convex_edges(self) -> BoolArray:
         """Segments off the target that meet segments on it in a convex edge, (segments,)."""
         whole, count_on, count_off = self.counted(self.labels >= 0), self.counted(self.on), self.counted(self.off)
-        is_on, is_off = ((count >= FEWEST) & (count > MOST * whole) for count in (count_on, count_off))
+        is_on, is_off = (
+            (count >= MIN_SEGMENT_POINTS) & (count > SEGMENT_SHARE * whole) for count in (count_on, count_off)
+        )
         a, b = (np.flatnonzero((self.labels >= 0) & np.append(side, False)[self.labels]) for side in (is_on, is_off))
         on = np.flatnonzero(self.on)
         if not len(a) or not len(b):
             return np.zeros(len(whole), dtype=bool)
         found, apart = NeighbourTree(self.points[b]).nearest(self.points[a], 4)
         one, two, apart = np.repeat(a, found.shape[1]), b[found.ravel()], apart.ravel()
-        near = apart <= OVER * np.minimum(self.spacing[one], self.spacing[two])
+        near = apart <= EDGE_LINK_SPACINGS * np.minimum(self.spacing[one], self.spacing[two])
         near &= np.abs(np.einsum("ij,ij->i", self.own[one], self.own[two])) < EDGE_COS
         one, two, apart = one[near], two[near], apart[near]
         # Where a face runs on beyond the target, its outward side is that of its nearest point on it.
@@ -158,23 +167,25 @@ class _Sides:
         height = side * np.einsum("ij,ij->i", self.own[one], self.points[two] - self.points[one])
         convex, concave = (
             np.bincount(self.labels[two[side]], minlength=len(whole))
-            for side in (height < -BELOW * apart, height > BELOW * apart)
+            for side in (height < -CONVEX_SLOPE * apart, height > CONVEX_SLOPE * apart)
         )
         # An edge is about as long as the root of the number of points on the face behind it.
-        return (convex >= np.maximum(FEWEST_LINKS, np.sqrt(count_off))) & (convex >= CONVEX * (convex + concave))
+        return (convex >= np.maximum(MIN_EDGE_LINKS, np.sqrt(count_off))) & (
+            convex >= CONVEX_LINK_SHARE * (convex + concave)
+        )
 
 
 def _planes(tree: NeighbourTree, points: FloatArray) -> tuple[PlaneFits, BoolArray]:
     """Planes about all points, and which of these are flat; of more neighbours where noise makes few of them flat."""
     rows = np.arange(len(points))
-    for count in WIDER:
-        if count == PLANE:
-            fits = fit_planes_around(tree, points, rows, PLANE)
+    for count in NEIGHBOUR_COUNTS:
+        if count == PLANE_NEIGHBOURS:
+            fits = fit_planes_around(tree, points, rows, PLANE_NEIGHBOURS)
         else:
             fits = fit_planes_among(points, tree.nearest(points, min(count, len(points)))[0].astype(np.int64))
         with np.errstate(divide="ignore", invalid="ignore"):
-            flat = np.nan_to_num(fits.residuals / np.sqrt(fits.lever), nan=np.inf) < ROUGH
-        if np.mean(flat) >= MOSTLY_FLAT or len(points) < MANY:
+            flat = np.nan_to_num(fits.residuals / np.sqrt(fits.lever), nan=np.inf) < MAX_ROUGHNESS
+        if np.mean(flat) >= FLAT_SHARE or len(points) < MIN_NOISY_POINTS:
             break
     return fits, flat
 
@@ -190,10 +201,10 @@ def _smooth_segments(
     apart = points[two] - points[one]
     lengths = np.sqrt(np.einsum("ij,ij->i", apart, apart))
     spacing = np.median(lengths.reshape(indices.shape), axis=1)
-    linked = (lengths <= REACH * np.minimum(spacing[one], spacing[two])) & flat[one] & flat[two]
+    linked = (lengths <= LINK_SPACINGS * np.minimum(spacing[one], spacing[two])) & flat[one] & flat[two]
     one, two, apart, lengths = one[linked], two[linked], apart[linked], lengths[linked]
     aside = np.maximum(*(np.abs(np.einsum("ij,ij->i", own[k], apart)) for k in (one, two)))
-    smooth = aside <= SLOPE * lengths + RESIDUALS * np.maximum(fits.residuals[one], fits.residuals[two])
+    smooth = aside <= SMOOTH_SLOPE * lengths + SLOPE_RESIDUALS * np.maximum(fits.residuals[one], fits.residuals[two])
     smooth &= np.abs(np.einsum("ij,ij->i", own[one], own[two])) > SMOOTH_COS
     graph = coo_matrix((np.ones(np.count_nonzero(smooth)), (one[smooth], two[smooth])), (len(points), len(points)))
     labels = connected_components(graph, directed=False)[1]

@@ -8,11 +8,11 @@ from collections.abc import Iterator
 from dqreg.solvers.motion_words import direction_words
 from dqreg.trust.evidence import Evidence
 from dqreg.trust.limits import (
-    CLOSED_HOLE,
-    FACES_APART,
-    ONE_PLANE,
-    OPPOSED_EDGES,
-    RIMS_GAINED,
+    CLOSED_HOLE_DIAGONALS,
+    FACES_APART_SHARE,
+    ONE_PLANE_SHARE,
+    OPPOSED_EDGE_SHARE,
+    RIM_GAIN_SHARE,
     ends_limit,
     looked_through_limit,
     rims_limit,
@@ -31,7 +31,7 @@ def looked_through(evidence: Evidence) -> Iterator[str]:
 
 def faces_apart(evidence: Evidence) -> Iterator[str]:
     """Places that both scans show lie apart."""
-    if evidence.faces_apart > FACES_APART:
+    if evidence.faces_apart > FACES_APART_SHARE:
         yield (
             f"{100 * evidence.faces_apart:.0f} % of the places that both scans show lie apart by more than their noise "
             "and 0.2 % of the size: a wrong pose, or things that moved or differ between the scans"
@@ -59,7 +59,7 @@ def rims_apart(evidence: Evidence) -> Iterator[str]:
 def rims_elsewhere(evidence: Evidence) -> Iterator[str]:
     """The faces of both scans in the planes that they share would end together at another place."""
     gained, slide = evidence.rims_elsewhere
-    if gained > RIMS_GAINED:
+    if gained > RIM_GAIN_SHARE:
         yield (
             "the scans have three planes in common at most, and their faces would end together elsewhere: after a "
             f"slide by {evidence.length(slide)} {100 * gained:.0f} % more of the rims of "
@@ -69,7 +69,7 @@ def rims_elsewhere(evidence: Evidence) -> Iterator[str]:
 
 def opposed_edges(evidence: Evidence) -> Iterator[str]:
     """Faces beside the rims that both scans show turn to opposite sides."""
-    if evidence.opposed_edges > OPPOSED_EDGES:
+    if evidence.opposed_edges > OPPOSED_EDGE_SHARE:
         yield (
             f"beside {100 * evidence.opposed_edges:.0f} % of the rims that both scans show in one plane the faces turn "
             "to opposite sides: two sides of a wall may have been laid on each other"
@@ -78,7 +78,7 @@ def opposed_edges(evidence: Evidence) -> Iterator[str]:
 
 def closed_hole(evidence: Evidence) -> Iterator[str]:
     """A hole in one scan is none in the other."""
-    if evidence.closed_hole > CLOSED_HOLE * evidence.size:
+    if evidence.closed_hole > CLOSED_HOLE_DIAGONALS * evidence.size:
         yield (
             f"a hole {evidence.length(evidence.closed_hole)} wide in a face of one scan is closed in the other, and "
             "nothing stands there: another part, or another face of it"
@@ -87,7 +87,7 @@ def closed_hole(evidence: Evidence) -> Iterator[str]:
 
 def one_plane(evidence: Evidence) -> Iterator[str]:
     """Both scans have one face in common."""
-    if evidence.largest_plane > ONE_PLANE:
+    if evidence.largest_plane > ONE_PLANE_SHARE:
         yield (
             f"{100 * evidence.largest_plane:.0f} % of what both scans show lie in one plane, in which other poses fit "
             "as well: scan more of the sides"

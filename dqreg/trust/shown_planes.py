@@ -13,15 +13,17 @@ from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.kernels.threads import Later, all_results, unlocked_property
 from dqreg.trust.closed_holes import Asked, closed_hole
-from dqreg.trust.face_rims import BESIDE, SAME, Faces, Held, Plane, Points, Rims, stand_near
+from dqreg.trust.face_rims import SAME_RIM_SPACINGS, SPACE_NEIGHBOURS, Faces, Held, Plane, Points, Rims, stand_near
 from dqreg.trust.overlap import IndexedPoints
 
 # Share of the neighbours of a point that lie in the plane with it: faces that cross the plane are no part of it.
-# Distances, in spacings, beyond which a point has none of the other cloud beside it; points in the planes without which
-# nothing is said.
-FLAT, GAP, FEWEST = 0.9, 4.0, 100
+IN_PLANE_SHARE = 0.9
+# Distances, in spacings, beyond which a point has none of the other cloud beside it.
+GAP_SPACINGS = 4.0
+# Points in the planes without which nothing is said.
+MIN_PLANE_POINTS = 100
 # Points above which clouds are many, and so many of them are asked first: limits were set by clouds of 2,000 to 4,000.
-MANY, SOME = 20_000, 6_000
+MANY_POINTS, FIRST_POINTS = 20_000, 6_000
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -54,7 +56,7 @@ class ShownPlanes:
     @property
     def are_many(self) -> bool:
         """Whether some of the points are asked first."""
-        return max(len(points) for points, _ in self.sides) > MANY
+        return max(len(points) for points, _ in self.sides) > MANY_POINTS
 
     @unlocked_property
     def some(self) -> ShownPlanes:
@@ -119,7 +121,7 @@ class ShownPlanes:
             # Along a curve: every so manieth is an even sample.
             is_asked = (np.arange(len(one.rows)) % step == 0) != rest
             rims = one.rims(self.planes, np.flatnonzero(is_asked))
-            near = other.near(rims.points, SAME * max(one.spacing, other.spacing))
+            near = other.near(rims.points, SAME_RIM_SPACINGS * max(one.spacing, other.spacing))
             found.append((k, rims, other.rims(self.planes, near)))
         return found
 
@@ -137,22 +139,22 @@ class ShownPlanes:
         """Share of a cloud's faces in the planes that has no point of the other one beside it; NaN for few points."""
         (points, _), (others, _) = self.sides[side], self.sides[1 - side]
         faces = [(shown[side].faces, shown[1 - side].faces) for shown in self.shown]
-        inside, beyond = np.sum([_beyond(points, *each, others, GAP * self.spacing) for each in faces], axis=0)
-        return float(beyond / inside) if inside >= FEWEST else np.nan
+        inside, beyond = np.sum([_beyond(points, *each, others, GAP_SPACINGS * self.spacing) for each in faces], axis=0)
+        return float(beyond / inside) if inside >= MIN_PLANE_POINTS else np.nan
 
 
 def _thinned(points: FloatArray, cloud: IndexedPoints) -> tuple[Points, IndexedPoints]:
     """Some points of a cloud at the pose, and of itself; each is asked for the neighbours of all."""
-    rows = sample_rows(len(points), SOME)
+    rows = sample_rows(len(points), FIRST_POINTS)
     own = np.take(cloud.points, rows, axis=0)
     tree = NeighbourTree(own, in_order=True)
-    tree.remember(tree.nearest_to(np.arange(len(own)), BESIDE)[0])
+    tree.remember(tree.nearest_to(np.arange(len(own)), SPACE_NEIGHBOURS)[0])
     return (np.take(points, rows, axis=0), tree), IndexedPoints(own, tree)
 
 
 def _beyond(points: FloatArray, faces: Faces, theirs: Faces, others: FloatArray, gap: float) -> tuple[int, int]:
     """Points of a cloud's faces in a plane, and those without one of the other's within a gap; none for no faces."""
-    rows = faces.flat(FLAT)
+    rows = faces.flat(IN_PLANE_SHARE)
     if not len(rows) or not len(theirs.rows):
         return 0, 0
     return len(rows), int(

@@ -16,32 +16,34 @@ from dqreg.solvers.quadratic import ROWS, plane_rows
 from dqreg.solvers.sandwich import scatter_of
 from dqreg.trust.robust_fit import known_before, robust_fit, unexplained, weights_of
 
-# Correspondences without which no strain is asked for, and those that are looked at.
-FEWEST = 300
+# Correspondences without which no strain is asked for.
+MIN_CORRESPONDENCES = 300
 # Of a symmetric 3 x 3 tensor.
 COMPONENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 # Smaller strains are no fault: parts shrink, and sensors are calibrated to as much.
-LEAST, LEAST_BEND = 0.003, 0.002
+MIN_STRAIN, MIN_BEND = 0.003, 0.002
 # What is below this share of those after two rounds of the robust fit, and at its end, is not looked at any further.
-SMALL = 0.3
+NEGLIGIBLE_SHARE = 0.3
 # Points that are asked first, where there are twice as many; below that share, nothing more is looked at. A fault that
 # all show to eight of their standard deviations is four of these off it.
-FIRST, HARDLY = 1_000, 0.15
+FIRST_POINTS, NEGLIGIBLE_SHARE_OF_FIRST = 1_000, 0.15
 # What is below this share of them is no fault, however it is rounded.
-NO_FAULT = 1.0 - 1e-9
+NO_FAULT_SHARE = 1.0 - 1e-9
 # Larger ones are none: both sides of a sheet came together.
-LARGEST = 0.5
+MAX_STRAIN = 0.5
 # Standard deviations that are no chance: the largest of many directions, of noise that is not quite independent. Beside
 # other objects, and at an open target, the points left out make a pattern too: scans of a range scanner and of a LiDAR
 # at the true pose came to 10.1 there, to 6.6 on a part alone.
-SIGNIFICANT, SIGNIFICANT_CLUTTER = 8.0, 15.0
+STRAIN_SIGMAS, STRAIN_SIGMAS_IN_CLUTTER = 8.0, 15.0
 # Principal strains are alike, a scale, where the smallest is more than this share of the largest.
-ALIKE = 0.6
+SCALE_STRAIN_RATIO = 0.6
 # Share of a drift that is the shift of the middle, where it has a direction.
-MOSTLY = 0.5
-# Of a drift along the scan: correspondences without which none is asked for; displacements, in sizes of the target, and
-# standard deviations from which on it matters and is no chance. Scans in the order of lines or views bend along it too.
-FEWEST_DRIFT, LEAST_DRIFT, SIGNIFICANT_DRIFT = 500, 0.003, 15.0
+MIDDLE_SHIFT_SHARE = 0.5
+# Of a drift along the scan: correspondences without which none is asked for.
+MIN_DRIFT_CORRESPONDENCES = 500
+# Displacements, in sizes of the target, and standard deviations from which on it matters and is no chance. Scans in the
+# order of lines or views bend along it too.
+MIN_DRIFT_DIAGONALS, DRIFT_SIGMAS = 0.003, 15.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,18 +56,18 @@ class Strain:
     # Sagitta over length, along the longest axis of the scan; of a torsion, the displacement of an end
     bend: float = 0.0
     bend_sigma: float = math.inf
-    significant: float = SIGNIFICANT  # Standard deviations from which on they are no chance
+    significant: float = STRAIN_SIGMAS  # Standard deviations from which on they are no chance
     shown: float = 0.0  # Displacement along the normals by all of them that no motion explains, root mean square
 
     @property
     def is_strained(self) -> bool:
         """Whether the elongation matters and is significant."""
-        return LEAST <= abs(self.value) <= LARGEST and abs(self.value) >= self.significant * self.sigma
+        return MIN_STRAIN <= abs(self.value) <= MAX_STRAIN and abs(self.value) >= self.significant * self.sigma
 
     @property
     def is_bent(self) -> bool:
         """Whether the bend matters and is significant."""
-        return self.bend >= LEAST_BEND and self.bend >= self.significant * self.bend_sigma
+        return self.bend >= MIN_BEND and self.bend >= self.significant * self.bend_sigma
 
 
 def strain_of(
@@ -87,7 +89,7 @@ def strain_of(
 
     Shapes: points (n, 3) in the order of a space-filling curve, normals (n, 3), residuals (n,).
     """
-    if len(residuals) < FEWEST or _is_hardly_any(points, normals, residuals, clutter=clutter):
+    if len(residuals) < MIN_CORRESPONDENCES or _is_hardly_any(points, normals, residuals, clutter=clutter):
         return Strain()
     model = _Model.of(points, normals)
     if model is None:
@@ -100,7 +102,7 @@ def strain_of(
         others = robust_fit(rows, residuals, lever, weights_of(residuals), is_small)
         fits = (fitted, weights), others
         fitted, weights = min(fits, key=lambda fit: median(np.abs(residuals - fit[0] @ rows)))
-    if is_small(fitted, NO_FAULT if faults else SMALL):
+    if is_small(fitted, NO_FAULT_SHARE if faults else NEGLIGIBLE_SHARE):
         return Strain()
     shown = unexplained(fitted[6:] @ rows[6:], rows[:6], weights)
     if shown < least:
@@ -115,7 +117,7 @@ def strain_of(
     bends = np.abs(fitted[12:]) * factor
     sigmas = np.sqrt(np.diag(scatter)[12:]) * factor
     k = int(np.argmax(bends / sigmas)) if (sigmas > 0.0).all() else 0
-    significant = SIGNIFICANT_CLUTTER if clutter else SIGNIFICANT
+    significant = STRAIN_SIGMAS_IN_CLUTTER if clutter else STRAIN_SIGMAS
     return Strain(value, sigma, along, float(bends[k]), float(sigmas[k]), significant, shown)
 
 
@@ -144,25 +146,25 @@ class _Model:
         radius = math.sqrt(max(float(squares[0] + squares[1]), 0.0))
         return _Model(rows, lever, np.array([0.25 * length, 0.25 * length, 0.5 * radius]) / lever**2)
 
-    def is_small(self, fitted: FloatArray, share: float = SMALL) -> bool:
+    def is_small(self, fitted: FloatArray, share: float = NEGLIGIBLE_SHARE) -> bool:
         """Whether strains and bends of a fit are all below a share of those that are faults."""
         # No principal strain is larger than the root of the sum of all squares.
         square = float(fitted[6:12] ** 2 @ (1.0, 1.0, 1.0, 2.0, 2.0, 2.0)) / self.lever**2
         bends = np.abs(fitted[12:]) * self.factor
-        return square <= (share * LEAST) ** 2 and bool((bends <= share * LEAST_BEND).all())
+        return square <= (share * MIN_STRAIN) ** 2 and bool((bends <= share * MIN_BEND).all())
 
 
 def _is_hardly_any(points: FloatArray, normals: FloatArray, residuals: FloatArray, *, clutter: bool) -> bool:
     """Whether some of many points show so little strain that all of them show none, in a third of the time."""
-    if len(residuals) < 2 * FIRST:
+    if len(residuals) < 2 * FIRST_POINTS:
         return False
-    rows = sample_rows(len(residuals), FIRST)
+    rows = sample_rows(len(residuals), FIRST_POINTS)
     points, normals, residuals = np.take(points, rows, axis=0), np.take(normals, rows, axis=0), residuals[rows]
     model = _Model.of(points, normals)
     if model is None:
         return False
     first = weights_of(residuals) if clutter else np.ones(len(residuals))
-    is_small = functools.partial(model.is_small, share=HARDLY)
+    is_small = functools.partial(model.is_small, share=NEGLIGIBLE_SHARE_OF_FIRST)
     return is_small(robust_fit(model.rows, residuals, model.lever, first, is_small, rounds=2)[0])
 
 
@@ -190,12 +192,12 @@ def _principal(strain: FloatArray, covariance: FloatArray) -> tuple[float, float
     found, axes = np.linalg.eigh(E)
     gradients = np.array([[a[i] * a[j] * (1.0 if i == j else 2.0) for i, j in COMPONENTS] for a in axes.T])
     values = np.asarray(found, dtype=np.float64)
-    if abs(np.sign(values).sum()) == 3.0 and np.abs(values).min() > ALIKE * np.abs(values).max():
+    if abs(np.sign(values).sum()) == 3.0 and np.abs(values).min() > SCALE_STRAIN_RATIO * np.abs(values).max():
         values, gradients, axes = np.full(1, values.mean()), gradients.mean(axis=0, keepdims=True), np.zeros((3, 1))
     sigmas = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", gradients, covariance, gradients), np.finfo(float).tiny))
     # Of strains that matter, the most significant one.
     z = np.abs(values) / sigmas
-    k = int(np.argmax(np.where(np.abs(values) >= LEAST, z, 1e-3 * z)))
+    k = int(np.argmax(np.where(np.abs(values) >= MIN_STRAIN, z, 1e-3 * z)))
     axis = axes[:, k] * np.sign(axes[np.abs(axes[:, k]).argmax(), k])
     return float(values[k]), float(sigmas[k]), (float(axis[0]), float(axis[1]), float(axis[2]))
 
@@ -211,7 +213,7 @@ class Drift:
 
     def matters(self, size: float) -> bool:
         """Whether it is significant, and not small against a size."""
-        return self.significance >= SIGNIFICANT_DRIFT and self.displacement >= LEAST_DRIFT * size
+        return self.significance >= DRIFT_SIGMAS and self.displacement >= MIN_DRIFT_DIAGONALS * size
 
 
 def drift_of(points: FloatArray, normals: FloatArray, residuals: FloatArray, times: FloatArray) -> Drift:
@@ -220,7 +222,7 @@ def drift_of(points: FloatArray, normals: FloatArray, residuals: FloatArray, tim
     Shapes: points (n, 3) in the order of a space-filling curve, normals (n, 3), residuals (n,), times (n,) from -1/2 to
     1/2.
     """
-    if len(residuals) < FEWEST_DRIFT:
+    if len(residuals) < MIN_DRIFT_CORRESPONDENCES:
         return Drift()
     middle = points.mean(axis=0)
     lever = float(np.sqrt(((points - middle) ** 2).sum(axis=1).mean()))
@@ -240,5 +242,5 @@ def drift_of(points: FloatArray, normals: FloatArray, residuals: FloatArray, tim
     moved = np.cross(twist[:3] / lever, points - middle) + twist[3:]
     displacement = float(np.sqrt((moved**2).sum(axis=1).mean()))
     shift = float(np.linalg.norm(twist[3:]))
-    x, y, z = (twist[3:] / shift if shift > MOSTLY * displacement else np.zeros(3)).tolist()
+    x, y, z = (twist[3:] / shift if shift > MIDDLE_SHIFT_SHARE * displacement else np.zeros(3)).tolist()
     return Drift(float(np.linalg.norm(twist[:3])) / lever, displacement, float(np.sqrt(max(square, 0.0))), (x, y, z))

@@ -9,14 +9,17 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.trust.face_rims import BESIDE, MOSTLY, NEAREST, SAME_COS, Points
-from dqreg.trust.limits import OPPOSED_EDGES
+from dqreg.trust.face_rims import IN_PLANE_SHARE, NEAREST_RIMS, SAME_RIM_COS, SPACE_NEIGHBOURS, Points
+from dqreg.trust.limits import OPPOSED_EDGE_SHARE
 
-# Neighbours of a rim in space, within so many spacings, that tell to which side of the plane the faces beside it turn:
-# as many at least, nearly all on one side. Rims that both clouds have in a plane without which nothing is said of them.
-BESIDE_RIM, REACH, TURNING, NEARLY_ALL, FEWEST_TURNING = 20, 3.0, 2, 0.9, 10
+# Neighbours of a rim in space, within so many spacings, that tell to which side of the plane the faces beside it turn.
+RIM_NEIGHBOURS, RIM_REACH_SPACINGS = 20, 3.0
+# As many at least, nearly all on one side.
+MIN_TURNING_NEIGHBOURS, ONE_SIDE_SHARE = 2, 0.9
+# Rims that both clouds have in a plane without which nothing is said of them.
+MIN_TURNING_RIMS = 10
 # Standard errors by which the share of some rims is below its limit for certain.
-CLEAR = 4.0
+CERTAIN_SIGMAS = 4.0
 
 
 class Turning(NamedTuple):
@@ -46,19 +49,19 @@ class SharedTurning(NamedTuple):
     def are_hardly_opposed(self) -> bool:
         """Whether the share of all rims is below its limit for certain, where these are some of them."""
         error = math.sqrt(max(self.opposed * (1.0 - self.opposed), 1.0 / max(self.told, 1)) / max(self.told, 1))
-        return self.opposed + CLEAR * error < OPPOSED_EDGES
+        return self.opposed + CERTAIN_SIGMAS * error < OPPOSED_EDGE_SHARE
 
 
 def shared_turning(one: Turning, other: Turning, reach: float) -> SharedTurning:
     """Those of one cloud that have some of the other, which look the same way, within reach."""
-    if len(other.points) < NEAREST or len(one.points) < FEWEST_TURNING:
+    if len(other.points) < NEAREST_RIMS or len(one.points) < MIN_TURNING_RIMS:
         return SharedTurning(np.nan, 0)
-    rows, apart = NeighbourTree(other.points, in_order=True).nearest(one.points, NEAREST)
-    alike = (np.einsum("ijk,ik->ij", other.outward[rows], one.outward) > SAME_COS) & (apart < reach)
+    rows, apart = NeighbourTree(other.points, in_order=True).nearest(one.points, NEAREST_RIMS)
+    alike = (np.einsum("ijk,ik->ij", other.outward[rows], one.outward) > SAME_RIM_COS) & (apart < reach)
     sides = np.where(alike, one.side[:, None] * other.side[rows], 0.0)
     told = int(np.count_nonzero((sides != 0.0).any(axis=1)))
     opposed = int(np.count_nonzero((sides < 0.0).any(axis=1) & ~(sides > 0.0).any(axis=1)))
-    return SharedTurning(opposed / told if told >= FEWEST_TURNING else np.nan, told)
+    return SharedTurning(opposed / told if told >= MIN_TURNING_RIMS else np.nan, told)
 
 
 def _sides(rows: IntArray, cloud: Points, heights: FloatArray, within: float, spacing: float) -> FloatArray:
@@ -67,10 +70,10 @@ def _sides(rows: IntArray, cloud: Points, heights: FloatArray, within: float, sp
     0 for few, for both, and where the face of a row is not in the plane.
     """
     tree = cloud[1]
-    found, apart = tree.nearest_to(rows, min(BESIDE_RIM, tree.size))
+    found, apart = tree.nearest_to(rows, min(RIM_NEIGHBOURS, tree.size))
     around = heights[found]
-    is_face = (np.abs(around[:, :BESIDE]) < within).mean(axis=1) > MOSTLY
-    around = np.where(apart < REACH * spacing, around, 0.0)
+    is_face = (np.abs(around[:, :SPACE_NEIGHBOURS]) < within).mean(axis=1) > IN_PLANE_SHARE
+    around = np.where(apart < RIM_REACH_SPACINGS * spacing, around, 0.0)
     above, below = (np.count_nonzero(side * around > within, axis=1) for side in (1.0, -1.0))
-    told = is_face & (np.maximum(above, below) >= np.maximum(TURNING, NEARLY_ALL * (above + below)))
+    told = is_face & (np.maximum(above, below) >= np.maximum(MIN_TURNING_NEIGHBOURS, ONE_SIDE_SHARE * (above + below)))
     return np.where(told, np.sign(above - below), 0.0)

@@ -10,8 +10,8 @@ from dqreg.trust.checks import checks_of
 from dqreg.trust.confidence import confidence_of
 from dqreg.trust.doubts import DOUBTS, counted
 from dqreg.trust.evidence import Evidence
-from dqreg.trust.free_space import HIDDEN
-from dqreg.trust.limits import FEWEST_OF_ALL, LOOKING_AWAY
+from dqreg.trust.free_space import MAX_HIDDEN_SHARE
+from dqreg.trust.limits import MIN_PAIRS_OF_POSE, OPPOSITE_NORMAL_SHARE
 from dqreg.trust.records import Check, Level, Reason, Verdict
 
 # Confidence below which a pose is not accepted though no figure alone speaks against it: of 186 such poses of the
@@ -53,9 +53,9 @@ def _checks(evidence: Evidence, against: Collection[str], together: float) -> tu
 
 def _causes(evidence: Evidence) -> Iterator[Reason]:
     """What may explain all doubts of a pose, and is none of it alone."""
-    if evidence.looking_away > LOOKING_AWAY:
+    if evidence.looking_away > OPPOSITE_NORMAL_SHARE:
         yield Reason(_looking_away(evidence), "wrong_viewpoint")
-    elif evidence.viewpoint_behind > HIDDEN:
+    elif evidence.viewpoint_behind > MAX_HIDDEN_SHARE:
         yield Reason(
             f"from the viewpoint given {100 * evidence.viewpoint_behind:.0f} % of the scan's own points stand behind "
             "others: it is not where the scanner stood, in the coordinates and units of the scan",
@@ -99,7 +99,7 @@ def _together(confidence: float) -> Check:
 
 
 def _why_no_correspondences(evidence: Evidence) -> Reason:
-    if evidence.looking_away > LOOKING_AWAY:
+    if evidence.looking_away > OPPOSITE_NORMAL_SHARE:
         return Reason(f"no pose: {_looking_away(evidence)}", "wrong_viewpoint")
     sides = ", which way the normals look, given or by the viewpoint" if math.isfinite(evidence.looking_away) else ""
     return Reason(
@@ -118,7 +118,7 @@ def _why_nothing(evidence: Evidence) -> Reason:
             "pose",
             "degenerate_correspondences",
         )
-    if evidence.inliers < FEWEST_OF_ALL:
+    if evidence.inliers < MIN_PAIRS_OF_POSE:
         return Reason(
             f"no pose: {evidence.inliers:.2g} inliers, and a pose needs three at least; check the initial pose, the "
             "units, and that source and target show the same object",

@@ -6,9 +6,9 @@ from hypothesis import strategies as st
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.kernels.planar_boundary import in_plane_sq_distances, interior_rows, near_fractions
-from dqreg.trust.face_rims import AROUND, OPEN_COS, OPEN_RAD, open_sides
+from dqreg.trust.face_rims import OPEN_COS, OPEN_RAD, PLANE_NEIGHBOURS, open_sides
 
-COUNT = AROUND + 1
+COUNT = PLANE_NEIGHBOURS + 1
 
 
 def nearest(points: FloatArray, count: int) -> IntArray:

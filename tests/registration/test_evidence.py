@@ -10,7 +10,7 @@ from dqreg.icp import Alignment, InlierMixture, find_correspondences
 from dqreg.registration.evidence import agreement_in_time, agreement_of
 from dqreg.rigid import pose
 from dqreg.trust import Evidence
-from dqreg.trust.limits import NORMALS_APART
+from dqreg.trust.limits import DISAGREEING_NORMAL_SHARE
 from tests.icp.scenes import bracket_mesh, bracket_points
 
 PART = bracket_mesh()
@@ -107,7 +107,7 @@ def test_a_turned_pose_has_other_normals_where_faces_cross() -> None:
     wide = agreement(POINTS, tilted, width=0.03 * SIZE)
     assert wide.patches_off <= 0.02
     # A neighbourhood whose closest points lie on one face shows it; those near edges need not.
-    assert wide.normals_apart >= 3.0 * NORMALS_APART
+    assert wide.normals_apart >= 3.0 * DISAGREEING_NORMAL_SHARE
 
 
 def test_points_beside_a_target_with_a_border_say_nothing() -> None:

@@ -10,7 +10,7 @@ from dqreg.icp import Alignment, InlierMixture, find_correspondences
 from dqreg.registration.evidence import agreement_of
 from dqreg.rigid import pose
 from dqreg.rigid.rotations import about_axis
-from dqreg.trust.limits import NORMALS_APART
+from dqreg.trust.limits import DISAGREEING_NORMAL_SHARE
 from tests.icp.scenes import bracket_mesh
 
 PART = bracket_mesh()
@@ -46,10 +46,10 @@ def test_faces_that_cross_do_not(angle_deg: float) -> None:
     # About an axis that is parallel to no face, through the middle.
     axis = np.array([1.0, 2.0, 3.0]) / np.sqrt(14.0)
     turn = pose.about(pose.from_parts(about_axis(axis, np.deg2rad(angle_deg)), np.zeros(3)), PART.centre)
-    assert normals_apart(cloud(0), cloud(1), turn) > NORMALS_APART
+    assert normals_apart(cloud(0), cloud(1), turn) > DISAGREEING_NORMAL_SHARE
 
 
 @pytest.mark.parametrize("side", ["source", "target"])
 def test_normals_that_were_given_stay_witnesses(side: str) -> None:
     found = normals_apart(cloud(0, given=side == "source"), cloud(1, given=side == "target"), np.eye(4))
-    assert found > NORMALS_APART
+    assert found > DISAGREEING_NORMAL_SHARE

@@ -19,7 +19,7 @@ from dqreg.synth import worst_vertex_displacement
 from dqreg.synth.parts import box
 from dqreg.synth.parts.blocks import cells
 from dqreg.synth.parts.patches import weld
-from dqreg.trust.limits import HOLDS, fewest_carriers
+from dqreg.trust.limits import CONSTRAINT_LOG_LIKELIHOOD, fewest_carriers
 from tests.registration.scenes import problem_of
 
 LENGTH, NOISE = 200.0, 0.05
@@ -67,7 +67,7 @@ def one_side(rim: float) -> np.ndarray:
 def test_points_beyond_the_rim_hold_the_bar_where_few_points_lie_on_its_ends(on_ends: int) -> None:
     fit = fit_of(sides(on_ends), np.eye(4))
     assert (fit.information.carriers < fewest_carriers(float(fit.run.weights.sum()))).any()
-    assert slide_of(fit).loss > 5.0 * HOLDS
+    assert slide_of(fit).loss > 5.0 * CONSTRAINT_LOG_LIKELIHOOD
 
 
 def test_few_strays_hold_nothing() -> None:
@@ -77,14 +77,14 @@ def test_few_strays_hold_nothing() -> None:
     ends = np.array([BAR.centre + np.array([0.5 * LENGTH, 5.0 * k, 2.0 * k]) for k in (-1, 0, 1)])
     fit = fit_of(np.concatenate([middle, ends]), np.eye(4))
     assert fit.information.free.sum() == 1
-    assert not slide_of(fit).loss >= HOLDS
+    assert not slide_of(fit).loss >= CONSTRAINT_LOG_LIKELIHOOD
 
 
 def test_rims_alone_hold_the_bar_where_no_point_lies_on_its_ends() -> None:
     # The scan is made in the part's frame. Points of the long faces nearly reach both rims; no normal tells the length.
     fit = fit_of(almost_to_the_rims(), np.eye(4))
     assert fit.information.free.sum() == 1
-    assert slide_of(fit).loss >= HOLDS
+    assert slide_of(fit).loss >= CONSTRAINT_LOG_LIKELIHOOD
     along, *_ = uncertainty_of(fit).directions
     assert not along.is_free
     off = abs(fit.problem.to_caller(fit.T_target_source)[0, 3])
@@ -158,7 +158,7 @@ def test_few_points_leave_out_no_pose_that_all_of_them_would_name(monkeypatch: p
             monkeypatch.setattr(slides, "SCREENING", len(points))
             every = slide_of(fit_of(points, start))
             monkeypatch.undo()
-            assert (found.loss >= HOLDS) == (every.loss >= HOLDS)
+            assert (found.loss >= CONSTRAINT_LOG_LIKELIHOOD) == (every.loss >= CONSTRAINT_LOG_LIKELIHOOD)
             assert found.loss == pytest.approx(every.loss, rel=0.05, nan_ok=True)
             assert (found.best is None) == (every.best is None)
             assert found.by_rims == pytest.approx(every.by_rims, nan_ok=True)

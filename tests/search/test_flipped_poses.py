@@ -21,7 +21,7 @@ from dqreg.search.near_symmetry import near_flips, near_mirrors
 from dqreg.search.poses import Poses
 from dqreg.search.scoring import distances_at
 from dqreg.synth.parts import block, bracket
-from dqreg.trust.limits import MIRRORED
+from dqreg.trust.limits import MIRROR_GAIN
 
 # Half a turn about an axis leaves this block in place but for one small feature.
 BLOCK = Mesh(*block())
@@ -164,5 +164,5 @@ def test_without_a_mirror_nothing_is_gained():
 @pytest.mark.parametrize("seed", range(3))
 def test_the_twin_gains_in_the_mirror_and_the_part_loses(seed):
     # A tenth of the bracket's surface is the difference: far from the limit on either side.
-    assert gain(TWIN, seed) > 10.0 * MIRRORED
-    assert gain(PART, seed) < -10.0 * MIRRORED
+    assert gain(TWIN, seed) > 10.0 * MIRROR_GAIN
+    assert gain(PART, seed) < -10.0 * MIRROR_GAIN

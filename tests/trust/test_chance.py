@@ -7,7 +7,7 @@ import dqreg
 from dqreg.geometry import Mesh, MeshSurface, sample_mesh
 from dqreg.synth.parts import box, bracket
 from dqreg.trust.chance import places_of, random_ratio
-from dqreg.trust.limits import CHANCE, FEWEST_INLIERS
+from dqreg.trust.limits import CHANCE_RATIO, MIN_INLIERS
 
 PART = Mesh(*box((100.0, 60.0, 40.0)))
 SURFACE = MeshSurface(PART)
@@ -22,12 +22,12 @@ def ratio(points: np.ndarray, inlying: float = 1.0) -> float:
 def test_points_of_the_part_are_far_below_chance(noise: float) -> None:
     rng = np.random.default_rng(0)
     points = sample_mesh(PART, 300, rng).points
-    assert ratio(points + noise * rng.normal(size=points.shape)) <= 0.5 * CHANCE
+    assert ratio(points + noise * rng.normal(size=points.shape)) <= 0.5 * CHANCE_RATIO
 
 
 def test_points_that_follow_no_shape_are_near_chance() -> None:
     points = np.random.default_rng(0).normal(size=(300, 3)) * 20 + PART.centre
-    assert ratio(points) >= 2.0 * CHANCE
+    assert ratio(points) >= 2.0 * CHANCE_RATIO
 
 
 def test_it_is_the_same_in_any_unit_and_every_time() -> None:
@@ -50,7 +50,7 @@ def test_places_are_counted_once_however_often_they_were_measured(scale: float, 
 
 def test_points_all_over_a_part_are_as_many_places() -> None:
     points = sample_mesh(PART, 20_000, np.random.default_rng(3)).points
-    assert places_of(points) >= 5 * FEWEST_INLIERS
+    assert places_of(points) >= 5 * MIN_INLIERS
 
 
 def test_a_dozen_places_that_fit_by_chance_are_not_enough_however_many_points() -> None:

@@ -11,9 +11,9 @@ from dqreg.trust import verdict as verdicts
 from dqreg.trust.checks import QUESTIONS
 from dqreg.trust.deformation import BETWEEN_CLOUDS, ON_A_PART
 from dqreg.trust.doubts import DOUBTS
-from dqreg.trust.limits import ROUGH
+from dqreg.trust.limits import RESIDUAL_NOISE_RATIO
 from dqreg.trust.records import Check
-from dqreg.trust.strain import LEAST, LEAST_BEND, LEAST_DRIFT
+from dqreg.trust.strain import MIN_BEND, MIN_DRIFT_DIAGONALS, MIN_STRAIN
 from tests.trust.test_verdict import CAUSES, GOOD
 
 
@@ -47,7 +47,7 @@ def test_what_passes_is_within_its_limit() -> None:
 def test_a_figure_is_what_the_sentence_says_and_nan_where_it_was_not_asked() -> None:
     checks = by_code(width=0.02)
     assert checks["large_residuals"].value == pytest.approx(2.0)
-    assert checks["large_residuals"].limit == ROUGH
+    assert checks["large_residuals"].limit == RESIDUAL_NOISE_RATIO
     for code in ("looked_through", "mirrored", "clutter", "falling_inlier_fraction"):
         assert math.isnan(checks[code].value)
         assert checks[code].passed is None
@@ -66,10 +66,10 @@ def test_figures_of_shape_have_the_limit_from_which_on_they_are_told() -> None:
         checks = by_code(**changes)
         between_clouds = "faces_apart" in changes
         assert {code: checks[code].limit for code in ("stretched", "bent", "deformed", "drift")} == {
-            "stretched": LEAST,
-            "bent": LEAST_BEND,
+            "stretched": MIN_STRAIN,
+            "bent": MIN_BEND,
             "deformed": BETWEEN_CLOUDS.few[1].shown if between_clouds else ON_A_PART.few[0].shown,
-            "drift": LEAST_DRIFT,
+            "drift": MIN_DRIFT_DIAGONALS,
         }
         assert all(checks[code].passed for code in ("stretched", "bent", "deformed", "drift"))
     # The shift between two exposures has no least size.

@@ -8,7 +8,13 @@ import pytest
 from dqreg.trust import opposed_edges
 from dqreg.trust.common_planes import CommonPlanes
 from dqreg.trust.face_rims import Plane, shared_along
-from dqreg.trust.limits import ENDS_APART, ONE_PLANE, OPPOSED_EDGES, RIMS_GAINED, RIMS_SHARED
+from dqreg.trust.limits import (
+    FACE_OVERHANG_SHARE,
+    ONE_PLANE_SHARE,
+    OPPOSED_EDGE_SHARE,
+    RIM_GAIN_SHARE,
+    SHARED_RIM_SHARE,
+)
 from dqreg.trust.opposed_edges import Opposed
 from dqreg.trust.overlap import IndexedPoints, Overlap
 from tests.strategies import FloatArray
@@ -49,7 +55,7 @@ def test_two_views_of_one_corner_end_together() -> None:
 
 
 def test_the_corner_of_another_box_ends_elsewhere() -> None:
-    assert said(corner((30.0, 40.0, 55.0), 1), corner((36.0, 34.0, 55.0), 2)) > ENDS_APART
+    assert said(corner((30.0, 40.0, 55.0), 1), corner((36.0, 34.0, 55.0), 2)) > FACE_OVERHANG_SHARE
 
 
 def test_what_one_view_alone_shows_may_be_hidden_from_the_other() -> None:
@@ -62,8 +68,8 @@ def test_rims_of_one_corner_are_shared_and_those_of_another_part_are_not() -> No
     one, other = corner((30.0, 40.0, 55.0), 1), corner((30.0, 40.0, 55.0), 2)
     longer, wider = corner((45.0, 40.0, 30.0), 1), corner((30.0, 55.0, 42.0), 2)
     assert between(one, other).rims_shared() > 0.9
-    assert between(longer, wider).rims_shared() < RIMS_SHARED
-    assert between(one, other).largest < ONE_PLANE
+    assert between(longer, wider).rims_shared() < SHARED_RIM_SHARE
+    assert between(one, other).largest < ONE_PLANE_SHARE
 
 
 def test_both_sides_of_a_thin_wall_laid_on_each_other_are_told_by_the_rims_beside_it() -> None:
@@ -72,20 +78,20 @@ def test_both_sides_of_a_thin_wall_laid_on_each_other_are_told_by_the_rims_besid
     slid = other.copy()
     slid[np.abs(other[:, 0]) > 0.1, 0] += 4.0
     gained, slide = between(one, slid).rims_elsewhere(SIZE)
-    assert gained > 2.0 * RIMS_GAINED
+    assert gained > 2.0 * RIM_GAIN_SHARE
     assert slide == pytest.approx(4.0, abs=2.0)  # In steps in which rims are the same
-    assert between(one, other).rims_elsewhere(SIZE)[0] < 0.5 * RIMS_GAINED
+    assert between(one, other).rims_elsewhere(SIZE)[0] < 0.5 * RIM_GAIN_SHARE
 
 
 def test_a_rim_hidden_from_one_view_leaves_those_that_both_show() -> None:
     whole, part = corner((30.0, 40.0, 55.0), 1), corner((30.0, 40.0, 55.0), 2)
-    assert between(whole, part[part[:, 2] < 35.0]).rims_shared() > RIMS_SHARED
+    assert between(whole, part[part[:, 2] < 35.0]).rims_shared() > SHARED_RIM_SHARE
 
 
 def test_a_face_alone_is_one_plane() -> None:
     flat = corner((30.0, 40.0, 55.0), 1)
     top, again = (side[np.abs(side[:, 0]) < 0.1] for side in (flat, corner((30.0, 40.0, 55.0), 2)))
-    assert between(top, again).largest > ONE_PLANE
+    assert between(top, again).largest > ONE_PLANE_SHARE
 
 
 def test_planes_without_rims_share_none_wherever_they_are_slid() -> None:
@@ -97,9 +103,9 @@ def test_planes_without_rims_share_none_wherever_they_are_slid() -> None:
 def test_the_top_of_a_plate_laid_on_its_bottom_is_told_by_the_sides_below_and_above() -> None:
     one, other = corner((30.0, 40.0, 12.0), 1), corner((30.0, 40.0, 12.0), 2)
     upside_down = other * (1.0, 1.0, -1.0)  # Laid on the plane at height zero, its sides stand where the other's hang
-    assert between(one, upside_down).opposed_edges() > 2.0 * OPPOSED_EDGES
-    assert between(upside_down, one).opposed_edges() > 2.0 * OPPOSED_EDGES
-    assert between(one, other).opposed_edges() < 0.1 * OPPOSED_EDGES
+    assert between(one, upside_down).opposed_edges() > 2.0 * OPPOSED_EDGE_SHARE
+    assert between(upside_down, one).opposed_edges() > 2.0 * OPPOSED_EDGE_SHARE
+    assert between(one, other).opposed_edges() < 0.1 * OPPOSED_EDGE_SHARE
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.6, 1.0])
@@ -149,8 +155,8 @@ def test_a_box_of_six_planes_ends_like_itself_and_not_like_another_one() -> None
     assert len(between(one, same).planes) > 3
     assert between(one, same).are_all
     assert not between(one, same).are_a_corner
-    assert between(one, same).ends_apart() < 0.5 * ENDS_APART
-    assert between(one, other).ends_apart() > 2.0 * ENDS_APART
+    assert between(one, same).ends_apart() < 0.5 * FACE_OVERHANG_SHARE
+    assert between(one, other).ends_apart() > 2.0 * FACE_OVERHANG_SHARE
 
 
 def drilled(points: FloatArray, at: tuple[float, float], radius: float) -> FloatArray:

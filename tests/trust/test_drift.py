@@ -7,7 +7,7 @@ import dqreg
 from dqreg.geometry import Mesh, PointCloud, sample_mesh
 from dqreg.geometry.morton import distinct_in_order
 from dqreg.synth.parts import bracket
-from dqreg.trust.strain import FEWEST_DRIFT, Drift, drift_of
+from dqreg.trust.strain import MIN_DRIFT_CORRESPONDENCES, Drift, drift_of
 from tests.trust.shapes import box, plane
 
 NOISE, SIZE = 0.003, 14.0**0.5
@@ -41,7 +41,7 @@ def test_noise_does_not_drift(make) -> None:
 
 def test_a_small_drift_and_few_points_are_none() -> None:
     assert not swept(0.0, 0.002, noise=1e-5).matters(SIZE)
-    few = np.ones((FEWEST_DRIFT - 1, 3))
+    few = np.ones((MIN_DRIFT_CORRESPONDENCES - 1, 3))
     assert drift_of(few, few, few[:, 0], few[:, 0]) == Drift()
 
 

@@ -8,7 +8,7 @@ from dqreg.geometry import PointCloud
 from dqreg.rigid import pose
 from dqreg.synth.many_views import room_stops
 from dqreg.trust.free_space import DepthImage, Seen, looked_through
-from dqreg.trust.limits import LOOKED_THROUGH
+from dqreg.trust.limits import DEPTH_CONFLICT_SHARE
 from tests.strategies import FloatArray
 
 BALLS = ((-1.5, -0.5, 4.0, 0.8), (1.2, 0.6, 5.0, 0.9), (0.4, -1.0, 3.5, 0.4))
@@ -49,12 +49,12 @@ def share(T: FloatArray, origin: FloatArray | float = 0.0, **viewpoints: FloatAr
 
 
 def test_the_true_pose_puts_nothing_where_a_camera_looked_through() -> None:
-    assert share(TRUTH) <= 0.2 * LOOKED_THROUGH
+    assert share(TRUTH) <= 0.2 * DEPTH_CONFLICT_SHARE
 
 
 @pytest.mark.parametrize("degrees", [20.0, 40.0, 180.0])
 def test_a_wrong_pose_does(degrees: float) -> None:
-    assert share(turned(degrees)) > 4.0 * LOOKED_THROUGH
+    assert share(turned(degrees)) > 4.0 * DEPTH_CONFLICT_SHARE
 
 
 def test_a_place_that_is_no_viewpoint_is_not_asked() -> None:
@@ -62,7 +62,7 @@ def test_a_place_that_is_no_viewpoint_is_not_asked() -> None:
     assert np.isnan(share(TRUTH, HERE.mean(axis=0)))
     assert np.isnan(share(TRUTH, np.array([6.0, 0.0, 5.0])))
     # One place that is given will do.
-    assert share(TRUTH, HERE.mean(axis=0), target=np.zeros(3)) <= 0.2 * LOOKED_THROUGH
+    assert share(TRUTH, HERE.mean(axis=0), target=np.zeros(3)) <= 0.2 * DEPTH_CONFLICT_SHARE
 
 
 @pytest.mark.parametrize(("seed", "rings", "pair"), [(100, 48, (0, 2)), (103, 48, (1, 2))])
@@ -74,8 +74,8 @@ def test_a_room_turned_by_half_is_told_by_what_stands_before_its_furniture(seed,
     half = np.diag([-1.0, -1.0, 1.0, 1.0])
     sides = Seen(other, None, np.zeros(3)), Seen(one, None, np.zeros(3))
     gaps = [looked_through(*sides, pose.inverse(T_world_one) @ T @ T_world_other, 4.0) for T in (np.eye(4), half)]
-    assert gaps[0] < 0.1 * LOOKED_THROUGH
-    assert gaps[1] > LOOKED_THROUGH
+    assert gaps[0] < 0.1 * DEPTH_CONFLICT_SHARE
+    assert gaps[1] > DEPTH_CONFLICT_SHARE
 
 
 def test_scans_of_several_places_have_no_viewpoint_at_their_origin() -> None:
@@ -85,7 +85,7 @@ def test_scans_of_several_places_have_no_viewpoint_at_their_origin() -> None:
         merged = Seen(HERE, None, np.zeros(3), one_place=one_place)
         assert np.isfinite(looked_through(seen, merged, wrong, gaps)) == told
         # Where the scanner of the other side stood is known, and what it looked through.
-        assert looked_through(Seen(THERE, np.zeros(3), np.zeros(3)), merged, wrong, gaps) > LOOKED_THROUGH
+        assert looked_through(Seen(THERE, np.zeros(3), np.zeros(3)), merged, wrong, gaps) > DEPTH_CONFLICT_SHARE
 
 
 def test_it_has_no_unit() -> None:

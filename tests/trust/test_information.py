@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from dqreg.rigid import pose, twist
 from dqreg.trust import Information, covariance_of, information_of
-from dqreg.trust.limits import DETAIL_OF_BOTH
+from dqreg.trust.limits import MIN_CARRIERS_OF_BOTH
 from tests.strategies import rotations
 from tests.trust.shapes import FloatArray, box, cylinder, judged, plane, sphere
 
@@ -163,7 +163,7 @@ def test_between_two_scans_only_what_both_say_constrains_a_motion(slot: int, hel
     # Errors alone look like a constraint of hundreds of points.
     assert not alone.free.any()
     assert alone.carriers[about] > 100.0
-    assert (both.carriers[about] >= DETAIL_OF_BOTH) == held
+    assert (both.carriers[about] >= MIN_CARRIERS_OF_BOTH) == held
     assert (np.delete(both.carriers, about)[-3:] > 100.0).all()
 
 

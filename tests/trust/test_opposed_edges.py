@@ -8,7 +8,7 @@ import pytest
 from dqreg.geometry.morton import distinct_in_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.trust.face_rims import Plane
-from dqreg.trust.opposed_edges import SAME, InPlane, _may_be_opposed
+from dqreg.trust.opposed_edges import SAME_RIM_SPACINGS, InPlane, _may_be_opposed
 from tests.strategies import FloatArray
 
 PLANE = Plane(np.zeros(3), np.array([0.0, 0.0, 1.0]))
@@ -39,7 +39,7 @@ def test_edges_may_be_opposed_where_any_two_points_say_so(above: float) -> None:
         clouds[0][:, 2] += above
         within = rng.uniform(1.2, 2.9)
         one, other = (in_plane(points, within) for points in clouds)
-        reach = SAME * max(one.most_spacing, other.most_spacing)
+        reach = SAME_RIM_SPACINGS * max(one.most_spacing, other.most_spacing)
         pairs = [(beside(one, side), beside(other, -side)) for side in (1.0, -1.0)]
         asked = any((np.linalg.norm(a[:, None] - b, axis=2) < reach).any() for a, b in pairs)
         said.append(_may_be_opposed(one, other))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from dqreg.rigid import pose, twist
-from dqreg.trust.limits import FACES_APART
-from dqreg.trust.overlap import FEWEST, IndexedPoints, Overlap
+from dqreg.trust.limits import FACES_APART_SHARE
+from dqreg.trust.overlap import MIN_COMPARISONS, IndexedPoints, Overlap
 from tests.strategies import FloatArray
 from tests.trust.shapes import box, sphere
 
@@ -68,7 +68,7 @@ def test_a_ripple_is_no_strain_and_lies_apart(share: float, noise: float) -> Non
     points = cloud(1, noise=noise)
     ripple = share * SIZE * np.sin(6.0 * points[:, :1])
     found = between(points + ripple * [0.0, 1.0, 1.0], cloud(2, noise=noise))
-    assert found.apart(SIZE, SURE) > FACES_APART
+    assert found.apart(SIZE, SURE) > FACES_APART_SHARE
     # Half of its surface looks along the wave, whose mean square is a half.
     assert found.waviness() == pytest.approx(0.5 * share * SIZE, rel=0.5)
     assert not found.strain(SIZE).is_strained
@@ -85,13 +85,13 @@ def test_a_wave_of_few_spacings_is_in_common_to_nearest_neighbours() -> None:
 def test_a_motion_that_the_covariance_leaves_does_not_count() -> None:
     here, there = cloud(1) + np.array([0.02, 0.0, 0.0]), cloud(2)
     # No motion brings it nearer, where none is left by the pose: a quarter of the faces look along x.
-    assert between(here, there).apart(SIZE, SURE) > FACES_APART
+    assert between(here, there).apart(SIZE, SURE) > FACES_APART_SHARE
     assert between(here, there).apart(SIZE, np.diag([0.0, 0.0, 0.0, 1e-2, 0.0, 0.0])) == 0.0
-    assert between(here, there).apart(SIZE, np.diag([0.0, 0.0, 0.0, np.nan, 1e-2, 1e-2])) > FACES_APART
+    assert between(here, there).apart(SIZE, np.diag([0.0, 0.0, 0.0, np.nan, 1e-2, 1e-2])) > FACES_APART_SHARE
 
 
 def test_few_common_places_say_nothing() -> None:
-    assert compared(cloud(1)[: FEWEST - 1], cloud(2)) is None
+    assert compared(cloud(1)[: MIN_COMPARISONS - 1], cloud(2)) is None
     assert compared(cloud(1) + 10.0, cloud(2)) is None
 
 

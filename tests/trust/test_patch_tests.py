@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 from dqreg._arrays import FloatArray
 from dqreg.geometry import PointCloud, prepare_scan
 from dqreg.geometry.normals import sample_rows
-from dqreg.trust.patch_tests import PATCH, isolated, patches_off, share_displaced, share_together, waviness_of
+from dqreg.trust.patch_tests import PATCH_POINTS, isolated, patches_off, share_displaced, share_together, waviness_of
 
 WIDTH, NOISE = 0.01, 1e-3
 
@@ -46,7 +46,7 @@ def test_a_shifted_part_on_a_table_is_still_off() -> None:
     assert share >= 0.8
 
 
-@pytest.mark.parametrize("count", [0, PATCH - 1])
+@pytest.mark.parametrize("count", [0, PATCH_POINTS - 1])
 def test_too_few_points_are_no_patch(count: int) -> None:
     none = np.zeros(count)
     assert patches_off(np.zeros((count, 3)), none, none, np.ones(count, dtype=bool), WIDTH) == (0, 0.0)

@@ -7,7 +7,7 @@ import pytest
 
 from dqreg.rigid import pose
 from dqreg.synth.many_views import ManyViews, room_stops
-from dqreg.trust.limits import LOOKED_THROUGH_BY_RAYS, PASSED, SEEN_ALIKE
+from dqreg.trust.limits import MAX_RAY_PASS_SHARE, MIN_RAY_MEETING_SHARE, RAY_CONFLICT_SHARE
 from dqreg.trust.rays import BothRays, Met, Rays
 from tests.strategies import FloatArray
 
@@ -39,8 +39,8 @@ def test_the_true_pose_of_a_room_is_told_from_its_half_turn(seed: int, rings: in
     made = room(seed, rings)
     found = met(made, (made.scans[0], made.scans[1]))
     assert found.agree
-    assert found.through[0] <= 0.1 * PASSED
-    assert found.through[1] > LOOKED_THROUGH_BY_RAYS
+    assert found.through[0] <= 0.1 * MAX_RAY_PASS_SHARE
+    assert found.through[1] > RAY_CONFLICT_SHARE
 
 
 def test_what_a_field_of_view_cuts_off_says_nothing() -> None:
@@ -48,7 +48,7 @@ def test_what_a_field_of_view_cuts_off_says_nothing() -> None:
     one, other = made.scans
     # The faces of either end elsewhere: half of the azimuths, and all above the horizon, of each.
     narrow = one[(one[:, 0] > 0.0)], other[other[:, 2] < 0.0]
-    assert met(made, narrow).through[0] <= 0.1 * PASSED
+    assert met(made, narrow).through[0] <= 0.1 * MAX_RAY_PASS_SHARE
 
 
 def test_a_ring_that_is_missing_says_nothing() -> None:
@@ -57,7 +57,7 @@ def test_a_ring_that_is_missing_says_nothing() -> None:
     for scan in made.scans:
         elevation = np.arcsin(scan[:, 2] / np.linalg.norm(scan, axis=1))
         gaps.append(scan[~((elevation > -0.2) & (elevation < -0.05))])
-    assert met(made, (gaps[0], gaps[1])).through[0] <= 0.1 * PASSED
+    assert met(made, (gaps[0], gaps[1])).through[0] <= 0.1 * MAX_RAY_PASS_SHARE
 
 
 def test_points_that_are_even_on_a_body_are_no_rays() -> None:
@@ -88,5 +88,5 @@ def test_what_is_seen_of_another_room_is_little() -> None:
     T = np.eye(4)
     T[0, 3] = 9.0
     found = BothRays(rays_of(other.scans[0]), rays_of(one.scans[0])).met(T[None], NOISE, 6_000)
-    assert found.alike[0] < SEEN_ALIKE
+    assert found.alike[0] < MIN_RAY_MEETING_SHARE
     assert not found.agree

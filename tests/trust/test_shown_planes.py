@@ -10,7 +10,7 @@ import pytest
 from dqreg.trust import common_planes, shown_planes
 from dqreg.trust.closed_holes import CLOSED, PERHAPS_CLOSED
 from dqreg.trust.common_planes import CommonPlanes
-from dqreg.trust.limits import CLOSED_HOLE, OPPOSED_EDGES, RIMS_SHARED_MANY
+from dqreg.trust.limits import CLOSED_HOLE_DIAGONALS, OPPOSED_EDGE_SHARE, SHARED_RIM_SHARE_OF_MANY_PLANES
 from dqreg.trust.overlap import IndexedPoints, Overlap
 from tests.strategies import FloatArray
 
@@ -57,10 +57,14 @@ def test_rims_of_the_sparser_cloud_are_no_more_than_those_of_the_cloud_that_has_
     assert all_of_one <= planes.rims_shared()
     some, error = planes.rims_of_one(rest=False)
     assert error > 0.0
-    assert abs(some - all_of_one) <= common_planes.CLEAR * error
+    assert abs(some - all_of_one) <= common_planes.CERTAIN_SIGMAS * error
     # Both are one question to the verdict.
     ends, shared = planes.ends_and_rims()
-    assert (shared >= RIMS_SHARED_MANY) == (planes.rims_shared() >= RIMS_SHARED_MANY) == (edges == BLOCK)
+    assert (
+        (shared >= SHARED_RIM_SHARE_OF_MANY_PLANES)
+        == (planes.rims_shared() >= SHARED_RIM_SHARE_OF_MANY_PLANES)
+        == (edges == BLOCK)
+    )
     assert math.isnan(ends) == (edges == BLOCK)
 
 
@@ -68,12 +72,16 @@ def test_some_of_many_points_decide_as_all_of_them(monkeypatch: pytest.MonkeyPat
     one, other, another = (terraces(edges, k, 26_000) for edges, k in ((BLOCK, 1), (BLOCK, 2), (LONGER, 3)))
     for pair, is_right in (((one, other), True), ((one, another), False)):
         planes = between(*pair)
-        assert all(len(points) == shown_planes.SOME for points, _ in planes.shown.some.sides)
+        assert all(len(points) == shown_planes.FIRST_POINTS for points, _ in planes.shown.some.sides)
         by_some = planes.ends_and_rims()
         with monkeypatch.context() as patch:
-            patch.setattr(shown_planes, "MANY", 1 << 20)
+            patch.setattr(shown_planes, "MANY_POINTS", 1 << 20)
             by_all = between(*pair).ends_and_rims()
-        assert (by_some[1] >= RIMS_SHARED_MANY) == (by_all[1] >= RIMS_SHARED_MANY) == is_right
+        assert (
+            (by_some[1] >= SHARED_RIM_SHARE_OF_MANY_PLANES)
+            == (by_all[1] >= SHARED_RIM_SHARE_OF_MANY_PLANES)
+            == is_right
+        )
         if not is_right:
             assert by_some == by_all
 
@@ -81,7 +89,7 @@ def test_some_of_many_points_decide_as_all_of_them(monkeypatch: pytest.MonkeyPat
 def test_a_hole_that_some_points_show_is_measured_by_all(monkeypatch: pytest.MonkeyPatch) -> None:
     one, other = terraces(BLOCK, 1, 26_000, hole=5.0), terraces(BLOCK, 2, 26_000)
     planes = between(one, other)
-    assert planes.closed_hole(SIZE) == planes.shown.hole(CLOSED) > CLOSED_HOLE * SIZE
+    assert planes.closed_hole(SIZE) == planes.shown.hole(CLOSED) > CLOSED_HOLE_DIAGONALS * SIZE
     whole = between(terraces(BLOCK, 3, 26_000), other)
     asked = []
     monkeypatch.setattr(type(whole.shown), "hole", lambda self, asks: asked.append((self, asks)) or 0.0)
@@ -96,10 +104,10 @@ def test_what_known_rims_tell_of_opposed_edges_is_what_all_that_stands_beside_a_
     upside_down = other * [1.0, 1.0, -1.0]
     for pair, most in (((one, other), 0.1), ((one, upside_down), 1.0)):
         planes = between(*pair)
-        assert max(planes._hardly_opposed.values(), default=0.0) < OPPOSED_EDGES
+        assert max(planes._hardly_opposed.values(), default=0.0) < OPPOSED_EDGE_SHARE
         by_rims = planes.opposed_edges()
         with monkeypatch.context() as patch:
             patch.setattr(CommonPlanes, "_know_rims", False)
             beside = between(*pair).opposed_edges()
-        assert (by_rims > OPPOSED_EDGES) == (beside > OPPOSED_EDGES) == (most == 1.0)
+        assert (by_rims > OPPOSED_EDGE_SHARE) == (beside > OPPOSED_EDGE_SHARE) == (most == 1.0)
         assert np.nan_to_num(by_rims) <= most

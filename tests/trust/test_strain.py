@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from dqreg.geometry.morton import distinct_in_order
 from dqreg.trust import strain
-from dqreg.trust.strain import FEWEST, FIRST, LEAST, SIGNIFICANT, Strain, strain_of
+from dqreg.trust.strain import FIRST_POINTS, MIN_CORRESPONDENCES, MIN_STRAIN, STRAIN_SIGMAS, Strain, strain_of
 from tests.strategies import FloatArray
 from tests.trust.shapes import box, cylinder, plane, sphere
 
@@ -106,10 +106,10 @@ def test_noise_and_the_rest_of_a_motion_are_no_strain(make) -> None:
 
 def test_few_points_and_what_the_faces_do_not_show_are_nothing() -> None:
     points, normals, _ = scanned(box)
-    few = slice(0, FEWEST - 1)
+    few = slice(0, MIN_CORRESPONDENCES - 1)
     assert strain_of(points[few], normals[few], points[few, 0]) == Strain()
     assert not strained(0.05 * np.diag([1.0, 1.0, 0.0]), plane).is_strained
-    assert not strained(0.8 * LEAST * np.diag([1.0, 0.0, 0.0])).is_strained
+    assert not strained(0.8 * MIN_STRAIN * np.diag([1.0, 0.0, 0.0])).is_strained
 
 
 @pytest.mark.parametrize("make", [box, cylinder, plane, sphere])
@@ -129,7 +129,7 @@ def test_one_sided_clutter_is_no_length() -> None:
 @pytest.mark.parametrize("share", [0.5, 0.8, 1.3, 5.0])
 def test_of_faults_alone_what_is_too_small_for_one_is_none_and_the_others_are_as_they_are(share: float) -> None:
     points, normals, noise = scanned(box)
-    residuals = share * LEAST * points[:, 0] * normals[:, 0] + 0.03 * noise
+    residuals = share * MIN_STRAIN * points[:, 0] * normals[:, 0] + 0.03 * noise
     found, fault = strain_of(points, normals, residuals), strain_of(points, normals, residuals, faults=True)
     assert found.is_strained == (share > 1.0)
     assert any(found.along)
@@ -150,17 +150,17 @@ def test_of_many_points_some_tell_that_there_is_no_strain(monkeypatch: pytest.Mo
     asked: list[int] = []
     fit = strain.robust_fit
     monkeypatch.setattr(strain, "robust_fit", lambda rows, *a, **k: asked.append(rows.shape[1]) or fit(rows, *a, **k))
-    points, normals, noise = scanned(box, 3 * FIRST)
+    points, normals, noise = scanned(box, 3 * FIRST_POINTS)
     assert strain_of(points, normals, 0.1 * noise) == Strain()
-    assert asked == [FIRST]
+    assert asked == [FIRST_POINTS]
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_a_strain_that_all_points_just_show_is_hidden_by_no_choice_of_them(seed: int) -> None:
-    points, normals, noise = scanned(box, 3 * FIRST, seed)
-    stretched = 1.2 * LEAST * points[:, 0] * normals[:, 0]
+    points, normals, noise = scanned(box, 3 * FIRST_POINTS, seed)
+    stretched = 1.2 * MIN_STRAIN * points[:, 0] * normals[:, 0]
     # As noisy as a significant strain of that size may be.
     sigma = strain_of(points, normals, 10.0 * stretched + noise).sigma
-    found = strain_of(points, normals, stretched + noise * 1.2 * LEAST / (SIGNIFICANT * sigma))
-    assert found.value == pytest.approx(1.2 * LEAST, abs=4.0 * min(found.sigma, LEAST))
+    found = strain_of(points, normals, stretched + noise * 1.2 * MIN_STRAIN / (STRAIN_SIGMAS * sigma))
+    assert found.value == pytest.approx(1.2 * MIN_STRAIN, abs=4.0 * min(found.sigma, MIN_STRAIN))
     assert found != Strain()

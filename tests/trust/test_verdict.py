@@ -42,18 +42,22 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
         "clutter",
     ),
     "among strays": ({"share_on": 0.649, "is_scene": False, "strays": 0.3}, "35 % of the scan are off", "clutter"),
-    "few points": ({"inliers": limits.FEWEST_INLIERS - 1.0}, "only 29 inliers", "few_inliers"),
+    "few points": ({"inliers": limits.MIN_INLIERS - 1.0}, "only 29 inliers", "few_inliers"),
     "unknown points": ({"inliers": NAN}, "only nan inliers", "few_inliers"),
     "clutter": (
-        {"share_near": limits.FEW_INLIERS - 0.01},
+        {"share_near": limits.MIN_INLIER_FRACTION - 0.01},
         "% of the points within 2 of the target",
         "low_inlier_fraction",
     ),
     "unknown share": ({"share_near": NAN}, "% of the points within 2 of the target", "low_inlier_fraction"),
-    "rough": ({"width": 1.1 * limits.ROUGH * 0.01}, "the shapes differ, or the pose is wrong", "large_residuals"),
+    "rough": (
+        {"width": 1.1 * limits.RESIDUAL_NOISE_RATIO * 0.01},
+        "the shapes differ, or the pose is wrong",
+        "large_residuals",
+    ),
     "unknown width": ({"width": NAN}, "the shapes differ, or the pose is wrong", "large_residuals"),
     "patches": (
-        {"patches_off": limits.PATCHES_OFF + 0.08},
+        {"patches_off": limits.DEVIATING_PATCH_SHARE + 0.08},
         "11 % of the patches of points within 2 of the target deviate as a whole",
         "deviating_patches",
     ),
@@ -86,42 +90,46 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
         "looked_through",
     ),
     "rays passed": (
-        {"looked_through": limits.LOOKED_THROUGH_BY_RAYS + 0.005, "seen_alike": 0.6},
+        {"looked_through": limits.RAY_CONFLICT_SHARE + 0.005, "seen_alike": 0.6},
         "4 % of the points compared stand where a scanner looked through",
         "looked_through",
     ),
     "faces apart": (
-        {"faces_apart": limits.FACES_APART + 0.01},
+        {"faces_apart": limits.FACES_APART_SHARE + 0.01},
         "4 % of the places that both scans show lie apart",
         "faces_apart",
     ),
     "ends apart": (
-        {"ends_apart": limits.ENDS_APART + 0.01},
+        {"ends_apart": limits.FACE_OVERHANG_SHARE + 0.01},
         "5 % of each and more lie beyond the other's",
         "ends_apart",
     ),
     "ends apart among shared rims": (
-        {"ends_apart": limits.ENDS_APART_SHARED + 0.01, "rims_shared": limits.ENDS_SHARED, "largest_plane": 0.5},
+        {
+            "ends_apart": limits.FACE_OVERHANG_SHARE_WITH_RIMS + 0.01,
+            "rims_shared": limits.OVERHANG_SHARED_RIMS,
+            "largest_plane": 0.5,
+        },
         "13 % of each and more lie beyond the other's",
         "ends_apart",
     ),
     "rims apart": (
-        {"rims_shared": limits.RIMS_SHARED - 0.01, "largest_plane": 0.5},
+        {"rims_shared": limits.SHARED_RIM_SHARE - 0.01, "largest_plane": 0.5},
         "59 % of the rims of one are rims of the other",
         "rims_apart",
     ),
     "rims apart, in more planes than a corner's": (
-        {"rims_shared": limits.RIMS_SHARED_MANY - 0.01},
+        {"rims_shared": limits.SHARED_RIM_SHARE_OF_MANY_PLANES - 0.01},
         "11 % of the rims of one are rims of the other",
         "rims_apart",
     ),
     "rims elsewhere": (
-        {"rims_elsewhere": (limits.RIMS_GAINED + 0.01, 3.2)},
+        {"rims_elsewhere": (limits.RIM_GAIN_SHARE + 0.01, 3.2)},
         "slide by 3.2 16 % more of the rims of one are rims of the other",
         "rims_elsewhere",
     ),
     "opposed edges": (
-        {"opposed_edges": limits.OPPOSED_EDGES + 0.1},
+        {"opposed_edges": limits.OPPOSED_EDGE_SHARE + 0.1},
         "beside 50 % of the rims that both scans show in one plane the faces turn to opposite sides",
         "opposed_edges",
     ),
@@ -131,7 +139,7 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
         "closed_hole",
     ),
     "one plane": (
-        {"largest_plane": limits.ONE_PLANE + 0.005},
+        {"largest_plane": limits.ONE_PLANE_SHARE + 0.005},
         "99 % of what both scans show lie in one plane",
         "one_plane",
     ),
@@ -141,12 +149,12 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
         "deformed",
     ),
     "normals": (
-        {"normals_apart": limits.NORMALS_APART + 0.01},
+        {"normals_apart": limits.DISAGREEING_NORMAL_SHARE + 0.01},
         "16 % of the inliers have normals that disagree with the target: a local minimum, another part, or normals "
         "that were given without a side",
         "disagreeing_normals",
     ),
-    "strays": ({"strays": limits.STRAYS + 0.01}, "51 % of all points are outliers", "outliers"),
+    "strays": ({"strays": limits.OUTLIER_SHARE + 0.01}, "51 % of all points are outliers", "outliers"),
     "on no surface": ({"share_on": 0.13, "share_other": 0.01}, "86 % of all points are outliers", "outliers"),
     "no time": (
         {"search": "refined"},
@@ -182,13 +190,13 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
         "local_difference",
     ),
     "wavy": (
-        {"waviness": 1.01 * limits.WAVY * 100.0, "size": 100.0},
+        {"waviness": 1.01 * limits.WAVINESS_DIAGONALS * 100.0, "size": 100.0},
         "neighbouring points deviate together, by 0.151 (0.15 % of the size, one sigma)",
         "wavy",
     ),
     "bent": ({"bend": 0.004}, "the scan is bent or twisted by 0.4 % of its length", "bent"),
     "few of all": (
-        {"share_near": limits.FEW_OF_ALL - 0.01, "near": INF},
+        {"share_near": limits.MIN_FRACTION_OF_ALL - 0.01, "near": INF},
         "only 49 % of the points are inliers",
         "low_inlier_fraction",
     ),
@@ -197,9 +205,13 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
         "60 % of the points are inliers, after 90 % in the frames before",
         "falling_inlier_fraction",
     ),
-    "chance": ({"random_ratio": limits.CHANCE + 0.01}, "the residuals are 26 % of those at random poses", "random_fit"),
+    "chance": (
+        {"random_ratio": limits.CHANCE_RATIO + 0.01},
+        "the residuals are 26 % of those at random poses",
+        "random_fit",
+    ),
     "chance with a quarter on": (
-        {"random_ratio": 0.5 * limits.CHANCE + 0.01, "share_on": 0.25, "share_other": 0.75},
+        {"random_ratio": 0.5 * limits.CHANCE_RATIO + 0.01, "share_on": 0.25, "share_other": 0.75},
         "the residuals are 14 % of those at random poses",
         "random_fit",
     ),
@@ -220,7 +232,11 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
         "weakly_constrained",
     ),
     "slides": (
-        {"directions": (HELD,) * 6, "carriers": (4.0, *(500.0,) * 5), "sliding_loss": limits.HOLDS - 0.1},
+        {
+            "directions": (HELD,) * 6,
+            "carriers": (4.0, *(500.0,) * 5),
+            "sliding_loss": limits.CONSTRAINT_LOG_LIKELIHOOD - 0.1,
+        },
         "one motion depends on about 4 points: translation along (1.00, 0.00, 0.00)",
         "weakly_constrained",
     ),
@@ -279,20 +295,24 @@ def test_every_doubt_is_provoked_by_a_cause() -> None:
 @pytest.mark.parametrize(
     "changes",
     [
-        {"inliers": float(limits.FEWEST_INLIERS)},
-        {"share_near": limits.FEW_INLIERS},
-        {"share_near": limits.FEW_OF_ALL, "near": INF},
-        {"share_near": limits.FALL * 0.9, "near": INF, "usual": 0.9},
-        {"width": 0.99 * limits.ROUGH * 0.01},
-        {"patches_off": limits.PATCHES_OFF_BORDER, "has_border": True},
-        {"patches_off": limits.PATCHES_OFF, "strays": 0.0},
-        {"patches_off": limits.PATCHES_OFF + limits.OFF_PER_STRAY * 0.2, "strays": 0.2},
-        {"patches_off": limits.PATCHES_OFF, "normals_apart": limits.NORMALS_APART, "strays": limits.STRAYS},
+        {"inliers": float(limits.MIN_INLIERS)},
+        {"share_near": limits.MIN_INLIER_FRACTION},
+        {"share_near": limits.MIN_FRACTION_OF_ALL, "near": INF},
+        {"share_near": limits.MIN_RATIO_TO_EARLIER * 0.9, "near": INF, "usual": 0.9},
+        {"width": 0.99 * limits.RESIDUAL_NOISE_RATIO * 0.01},
+        {"patches_off": limits.DEVIATING_PATCH_SHARE_AT_BORDER, "has_border": True},
+        {"patches_off": limits.DEVIATING_PATCH_SHARE, "strays": 0.0},
+        {"patches_off": limits.DEVIATING_PATCH_SHARE + limits.DEVIATING_PATCHES_PER_OUTLIER * 0.2, "strays": 0.2},
+        {
+            "patches_off": limits.DEVIATING_PATCH_SHARE,
+            "normals_apart": limits.DISAGREEING_NORMAL_SHARE,
+            "strays": limits.OUTLIER_SHARE,
+        },
         {"search": "judged"},
         {"alternatives": (Alternative(np.eye(4), 0.1, "the part looks the same after a half-turn"),)},
         {"width": 0.0},
-        {"random_ratio": limits.CHANCE},
-        {"random_ratio": 0.5 * limits.CHANCE, "share_on": 0.25, "share_other": 0.75},
+        {"random_ratio": limits.CHANCE_RATIO},
+        {"random_ratio": 0.5 * limits.CHANCE_RATIO, "share_on": 0.25, "share_other": 0.75},
         # A table beside the part, and a scan of the part alone.
         {"share_on": 0.1, "share_other": 0.9},
         {"share_on": 0.88, "share_contradicting": 0.12},
@@ -303,18 +323,18 @@ def test_every_doubt_is_provoked_by_a_cause() -> None:
         {"share_on": 0.841, "is_scene": False},
         {"share_on": 0.651, "is_scene": False, "strays": 0.3},
         {"looked_through": 0.05},
-        {"looked_through": limits.LOOKED_THROUGH_BY_RAYS, "seen_alike": 0.6},
-        {"ends_apart": limits.ENDS_APART},
+        {"looked_through": limits.RAY_CONFLICT_SHARE, "seen_alike": 0.6},
+        {"ends_apart": limits.FACE_OVERHANG_SHARE},
         # A room before a LiDAR: what it saw from either place ends elsewhere, some of the rims are the same.
         {"ends_apart": 0.26, "rims_shared": 0.21},
         {"closed_hole": 0.012, "size": 1.0},
-        {"ends_apart": limits.ENDS_APART_SHARED, "rims_shared": limits.ENDS_SHARED},
+        {"ends_apart": limits.FACE_OVERHANG_SHARE_WITH_RIMS, "rims_shared": limits.OVERHANG_SHARED_RIMS},
         {"directions": (ROTATION,) * 6, "size": 2.01 / math.radians(2.0)},
         {"directions": (SHIFT,) * 6, "size": 50.1},
         # Few of few, as of a tactile scan, and few of many that are enough.
         {"inliers": 60.0, "carriers": (4.0,) * 6},
         {"inliers": 1e6, "carriers": (30.0,) * 6},
-        {"directions": (HELD,) * 6, "carriers": (4.0, *(500.0,) * 5), "sliding_loss": limits.HOLDS},
+        {"directions": (HELD,) * 6, "carriers": (4.0, *(500.0,) * 5), "sliding_loss": limits.CONSTRAINT_LOG_LIKELIHOOD},
         {"expected": 0.0},
     ],
 )
@@ -334,13 +354,13 @@ def test_all_figures_together_may_speak_against_a_pose() -> None:
 
 
 def test_fewer_inliers_are_compared_with_chance_more_strictly() -> None:
-    ratio = limits.CHANCE * 0.5
+    ratio = limits.CHANCE_RATIO * 0.5
     at = {count: judge(dataclasses.replace(GOOD, random_ratio=ratio, inliers=count)).codes for count in (99.0, 101.0)}
     assert at == {99.0: ("random_fit",), 101.0: ("accepted",)}
 
 
 def test_waves_between_clouds_have_a_limit_of_their_own() -> None:
-    waves = {"size": 1.0, "waviness": 2.0 * limits.WAVY_BETWEEN}
+    waves = {"size": 1.0, "waviness": 2.0 * limits.WAVINESS_DIAGONALS_OF_CLOUDS}
     assert judge(dataclasses.replace(GOOD, **waves)).codes == ("accepted",)
     assert judge(dataclasses.replace(GOOD, faces_apart=0.0, **waves)).codes == ("wavy",)
 
