@@ -17,8 +17,10 @@ from dqreg.files.untrusted import require_proportion, unreadable
 WANTED = "a whole LAS or LAZ file"
 # Bytes of the shortest header and of the head of a record.
 HEADER, RECORD = 227, 54
-# Record with the keys of GeoTIFF; the key that names the unit of projected coordinates, and what it may say (EPSG).
-GEO_KEYS, LINEAR_UNITS, UNITS = 34735, 3076, {9001: "m", 9002: "ft"}
+# Record with the keys of GeoTIFF, and the key that names the unit of projected coordinates.
+GEO_KEYS, LINEAR_UNITS = 34735, 3076
+# What that may say (EPSG).
+UNITS = {9001: "m", 9002: "ft"}
 
 # Seconds and bytes that a file may take, and those for each of its bytes.
 SECONDS, SECONDS_EACH = 20.0, 1e-6

@@ -118,7 +118,8 @@ LINED, SAMPLE = 0.2, 500
 FIRST, CLEARLY = 5, (0.08, 0.34)
 # Points whose neighbours are looked at, in runs along the order of space: so many runs, points a run, and points amid
 # each that are asked. A run is wide enough to hold the neighbours of these, so that no tree is built for a glance.
-RUN_COUNT, RUN_POINTS, ASKED_A_RUN = 40, 200, 5
+RUN_COUNT = 40
+RUN_POINTS, ASKED_A_RUN = 200, 5
 # Neighbours that are on a point's own ring where rings are farther apart than the points on one.
 NEIGHBOUR_COUNT = 8
 # A cloud of which more than this share has its neighbours along a line lies in rings. Sweeps of 16 to 64 rings in rooms

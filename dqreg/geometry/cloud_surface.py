@@ -21,9 +21,11 @@ ROUNDING = 1e-12
 # Queries that are followed in one go.
 CHUNK = 16_384
 # Nearest points of a query that are kept of derived clouds: with two the tree is asked again for a third of the queries
-# at each step. Open3D's takes half as long again for four, which is more than that saves; of so many points, in whose
-# tree a query comes from far away in memory, less: a tenth of a depth image's time.
-CANDIDATES, OF_OPEN3D, MANY = 4, 2, 100_000
+# at each step.
+CANDIDATES = 4
+# Open3D's takes half as long again for four, which is more than that saves; of so many points, in whose tree a query
+# comes from far away in memory, less: a tenth of a depth image's time.
+OPEN3D_CANDIDATES, MANY_POINTS = 2, 100_000
 
 
 class CloudSurface:
@@ -71,7 +73,7 @@ class CloudSurface:
             # Two clouds are prepared beside each other, and `cached_property` of Python 3.11 has one lock for all.
             vars(self)["_tree"] = NeighbourTree(self._points)
         self._search: KdTree | NeighbourTree = self._tree if derived else KdTree(self._points)
-        self._kept = CANDIDATES if derived or size > MANY else OF_OPEN3D
+        self._kept = CANDIDATES if derived or size > MANY_POINTS else OPEN3D_CANDIDATES
         low, high = cloud._ends
         self.centre: FloatArray = 0.5 * (low + high)
         self.diagonal = float(np.linalg.norm(high - low))

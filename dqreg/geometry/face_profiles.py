@@ -18,7 +18,9 @@ ONE_CIRCLE = 0.2
 # A profile of which less is arcs and single sides is of another shape, and stays whole.
 KNOWN = 0.7
 # A whole circle: its corners may be off by that share of its size, or of what its sides cut off (rounded files).
-EXACT, COARSE, WIDER = 1e-4, 0.75, 3.0
+CIRCLE_TOLERANCE, SAGITTA_TOLERANCE = 1e-4, 0.75
+# How many times as wide as others a side may be.
+MAX_SIDE_RATIO = 3.0
 
 
 def cut_walls(links: IntArray, faces: IntArray, normals: FloatArray, areas: FloatArray, ends: FloatArray) -> BoolArray:
@@ -147,8 +149,8 @@ def _is_circle(profile: FloatArray) -> bool:
     widths = np.linalg.norm(np.diff(profile, axis=0), axis=1)
     off, cut = _off(profile, widths)
     # Straight sides between arcs may be chords of one circle, but are much wider than those of the arcs.
-    rounded = COARSE * cut if widths.max() <= WIDER * float(np.median(widths)) else 0.0
-    return off <= max(EXACT * float(np.linalg.norm(np.ptp(profile, axis=0))), rounded)
+    rounded = SAGITTA_TOLERANCE * cut if widths.max() <= MAX_SIDE_RATIO * float(np.median(widths)) else 0.0
+    return off <= max(CIRCLE_TOLERANCE * float(np.linalg.norm(np.ptp(profile, axis=0))), rounded)
 
 
 def _arcs(profile: FloatArray, widths: FloatArray, closed: bool) -> IntArray | None:

@@ -13,9 +13,10 @@ from dqreg.geometry.spacing import spacing_of
 
 # Points among which neighbours are searched where normals are fitted at a few points only of more than these.
 THINNED = 50_000
-# Pieces of the cloud on which spacing and noise are measured then, points of a piece, and those in its middle, whose
-# neighbours are in the piece.
-PIECES, PIECE, MIDDLE = 30, 512, 32
+# Pieces of the cloud on which spacing and noise are measured then.
+PIECE_COUNT = 30
+# Points of a piece, and those in its middle, whose neighbours are in the piece.
+PIECE_POINTS, MIDDLE_POINTS = 512, 32
 # Parts of a cloud in its own order, at most; and points that are looked up in one go.
 PARTS, MANY = 8, 65_536
 
@@ -38,9 +39,11 @@ def measure_pieces(points: FloatArray, rows: IntArray) -> tuple[PlaneFits, float
     fits = fit_planes(NeighbourTree(thinned, in_order=True), thinned, np.take(points, rows, axis=0), beside=beside)
     # Runs along the Morton curve are patches of the surface with all of their points, so that the neighbours of those
     # in the middle are their neighbours in the whole cloud.
-    firsts = np.linspace(0, len(points) - PIECE, PIECES).astype(np.int64)
-    pieces = np.take(points, (firsts[:, None] + np.arange(PIECE)).ravel(), axis=0)
-    middles = np.take(points, (firsts[:, None] + (PIECE - MIDDLE) // 2 + np.arange(MIDDLE)).ravel(), axis=0)
+    firsts = np.linspace(0, len(points) - PIECE_POINTS, PIECE_COUNT).astype(np.int64)
+    pieces = np.take(points, (firsts[:, None] + np.arange(PIECE_POINTS)).ravel(), axis=0)
+    middles = np.take(
+        points, (firsts[:, None] + (PIECE_POINTS - MIDDLE_POINTS) // 2 + np.arange(MIDDLE_POINTS)).ravel(), axis=0
+    )
     of_pieces = NeighbourTree(pieces, in_order=True)
     pieced = fit_planes(of_pieces, pieces, middles)
     return fits, (spacing := spacing_of(pieced, middles)), noise_of(pieced, pieces, middles, of_pieces, spacing)

@@ -30,13 +30,16 @@ FAR_BELOW = 0.05
 # Quantile of what quadrics leave, and what that is of the standard deviation where all of it is Gaussian noise: the
 # root of the chi-squared quantile over its 10 degrees of freedom.
 QUIET, OF_SIGMA = 0.25, 0.8208
-# Planes through three of the neighbours that are tried; so many of the 16 lie near the best one, those three included;
-# least area of the three, doubled, in mean square extents. Lower quantile of how far they lie, and what that is of the
-# standard deviation where all is Gaussian noise about a plane: measured on 20,000 points, to 2 %.
+# Planes through three of the neighbours that are tried; so many of the 16 lie near the best one, those three included.
+TRIED_TRIPLES, MAJORITY_POINTS = 40, 7
+# Least area of the three, doubled, in mean square extents.
+MIN_TRIPLE_AREA = 0.5
 # Cosine of a plane's normal with that of all neighbours, below which it stands on their face: the laser's own plane, in
 # which all points of a ring round a curved face lie.
-TRIPLES, MAJORITY, LEAST_AREA, STANDING_COS = 40, 7, 0.5, 0.5
-OF_FACES, OF_MAJORITY = 0.25, 0.168
+STANDING_COS = 0.5
+# Lower quantile of how far they lie, and what that is of the standard deviation where all is Gaussian noise about a
+# plane: measured on 20,000 points, to 2 %.
+FACE_QUANTILE, MAJORITY_SIGMAS = 0.25, 0.168
 # Faces that the sensor sees at a slant scatter less across themselves: the quiet ones are quieter than most by this.
 SLANTED = 1.2
 
@@ -63,7 +66,7 @@ def noise_of(
     quiet = quantile(left, QUIET) / OF_SIGMA
     if quiet > FAR_BELOW * spacing:
         faces = _off_majorities(points, around, fits.normals[rows])
-        quiet = min(quiet, quantile(faces, OF_FACES) / OF_MAJORITY) if len(faces) >= FEWEST else quiet
+        quiet = min(quiet, quantile(faces, FACE_QUANTILE) / MAJORITY_SIGMAS) if len(faces) >= FEWEST else quiet
     return planes, min(planes, SLANTED * quiet)
 
 
@@ -85,7 +88,7 @@ def _off_majorities(points: FloatArray, neighbours: IntArray, normals: FloatArra
 
     found = np.zeros(len(neighbours))
     triples = _triples(neighbours.shape[1])
-    given = as_plain(points), neighbours, as_plain(normals), triples, MAJORITY, LEAST_AREA, STANDING_COS
+    given = as_plain(points), neighbours, as_plain(normals), triples, MAJORITY_POINTS, MIN_TRIPLE_AREA, STANDING_COS
     over_chunks(majority_plane_rows, len(neighbours), *given, found, chunk=TOGETHER)
     return found[np.isfinite(found)]
 
@@ -93,5 +96,5 @@ def _off_majorities(points: FloatArray, neighbours: IntArray, normals: FloatArra
 @lru_cache(maxsize=4)
 def _triples(count: int) -> IntArray:
     """Three of so many neighbours, (t, 3), the same ones each time."""
-    permuted = np.random.default_rng(0).permuted(np.tile(np.arange(count), (TRIPLES, 1)), axis=1)
+    permuted = np.random.default_rng(0).permuted(np.tile(np.arange(count), (TRIED_TRIPLES, 1)), axis=1)
     return np.ascontiguousarray(permuted[:, :3])

@@ -9,7 +9,7 @@ from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.morton import distinct_in_order, in_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
-from dqreg.geometry.scan_measures import MIDDLE, PIECE, PIECES, THINNED
+from dqreg.geometry.scan_measures import MIDDLE_POINTS, PIECE_COUNT, PIECE_POINTS, THINNED
 
 # Points that are asked, and neighbours of each.
 ASKED, AROUND = 2_000, 8
@@ -61,7 +61,10 @@ def _neighbours(points: FloatArray) -> tuple[IntArray, IntArray]:
         rows = sample_rows(len(points), ASKED)
         return rows, NeighbourTree(points, in_order=True).nearest(points[rows], AROUND + 1)[0][:, 1:]
     # Runs along the curve are patches of the surface with all of their points.
-    firsts = np.linspace(0, len(points) - PIECE, PIECES).astype(np.int64)[:, None]
-    kept, rows = ((firsts + part).ravel() for part in (np.arange(PIECE), (PIECE - MIDDLE) // 2 + np.arange(MIDDLE)))
+    firsts = np.linspace(0, len(points) - PIECE_POINTS, PIECE_COUNT).astype(np.int64)[:, None]
+    kept, rows = (
+        (firsts + part).ravel()
+        for part in (np.arange(PIECE_POINTS), (PIECE_POINTS - MIDDLE_POINTS) // 2 + np.arange(MIDDLE_POINTS))
+    )
     found = NeighbourTree(points[kept], in_order=True).nearest(points[rows], AROUND + 1)[0]
     return rows, kept[found[:, 1:]]

@@ -38,10 +38,11 @@ ABSURD = 150.0
 PARTIAL = 5.0
 # A ratio of units that near to the ratio of sizes comes first.
 CLOSE = 1.25
-# Agreement of the two large principal deviations with the ratio of units, and the most of the third: a scan from a
-# few sides is thinner than its part, never thicker. A scan much smaller than its part must not be flat either: it
-# would be a patch.
-AGREE, THIN, THICK = 1.18, 0.45, 1.18
+# Agreement of the two large principal deviations with the ratio of units,
+UNIT_AGREEMENT_RATIO = 1.18
+# and the least and the most of the third: a scan from a few sides is thinner than its part, never thicker. A scan much
+# smaller than its part must not be flat either: it would be a patch.
+MIN_THICKNESS_RATIO, MAX_THICKNESS_RATIO = 0.45, 1.18
 # Spacings of two clouds agree with the ratio of units within that factor: sensors differ.
 SPACING = 3.0
 SAMPLE, KEPT = 5_000, 0.95
@@ -191,9 +192,9 @@ def _same_shape(source: FloatArray, target: FloatArray, ratio: float, units: flo
     scan = source / units if ratio > 1.0 else source * units
     if not min(scan[1], target[1]) > 0.0:
         return False
-    large = np.abs(np.log(scan[:2] / target[:2])).max() <= np.log(AGREE)
-    thin = 0.0 if ratio > 1.0 else THIN
-    return bool(large and thin * target[2] <= scan[2] <= THICK * target[2] + 0.02 * target[0])
+    large = np.abs(np.log(scan[:2] / target[:2])).max() <= np.log(UNIT_AGREEMENT_RATIO)
+    thin = 0.0 if ratio > 1.0 else MIN_THICKNESS_RATIO
+    return bool(large and thin * target[2] <= scan[2] <= MAX_THICKNESS_RATIO * target[2] + 0.02 * target[0])
 
 
 def _same_spacing(source: PointCloud | Mesh, target: PointCloud | Mesh, ratio: float, units: float) -> bool:

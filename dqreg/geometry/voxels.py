@@ -23,7 +23,8 @@ UNEVEN = 10.0
 RINGED = 6.0
 # Where the neighbourhoods are lines still, as in a LiDAR of few rings, voxels are widened by this factor, so many times
 # at most and while so many points are left.
-WIDER, WIDENED, FEWEST = 1.25, 10, 1_000
+WIDENING_FACTOR = 1.25
+MAX_WIDENINGS, MIN_VOXEL_POINTS = 10, 1_000
 # A cloud of which more than this fraction would remain is left as it is.
 WHOLE = 2.0 / 3.0
 # Doublings of the least edge from which on cells are counted first, at a quarter of the cost: 2,048 to an extent.
@@ -69,10 +70,10 @@ class VoxelCloud:
         There is no plane through a line, and fits to one would turn any way.
         """
         found = VoxelCloud.of(cloud, size, cells=cells, in_rings=in_rings)
-        for _ in range(WIDENED):
-            if found.surface is None or len(found.cloud) < FEWEST or not found.surface._in_lines:
+        for _ in range(MAX_WIDENINGS):
+            if found.surface is None or len(found.cloud) < MIN_VOXEL_POINTS or not found.surface._in_lines:
                 break
-            found = VoxelCloud.of(cloud, WIDER * found.size, in_rings=in_rings)
+            found = VoxelCloud.of(cloud, WIDENING_FACTOR * found.size, in_rings=in_rings)
         return found
 
     @staticmethod
@@ -87,7 +88,7 @@ class VoxelCloud:
         cells, is_dense = Cells.of(points, size, cloud._ends), len(points) > DENSE * count
         # Of a dense cloud, which has cells in any case, it is asked later or not at all.
         in_rings = partial(lie_in_rings, points, cells.order)
-        if not is_dense and len(points) >= RINGED * FEWEST and in_rings():
+        if not is_dense and len(points) >= RINGED * MIN_VOXEL_POINTS and in_rings():
             size = first_size(points, count, cloud._ends, RINGED)
             return VoxelCloud.across_lines(cloud, size, in_rings=partial(bool, 1))
         found = VoxelCloud.across_lines(cloud, size, cells=cells, in_rings=in_rings)

@@ -41,8 +41,12 @@ CHUNK = 8_192
 MANY = 4_000
 # Longest rotation: of the size half its square is left out, 5e-7, and its product with the noise, to the next step.
 SHORT_RAD = 1e-3
-# Of the sums over correspondences: weighted points and feet; squared heights over the planes, squared distances; pairs.
-MEANS, ASIDE, SQUARES, DIRECTED = slice(1, 7), 7, 8, 9
+# Rows of the sums over correspondences: weighted points and feet,
+MEAN_ROWS = slice(1, 7)
+# squared heights over the planes, squared distances,
+SQ_HEIGHT_ROW, SQ_DISTANCE_ROW = 7, 8
+# and pairs of directions.
+DIRECTION_PAIR_ROW = 9
 # Normals that are in the target's frame.
 TURNED = np.eye(3)
 
@@ -149,7 +153,7 @@ def surfaces_to_surfaces(pairs: Correspondences, weights: FloatArray, noise: flo
     """
     weights = weights_by_height(pairs, weights)
     moments = pair_sums(pairs, weights)
-    if moments[DIRECTED] < FEWEST_PLANES:
+    if moments[DIRECTION_PAIR_ROW] < FEWEST_PLANES:
         return points_only(pairs, weights, noise)
     return _newton_step(both_planes(pairs, weights, moments), pairs, weights)
 
@@ -192,7 +196,7 @@ def both_planes(pairs: Correspondences, weights: FloatArray, moments: FloatArray
     scan, found, bend = pairs.scan, pairs.closest, _bend(moments)
     standing = np.full(len(scan), bend) if found.variances is None else bend + found.variances
     spreads, normals, turn = (standing, bend + scan._variances), (found.normals, scan.normals), pairs.T_target_source
-    origins = moments[MEANS].reshape(2, 3) / moments[0]
+    origins = moments[MEAN_ROWS].reshape(2, 3) / moments[0]
     form = plane_to_plane_form(
         scan.points, found.points, normals, spreads, 2.0 * bend * weights, (origins[0], origins[1]), turn[:3, :3]
     )
@@ -201,8 +205,8 @@ def both_planes(pairs: Correspondences, weights: FloatArray, moments: FloatArray
 
 def _bend(moments: FloatArray) -> float:
     """Variance of every normal beyond that of its fit, rad^2, as far as the pairs show it."""
-    aside = float(moments[ASIDE])
-    beside = 0.5 * (float(moments[SQUARES]) - aside)
+    aside = float(moments[SQ_HEIGHT_ROW])
+    beside = 0.5 * (float(moments[SQ_DISTANCE_ROW]) - aside)
     return min(max(BEND_SHARE * (0.5 * aside / beside) ** 2, LEAST_BEND), BEND) if beside > 0.0 else BEND
 
 

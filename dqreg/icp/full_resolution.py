@@ -124,8 +124,10 @@ FINE = AnnealingSchedule("fine", stages=30, iterations=None, rounds=30)
 # Points of the level between the coarse and the last one.
 MIDDLE = 10_000
 # Where points are taken together, of the points that the plan has for its last level: one run of neighbours for so
-# many, and one point that is asked about by itself for so many; and the shortest run.
-RUNS, ALONE, SHORTEST = 6, 4, 4
+# many, and one point that is asked about by itself for so many.
+POINTS_PER_RUN, POINTS_PER_SINGLE = 6, 4
+# The shortest run.
+MIN_RUN_POINTS = 4
 # Width of the kernel beyond which two clouds differ in shape, in spacings or noises of the scan, whichever is more:
 # right poses of measured pairs came to 1.5 and less, wrong ones to 3.5 and more. And the share of inliers from which on
 # it is the scene that is rough, as before a LiDAR: 0.84 there, 0.2 to 0.5 of views that hardly overlap.
@@ -137,7 +139,7 @@ def finish(level: Level, scan: Scan, counts: list[int], run: Alignment, observe:
     surface, finest, counts = level.surface, level.plan.finest, _that_tell_more(level, scan, counts, run)
     planes = level.plan.fine is not None and bool(run.history) and run.history[-1].stage == FINE.name
     # Where all points are asked for, each gets an answer of its own.
-    long = finest is not None and len(scan) >= SHORTEST * (finest // RUNS)
+    long = finest is not None and len(scan) >= MIN_RUN_POINTS * (finest // POINTS_PER_RUN)
     try:
         with until(level.plan.deadline):
             if counts and planes and long and finest is not None and isinstance(surface, MeshSurface):
@@ -171,11 +173,13 @@ def _together(
     """All points: those on the face of their run of neighbours together, and a choice of the others individually."""
     if run.ended_early:
         return run
-    level = _after(level, run, scan.taken(run_centres(len(scan), finest // RUNS)[0]))
+    level = _after(level, run, scan.taken(run_centres(len(scan), finest // POINTS_PER_RUN)[0]))
     run = _continued(level, run, observe)
     if run.ended_early:
         return run
-    pairs = gather(scan, surface, run.pairs, run.weights, run.T_target_source, run.mixture.scale, finest // ALONE)
+    pairs = gather(
+        scan, surface, run.pairs, run.weights, run.T_target_source, run.mixture.scale, finest // POINTS_PER_SINGLE
+    )
     level = replaced(_after(level, run, pairs.scan), last=True)
     return _joined(run, level.once(run.mixture, FINE, observe, run.next_number, pairs))
 

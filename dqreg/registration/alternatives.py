@@ -12,7 +12,7 @@ from dqreg.rigid.rotations import angle_of, axis_of
 from dqreg.rigid.symmetry import SAME_AXIS_RAD, Axis
 from dqreg.search import symmetry_words
 from dqreg.search.poses import Poses
-from dqreg.search.scoring import WORSE
+from dqreg.search.scoring import MAX_EQUAL_LOG_LIKELIHOOD
 from dqreg.search.stages import FINE_APART
 from dqreg.solvers.motion_words import axis_words, direction_words
 from dqreg.trust.records import Alternative
@@ -40,7 +40,7 @@ def alternatives_of(
     deficit, error = scores.deficit(0)
     rms = np.sqrt((scores.distances**2).mean(axis=1))
     found = []
-    is_named = (deficit <= WORSE) | (np.arange(len(poses)) >= len(poses) - len(turned))
+    is_named = (deficit <= MAX_EQUAL_LOG_LIKELIHOOD) | (np.arange(len(poses)) >= len(poses) - len(turned))
     for k in np.flatnonzero(is_named[1:]) + 1:
         axis = _symmetry_between(fit, poses[0], poses[k], offset * diagonal)
         words = symmetry_words(axis.moved(target.origin), fit.problem.units[1], diagonal) if axis else ""

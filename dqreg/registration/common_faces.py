@@ -23,10 +23,14 @@ from dqreg.trust.overlap import IndexedPoints, Overlap
 
 # Points of two clouds of which what is left between them is asked.
 COMPARED = 30_000
-# Steps to the pose at most. One is taken where what both show becomes more likely by so much; where only some points of
-# the clouds are asked, the loop that saw all of them is believed rather, and it takes more. So it is where a smaller
-# share of the points asked stands on what both show: the rings of a LiDAR on few faces (0.15; range scans 0.4 to 0.6).
-STEPS, LIKELIER, CLEARLY, SHARE = 2, 2.0, 15.0, 0.3
+# Steps to the pose at most.
+MAX_STEPS = 2
+# One is taken where what both show becomes more likely by so much; where only some points of the clouds are asked, the
+# loop that saw all of them is believed rather, and it takes more.
+MIN_LOG_GAIN, MIN_LOG_GAIN_OF_SAMPLE = 2.0, 15.0
+# So it is where a smaller share of the points asked stands on what both show: the rings of a LiDAR on few faces (0.15;
+# range scans 0.4 to 0.6).
+MIN_COMMON_SHARE = 0.3
 
 
 Compared = tuple[IndexedPoints, IndexedPoints, Overlap | None]
@@ -64,15 +68,15 @@ def on_common_faces(fit: Fit) -> Fit:
         return fit
     if fit.prepared.is_from_a_stand:
         return fit
-    for _ in range(STEPS):
+    for _ in range(MAX_STEPS):
         began = time.perf_counter()
         if not fit.found or fit.is_late or fit.problem.watch.is_over:
             break
         moves, _, overlap = overlap_of(fit)
-        if overlap is None or len(overlap.points) < SHARE * len(moves.some[0]):
+        if overlap is None or len(overlap.points) < MIN_COMMON_SHARE * len(moves.some[0]):
             break
         T, gain = overlap.best_step()
-        if gain <= (CLEARLY if moves.is_sampled else LIKELIER):
+        if gain <= (MIN_LOG_GAIN_OF_SAMPLE if moves.is_sampled else MIN_LOG_GAIN):
             break
         other = fit.beside(T @ fit.T_target_source)
         found = overlap_at(other)

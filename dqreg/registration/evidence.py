@@ -17,7 +17,7 @@ from dqreg.geometry.vector_rows import nonzero_rows
 from dqreg.icp import Alignment, Correspondences, smallest_kernel_scale
 from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.icp.rejectors import at_boundary
-from dqreg.registration.evenly_asked import LOOKED_AT_LATE, evenly_asked
+from dqreg.registration.evenly_asked import LATE_POINTS, evenly_asked
 from dqreg.registration.local_evidence import LocalEvidence, share
 from dqreg.registration.surroundings import TOGETHER, Surroundings, displaced_of, surroundings_of
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
@@ -113,7 +113,7 @@ def agreement_in_time(
 ) -> Evidence:
     """The same where the time is up and no pose is accepted: how many points are inliers, and how far off they are."""
     scale, near = run.mixture.scale, NEAR * max_distance
-    pairs = evenly_asked(run, scan, surface, scale, LOOKED_AT_LATE)
+    pairs = evenly_asked(run, scan, surface, scale, LATE_POINTS)
     border = surface, scale, min(INLIER_SIGMAS * scale, near), near
     close = _within_border(pairs, *border) if has_border else pairs.distances <= near
     counted = _counted(run, surface, pairs, close, max_distance, has_border=has_border)

@@ -11,16 +11,18 @@ from dqreg.solvers.status import Status
 
 # Iterations at the end of a run that stalled, and the share of the width of the inliers within which they stay where it
 # goes to and fro over a point that is an inlier in one of two poses: it has converged as far as the noise can tell.
-LAST, TO_AND_FRO, ASKED = 10, 0.1, 100
+LAST_ITERATIONS, OSCILLATION_WIDTHS = 10, 0.1
+# Points whose displacement tells it.
+ASKED_POINTS = 100
 
 
 def status_of(fit: Fit) -> Status:
     """How the loop ended; converged too where it goes to and fro by less than the noise."""
     history, scan = fit.run.history, fit.prepared.scan
-    if fit.run.status != "stalled" or len(history) < LAST:
+    if fit.run.status != "stalled" or len(history) < LAST_ITERATIONS:
         return fit.run.status
-    points = scan.points[sample_rows(len(scan), ASKED)]
+    points = scan.points[sample_rows(len(scan), ASKED_POINTS)]
     here = pose.apply(fit.T_target_source, points)
-    moved = (pose.apply(record.T_target_source, points) - here for record in history[-LAST:])
+    moved = (pose.apply(record.T_target_source, points) - here for record in history[-LAST_ITERATIONS:])
     farthest = max(float(np.sqrt((each**2).sum(axis=1).mean())) for each in moved)
-    return "converged" if farthest <= TO_AND_FRO * fit.run.mixture.scale else "stalled"
+    return "converged" if farthest <= OSCILLATION_WIDTHS * fit.run.mixture.scale else "stalled"

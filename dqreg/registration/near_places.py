@@ -17,7 +17,7 @@ from dqreg.rigid import twist
 from dqreg.search.cloud_rings import ring_turns
 from dqreg.search.near_symmetry import is_symmetry, near_flips
 from dqreg.search.oriented_points import OrientedPoints
-from dqreg.search.periods import SHORTEST, near_periods
+from dqreg.search.periods import MIN_PERIOD_DIAGONALS, near_periods
 from dqreg.search.plane_maps import FLAT, LOOKED_AT, LOST, Planes, plane_maps
 from dqreg.search.poses import Poses
 from dqreg.search.refine import refine
@@ -38,7 +38,7 @@ SCREWS, PITCH = 0.3, 3e-3
 HELD = 0.1
 # Share of the inliers that shows an end of a part, this near to it in sizes: after any period they stick out by two
 # thirds of that, and so many are enough to tell.
-END, AT_END = 0.005, 0.35 * SHORTEST
+END, AT_END = 0.005, 0.35 * MIN_PERIOD_DIAGONALS
 
 INLIERS: Key[FloatArray] = Key()
 

@@ -24,19 +24,25 @@ from dqreg.rigid import pose
 from dqreg.search.rings import TEETH
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 
-# Points of each cloud that compare turns, few at first, and standard errors by these beyond which a turn is hopeless;
-# spacings beside a point up to which a cloud goes on in its tangent plane.
-FEW, COMPARED, HOPELESS, BESIDE = 600, 4_000, 3.0, 3.0
-# Points of a cloud that tell what lies amid it, the nearest ones that surround a point, and the widest gap between
-# their directions, in radians.
-SPREAD, AROUND, GAP = 1_500, 24, 2.1
-# Least width of the distances, in sizes; widths beyond which farther is no worse; blocks of neighbours.
-LEAST, CUT, BLOCKS = 5e-4, 4.0, 60
+# Points of each cloud that compare turns, few at first.
+FIRST_POINTS, COMPARED_POINTS = 600, 4_000
+# Standard errors by the first beyond which a turn is hopeless.
+HOPELESS_SIGMAS = 3.0
+# Spacings beside a point up to which a cloud goes on in its tangent plane.
+PLANE_REACH_SPACINGS = 3.0
+# Points of a cloud that tell what lies amid it.
+INTERIOR_POINTS = 1_500
+# The nearest ones that surround a point, and the widest gap between their directions.
+SURROUNDING_POINTS, MAX_GAP_RAD = 24, 2.1
+# Least width of the distances, in sizes; widths beyond which farther is no worse.
+MIN_WIDTH_DIAGONALS, MAX_WIDTHS = 5e-4, 4.0
+# Blocks of neighbours.
+NEIGHBOUR_BLOCKS = 60
 # Standard errors of the mean log-likelihood within which a turn explains both clouds as well, and beyond which it does
 # so better: of 33 pairs of a ring one lobe off none was without such a turn, of right poses 19 were.
-AS_WELL, BETTER = 1.0, 3.0
+EQUAL_SIGMAS, BETTER_SIGMAS = 1.0, 3.0
 # Better turns that follow one another.
-ROUNDS = 3
+MAX_ROUNDS = 3
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -49,7 +55,7 @@ class _Cloud:
     @cached_property
     def spread(self) -> FloatArray:
         """Some of the points, as far apart as the holes are wide that a point may lie in, (m, 3)."""
-        return self.points[sample_rows(len(self.points), SPREAD)]
+        return self.points[sample_rows(len(self.points), INTERIOR_POINTS)]
 
     @cached_property
     def spread_tree(self) -> NeighbourTree:
@@ -61,7 +67,7 @@ class _Cloud:
         rows, apart = self.tree.nearest(points, 1)
         rows, apart = rows[:, 0], apart[:, 0]
         aside = np.abs(row_dots(points - self.points[rows], self.normals[rows]))
-        beside = apart**2 - aside**2 <= (BESIDE * self.spacing) ** 2
+        beside = apart**2 - aside**2 <= (PLANE_REACH_SPACINGS * self.spacing) ** 2
         counted = beside & self.normals[rows].any(axis=1)
         away = np.flatnonzero(~beside & normals.any(axis=1))
         counted[away] = self._surrounds(points[away], normals[away])
@@ -69,13 +75,13 @@ class _Cloud:
 
     def _surrounds(self, points: FloatArray, normals: FloatArray) -> BoolArray:
         """Which points with normals have the cloud around them on all sides, (m,)."""
-        around = self.spread[self.spread_tree.nearest(points, AROUND)[0]] - points[:, None]
+        around = self.spread[self.spread_tree.nearest(points, SURROUNDING_POINTS)[0]] - points[:, None]
         one = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
         one /= np.linalg.norm(one, axis=1, keepdims=True)
         x, y = (np.einsum("ikj,ij->ik", around, axis) for axis in (one, np.cross(normals, one)))
         angles = np.sort(np.arctan2(y, x), axis=1)
         gaps = np.diff(angles, axis=1, append=angles[:, :1] + 2.0 * np.pi)
-        return np.asarray(gaps.max(axis=1, initial=0.0) < GAP)
+        return np.asarray(gaps.max(axis=1, initial=0.0) < MAX_GAP_RAD)
 
 
 def best_on_ring(fit: Fit, start: FloatArray | None, kernel_scale: float) -> tuple[Fit, FloatArray]:
@@ -86,17 +92,17 @@ def best_on_ring(fit: Fit, start: FloatArray | None, kernel_scale: float) -> tup
     options, excess, poses = fit.problem.options, np.zeros(0), NO_POSES
     if not fit.found or fit.is_late or options.method != "auto" or fit.constraints.any:
         return fit, NO_POSES
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ROUNDS):
         if fit.problem.watch.is_over or not len(turns := _not_meant(fit, start)):
             return fit, NO_POSES
         poses, excess = _compared(fit, turns @ fit.T_target_source)
-        if excess.min(initial=np.inf) > -BETTER:
+        if excess.min(initial=np.inf) > -BETTER_SIGMAS:
             break
         other = fit.resumed(poses[int(excess.argmin())], kernel_scale)
         if not other.found:
             break
         fit = other
-    return fit, poses[excess < AS_WELL]
+    return fit, poses[excess < EQUAL_SIGMAS]
 
 
 def _not_meant(fit: Fit, start: FloatArray | None) -> FloatArray:
@@ -113,8 +119,8 @@ def _not_meant(fit: Fit, start: FloatArray | None) -> FloatArray:
 
 def _compared(fit: Fit, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Poses that few points do not refute, (k, 4, 4), and by how many standard errors each explains less, (k,)."""
-    poses = poses[_excess(fit, poses, FEW) < HOPELESS]
-    return poses, _excess(fit, poses, COMPARED) if len(poses) else np.zeros(0)
+    poses = poses[_excess(fit, poses, FIRST_POINTS) < HOPELESS_SIGMAS]
+    return poses, _excess(fit, poses, COMPARED_POINTS) if len(poses) else np.zeros(0)
 
 
 def _excess(fit: Fit, poses: FloatArray, count: int) -> FloatArray:
@@ -128,8 +134,8 @@ def _excess(fit: Fit, poses: FloatArray, count: int) -> FloatArray:
     sides = [_asked(moves, stands, poses, count), _asked(stands, moves, pose.inverse(poses), count)]
     away, counted = (np.concatenate(both, axis=1) for both in zip(*sides, strict=True))
     here = away[0, counted[0]]
-    width = max(GAUSSIAN_MEDIAN * median(here) if len(here) else 0.0, LEAST * surface.diagonal)
-    costs = 0.5 * np.minimum(away / width, CUT) ** 2
+    width = max(GAUSSIAN_MEDIAN * median(here) if len(here) else 0.0, MIN_WIDTH_DIAGONALS * surface.diagonal)
+    costs = 0.5 * np.minimum(away / width, MAX_WIDTHS) ** 2
     both = counted[1:] & counted[0]
     return np.array([_errors((cost - costs[0])[rows]) for cost, rows in zip(costs[1:], both, strict=True)])
 
@@ -145,8 +151,10 @@ def _asked(cloud: _Cloud, other: _Cloud, poses: FloatArray, count: int) -> tuple
 
 def _errors(excess: FloatArray) -> float:
     """Mean of what neighbouring points say over its standard error, by blocks of them; infinite where hardly any."""
-    if len(excess) < 2 * BLOCKS:
+    if len(excess) < 2 * NEIGHBOUR_BLOCKS:
         return np.inf
-    means = np.add.reduceat(excess, np.arange(BLOCKS) * len(excess) // BLOCKS) / (len(excess) / BLOCKS)
-    error = float(means.std(ddof=1) / np.sqrt(BLOCKS))
+    means = np.add.reduceat(excess, np.arange(NEIGHBOUR_BLOCKS) * len(excess) // NEIGHBOUR_BLOCKS) / (
+        len(excess) / NEIGHBOUR_BLOCKS
+    )
+    error = float(means.std(ddof=1) / np.sqrt(NEIGHBOUR_BLOCKS))
     return float(means.mean()) / max(error, np.finfo(float).tiny)

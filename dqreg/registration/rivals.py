@@ -21,7 +21,7 @@ from dqreg.search.poses import Poses
 from dqreg.search.problem import SCENE
 from dqreg.search.refine import refine
 from dqreg.search.scoring import PoseScores, distances_at, scored
-from dqreg.search.search import TOLD
+from dqreg.search.search import RAY_CONFLICT_MARGIN
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 from dqreg.trust.patch_tests import INLIER_SIGMAS
 
@@ -165,7 +165,7 @@ def _may_stay(fit: Fit, poses: FloatArray) -> BoolArray:
     """Which poses, (k, 4, 4), are none at which rays passed through more of the other scan than at the fit's, (k,)."""
     if len(poses) < 2 or (rays := both_rays(fit.problem)) is None or (here := met_at(fit)) is None:
         return np.ones(len(poses), dtype=bool)
-    return np.asarray(met_by(fit, rays, poses).through <= here.through[0] + TOLD)
+    return np.asarray(met_by(fit, rays, poses).through <= here.through[0] + RAY_CONFLICT_MARGIN)
 
 
 def best_near_symmetric(fit: Fit, kernel_scale: float) -> tuple[Fit, FloatArray]:

@@ -13,7 +13,7 @@ from dqreg.registration.rivals import BETTER, NO_POSES, SIGNIFICANT, scores_of
 from dqreg.rigid import pose, twist
 from dqreg.rigid.rotations import angle_of
 from dqreg.rigid.symmetry import SAME_AXIS_RAD
-from dqreg.search.near_symmetry import EXACT, is_symmetry
+from dqreg.search.near_symmetry import EXACT_DIAGONALS, is_symmetry
 
 # A pose this near to a symmetric copy of another one, in radians and sizes, is that copy.
 COPY = 2e-3
@@ -54,7 +54,9 @@ def exact_symmetries(fit: Fit) -> FloatArray:
     if target.pairs.symmetry is not None and isinstance(target.geometry, Mesh):
         if "exact symmetries" not in target.derived:
             poses = target.pairs.symmetry.poses[1:]
-            target.derived["exact symmetries"] = [T for T in poses if is_symmetry(T, target.geometry, surface, EXACT)]
+            target.derived["exact symmetries"] = [
+                T for T in poses if is_symmetry(T, target.geometry, surface, EXACT_DIAGONALS)
+            ]
         found += target.derived["exact symmetries"]
     return np.stack(found)
 

@@ -41,10 +41,12 @@ from dqreg.solvers.scale import ScaleStep
 from dqreg.solvers.status import INTERRUPTED
 from dqreg.trust.records import Reason
 
-# Registrations at the end at most; and the share of its standard deviation to which the scale is followed.
-MAX_ALTERNATIONS, FOLLOWED, STILL = 6, 0.05, 1e-9
+# Registrations at the end at most.
+MAX_ALTERNATIONS = 6
+# Share of its standard deviation to which the scale is followed, and the change that is none however small that is.
+SCALE_TOLERANCE_SIGMAS, MIN_SCALE_CHANGE = 0.05, 1e-9
 # A scale known to no more than this share is not known.
-VAGUE = 0.02
+MAX_SCALE_SIGMA = 0.02
 
 
 def align_with_scale(source: Any, target: Any, start: Any, options: Options) -> Registration:
@@ -126,7 +128,7 @@ def _refined(task: ScaleProblem, found: ScaleCandidate) -> tuple[Registration, S
             step = _last_step(task, result, scale)
         except DegenerateGeometryError:
             return result, None
-        still = max(FOLLOWED * step.sigma, STILL)
+        still = max(SCALE_TOLERANCE_SIGMAS * step.sigma, MIN_SCALE_CHANGE)
         if abs(math.log(step.factor)) <= still or result.status in INTERRUPTED:
             break
         scale *= step.factor
@@ -159,7 +161,7 @@ def _with_scale(result: Registration, step: ScaleStep | None, doubt: Reason | No
     """The result with all that is to be known of the scale."""
     total = result.settings["source_scale"]
     sigma = math.nan if step is None or (doubt and doubt.code == "scale_unobservable") else step.sigma
-    if not doubt and not sigma <= VAGUE:
+    if not doubt and not sigma <= MAX_SCALE_SIGMA:
         doubt = Reason(
             f"the scale is known to {100.0 * sigma:.2g} % only: give it, or scan more sides of the part",
             "scale_uncertain",

@@ -26,8 +26,10 @@ from dqreg.solvers.robust import GemanMcClure
 from dqreg.solvers.scale import ScaleStep, SurfaceMatches, scale_step
 from dqreg.trust.records import Reason
 
-# Steps of the joint refinement at most; the largest change of scale in one of them; the change that is none.
-STEPS, LARGEST, STILL = 40, 1.03, 1e-6
+# Steps of the joint refinement at most.
+MAX_STEPS = 40
+# The largest change of scale in one of them; the change that is none.
+MAX_SCALE_STEP, CONVERGED_SCALE_CHANGE = 1.03, 1e-6
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,7 +77,7 @@ def refine_scale(search: GlobalSearch, scale: float, T_centred: FloatArray, *, h
     surface = search.target.surface
     few = search.scan.thinned(COARSE)
     floor, held = smallest_kernel_scale(few, surface), True
-    for _ in range(STEPS):
+    for _ in range(MAX_STEPS):
         try:
             step = joint_step(
                 few, surface, scale, T_centred, partial(_robust, floor=scale * floor), hold=hold or not held
@@ -85,13 +87,13 @@ def refine_scale(search: GlobalSearch, scale: float, T_centred: FloatArray, *, h
                 break
             held = False
             continue
-        if not 1.0 / LARGEST <= step.factor <= LARGEST:
-            step = dataclasses.replace(step, factor=float(np.clip(step.factor, 1.0 / LARGEST, LARGEST)))
+        if not 1.0 / MAX_SCALE_STEP <= step.factor <= MAX_SCALE_STEP:
+            step = dataclasses.replace(step, factor=float(np.clip(step.factor, 1.0 / MAX_SCALE_STEP, MAX_SCALE_STEP)))
         before, T_centred, scale = T_centred, step.moved(T_centred), scale * step.factor
         moved = (
             float(pose.offset_between(before, T_centred)) + float(pose.angle_between(before, T_centred)) * few.diagonal
         )
-        if abs(np.log(step.factor)) <= STILL and moved <= STILL * surface.diagonal:
+        if abs(np.log(step.factor)) <= CONVERGED_SCALE_CHANGE and moved <= CONVERGED_SCALE_CHANGE * surface.diagonal:
             break
     return _judged(search, few, ScaleCandidate(scale, T_centred, np.inf, held and not hold), floor)
 
@@ -157,7 +159,7 @@ def try_scale(
     else:
         # The pose may be that of the scaled source, or be known from elsewhere for the source as it is.
         meant, as_it_is = (frames(s).to_centred(T_start) for s in (scale, 1.0))
-        same = float(np.abs(meant - as_it_is).max()) <= STILL * search.target.surface.diagonal
+        same = float(np.abs(meant - as_it_is).max()) <= CONVERGED_SCALE_CHANGE * search.target.surface.diagonal
         starts = [meant] if same else [meant, as_it_is]
     return tuple(refine_scale(search, scale, T) for T in starts)
 

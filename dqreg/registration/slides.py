@@ -26,7 +26,7 @@ from dqreg.rigid import pose, twist
 from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
 from dqreg.search.refine import refine
-from dqreg.search.scoring import CLEAR
+from dqreg.search.scoring import CLEAR_LOG_RATIO
 from dqreg.trust.information import scaling_by
 from dqreg.trust.limits import CONSTRAINT_LOG_LIKELIHOOD, fewest_carriers
 from dqreg.trust.patch_tests import INLIER_SIGMAS, is_background
@@ -203,7 +203,7 @@ def _losses(gaps: FloatArray, of_the_part: Callable[[], BoolArray] | None = None
     A part that slides over its table comes to lie on that: such points gain, and are no part that was left behind.
     """
     gaps = np.clip(gaps, -MOST, MOST)
-    losses, clear = gaps.sum(axis=1), np.where(np.abs(gaps) > CLEAR, gaps, 0.0)
+    losses, clear = gaps.sum(axis=1), np.where(np.abs(gaps) > CLEAR_LOG_RATIO, gaps, 0.0)
     against, gains = np.maximum(clear, 0.0).sum(axis=1), np.maximum(-clear, 0.0)
     # Which points are of the part matters where all that gain are many.
     many = np.flatnonzero((gains.sum(axis=1) > split * against) & (losses > 0.0))

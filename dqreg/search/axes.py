@@ -14,9 +14,12 @@ from dqreg._arrays import FloatArray, IntArray
 from dqreg.geometry import Mesh, PointCloud, Scan
 from dqreg.search.poses import Poses
 
-# Normals that are equal in so many parts of one are of one face; faces that are looked at, the largest first; cosine
-# below which two are perpendicular.
-ALIKE, LARGEST, ACROSS = 200, 30, 0.02
+# Normals that are equal in so many parts of one are of one face.
+NORMAL_BINS_PER_UNIT = 200
+# Faces that are looked at, the largest first.
+MAX_FACES = 30
+# Cosine below which two are perpendicular.
+PERPENDICULAR_COS = 0.02
 
 
 def axis_hypotheses(scan: Scan, target: PointCloud | Mesh) -> Poses:
@@ -54,7 +57,7 @@ def face_axes(mesh: Mesh) -> FloatArray | None:
     """
     directions = _largest_directions(mesh)
     found = directions / np.linalg.norm(directions, axis=1, keepdims=True).clip(min=0.5)
-    across = np.flatnonzero(np.abs(found @ found[0]) < ACROSS) if len(found) else found
+    across = np.flatnonzero(np.abs(found @ found[0]) < PERPENDICULAR_COS) if len(found) else found
     if not len(across):
         return None
     first = found[0]
@@ -68,14 +71,14 @@ def _largest_directions(mesh: Mesh) -> IntArray:
     from dqreg.kernels.areas_by_direction import areas_by_direction
     from dqreg.kernels.threads import as_plain
 
-    count, base = 1 << len(mesh.faces).bit_length(), 2 * ALIKE + 1
+    count, base = 1 << len(mesh.faces).bit_length(), 2 * NORMAL_BINS_PER_UNIT + 1
     codes, sums = np.zeros(count, dtype=np.int64), np.zeros(count)
-    areas_by_direction(as_plain(mesh.face_normals), as_plain(mesh.face_areas), ALIKE, codes, sums)
+    areas_by_direction(as_plain(mesh.face_normals), as_plain(mesh.face_areas), NORMAL_BINS_PER_UNIT, codes, sums)
     rows = np.flatnonzero(codes)
-    if len(rows) > LARGEST:
-        rows = rows[sums[rows] >= np.partition(sums[rows], -LARGEST)[-LARGEST]]
-    rows = rows[np.lexsort((codes[rows], -sums[rows]))][:LARGEST]
-    digits: IntArray = (codes[rows] - 1)[:, None] // np.array([base**2, base, 1]) % base - ALIKE
+    if len(rows) > MAX_FACES:
+        rows = rows[sums[rows] >= np.partition(sums[rows], -MAX_FACES)[-MAX_FACES]]
+    rows = rows[np.lexsort((codes[rows], -sums[rows]))][:MAX_FACES]
+    digits: IntArray = (codes[rows] - 1)[:, None] // np.array([base**2, base, 1]) % base - NORMAL_BINS_PER_UNIT
     return digits
 
 

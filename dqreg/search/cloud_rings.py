@@ -22,14 +22,18 @@ from dqreg.search.tangent_planes import TangentPlanes
 
 # Share of the points in the planes across an axis, at least; mean distance at which the normals pass it, in shares of
 # that of the points: rings of 24 and 40 lobes came to 0.05 to 0.2.
-ACROSS, PASS_BY = 0.08, 0.25
-# Directions that are tried, rounds of the median of those distances and the least weighed one, in sizes.
-TRIED, ROUNDS, LEAST = 3, 6, 1e-3
-# Points, first and last kernel scale in sizes, and steps that refine one step of a ring.
-REFINED, WIDE, NARROW, STEPS = 1_000, 0.01, 1e-3, 10
+MIN_PLANE_SHARE, MAX_AXIS_DISTANCE_SHARE = 0.08, 0.25
+# Directions that are tried.
+TRIED_DIRECTIONS = 3
+# Rounds of the median of those distances and the least weighed one, in sizes.
+MEDIAN_ROUNDS, MIN_DISTANCE_DIAGONALS = 6, 1e-3
+# Points and steps that refine one step of a ring.
+REFINING_POINTS, REFINEMENT_STEPS = 1_000, 10
+# First and last kernel scale, in sizes.
+FIRST_SCALE_DIAGONALS, LAST_SCALE_DIAGONALS = 0.01, 1e-3
 # The order of a ring is a whole number within this: holes of another order draw the refinement of a step a little to
 # none. It moves nothing along the axis by more, in sizes.
-WHOLE, ALONG = 0.4, 5e-3
+ORDER_TOLERANCE, MAX_AXIAL_DIAGONALS = 0.4, 5e-3
 
 
 def ring_turns(surface: CloudSurface, tangent: TangentPlanes) -> FloatArray:
@@ -45,8 +49,8 @@ def ring_turns(surface: CloudSurface, tangent: TangentPlanes) -> FloatArray:
     steps = ring_steps(Ring(axis, centre, np.eye(3), arms, tangent))
     if not steps:
         return none
-    sample = OrientedPoints.on_faces(surface._points[sample_rows(len(surface._points), REFINED)])
-    widths = np.geomspace(WIDE, NARROW, STEPS) * surface.diagonal
+    sample = OrientedPoints.on_faces(surface._points[sample_rows(len(surface._points), REFINING_POINTS)])
+    widths = np.geomspace(FIRST_SCALE_DIAGONALS, LAST_SCALE_DIAGONALS, REFINEMENT_STEPS) * surface.diagonal
     step = pose.from_parts(steps[0], centre - steps[0] @ centre)
     return _multiples(refine(Poses.of(step[None]), sample, surface, widths).matrices[0], surface.diagonal)
 
@@ -54,9 +58,9 @@ def ring_turns(surface: CloudSurface, tangent: TangentPlanes) -> FloatArray:
 def _axis(points: FloatArray, normals: FloatArray, size: float) -> tuple[FloatArray, FloatArray] | None:
     """Direction and point of the axis that the normals pass nearest by, across large planes; None for none."""
     planes = Planes.of(points, normals, size)
-    best, found = PASS_BY, None
-    for axis, shares in list(zip(planes.directions, planes.shares, strict=True))[:TRIED]:
-        if shares.sum() < ACROSS:
+    best, found = MAX_AXIS_DISTANCE_SHARE, None
+    for axis, shares in list(zip(planes.directions, planes.shares, strict=True))[:TRIED_DIRECTIONS]:
+        if shares.sum() < MIN_PLANE_SHARE:
             continue
         centre = _point_of(axis, points, normals, size)
         lever = float(np.linalg.norm(np.cross(axis, points - centre), axis=1).mean())
@@ -72,10 +76,10 @@ def _point_of(axis: FloatArray, points: FloatArray, normals: FloatArray, size: f
     rows = np.cross(normals, axis)
     columns, aside = rows @ across.T, np.einsum("ij,ij->i", rows, points)
     weights, found = np.ones(len(points)), np.zeros(2)
-    for _ in range(ROUNDS):
+    for _ in range(MEDIAN_ROUNDS):
         weighted = columns * weights[:, None]
         found = np.linalg.lstsq(weighted.T @ columns, weighted.T @ aside, rcond=1e-9)[0]
-        weights = 1.0 / np.maximum(np.abs(aside - columns @ found), LEAST * size)
+        weights = 1.0 / np.maximum(np.abs(aside - columns @ found), MIN_DISTANCE_DIAGONALS * size)
     return np.asarray(found @ across)
 
 
@@ -83,11 +87,11 @@ def _multiples(step: FloatArray, size: float) -> FloatArray:
     """All turns but none by multiples of a step, about its axis, (k, 4, 4); none where it is no part of a turn."""
     angle = angle_of(step[:3, :3])
     order = round(2.0 * np.pi / angle) if angle > 0.1 else 0
-    if order < 2 or abs(2.0 * np.pi / angle - order) > WHOLE:
+    if order < 2 or abs(2.0 * np.pi / angle - order) > ORDER_TOLERANCE:
         return np.zeros((0, 4, 4))
     motion = twist.log(step)
     along = motion[:3] @ motion[3:] / angle**2 * motion[:3]
-    if np.linalg.norm(along) > ALONG * size:
+    if np.linalg.norm(along) > MAX_AXIAL_DIAGONALS * size:
         return np.zeros((0, 4, 4))
     motion = 2.0 * np.pi / (order * angle) * np.r_[motion[:3], motion[3:] - along]
     return np.array([twist.exp(k * motion) for k in range(1, order)])

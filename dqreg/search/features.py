@@ -20,12 +20,14 @@ from dqreg.geometry.normals import fit_planes, fit_planes_among, sample_rows
 from dqreg.search.oriented_points import OrientedPoints
 
 # Oriented points of a scan, and points among which their neighbours are sought.
-SCAN_POINTS, AMONG = 4_000, 20_000
-# Neighbours of a fit; of noisy scans; the error of a normal that calls for the larger number.
-NEIGHBOURS, MANY_NEIGHBOURS, ROUGH_RAD = 16, 64, 0.08
+SCAN_POINTS, NEIGHBOUR_POINTS = 4_000, 20_000
+# Neighbours of a fit; of noisy scans.
+NEIGHBOURS, NOISY_NEIGHBOURS = 16, 64
+# Error of a normal that calls for the larger number.
+NOISY_NORMAL_RAD = 0.08
 # A mean of neighbours that far off, in their own spread: half of the neighbourhood is missing (a straight edge has
 # 0.6).
-LOPSIDED = 0.42
+ONE_SIDED_SPREADS = 0.42
 # Fewer edge points than this are ignored.
 FEWEST_EDGES = 20
 # Faces that meet at a larger angle meet in a sharp edge.
@@ -40,7 +42,7 @@ RESIDUAL, MEDIANS = 4e-3, 5.0
 
 def scan_features(scan: Scan, size: float) -> OrientedPoints:
     """Points of a scan on faces, then those at edges."""
-    cloud, tree = _without_outliers(scan.thinned(AMONG).points)
+    cloud, tree = _without_outliers(scan.thinned(NEIGHBOUR_POINTS).points)
     rows = sample_rows(len(cloud), SCAN_POINTS)
     points = cloud[rows]
     around, _ = tree.nearest_to(rows, NEIGHBOURS)
@@ -48,8 +50,8 @@ def scan_features(scan: Scan, size: float) -> OrientedPoints:
     if not np.isfinite(fits.variances).any():
         # Three points, or points on lines: no plane anywhere, so that no pair has a key.
         return dataclasses.replace(OrientedPoints.on_faces(points), weights=np.zeros(len(points)))
-    if np.nanmedian(np.sqrt(fits.variances)) > ROUGH_RAD:
-        fits = fit_planes(tree, cloud, points, MANY_NEIGHBOURS)
+    if np.nanmedian(np.sqrt(fits.variances)) > NOISY_NORMAL_RAD:
+        fits = fit_planes(tree, cloud, points, NOISY_NEIGHBOURS)
     normals, residuals = np.nan_to_num(fits.normals), fits.residuals
     limit = RESIDUAL * size + MEDIANS * float(np.nanmedian(residuals))
     sound = normals.any(axis=1) & ~(residuals > limit)
@@ -137,7 +139,7 @@ def edge_points(
     from dqreg.kernels.threads import as_plain, over_chunks
 
     found, outwards = np.zeros(len(at), dtype=bool), np.zeros((len(at), 3))
-    asked = as_plain(cloud), around, as_plain(at), as_plain(normals), LOPSIDED
+    asked = as_plain(cloud), around, as_plain(at), as_plain(normals), ONE_SIDED_SPREADS
     over_chunks(off_centre_rows, len(at), *asked, found, outwards)
     return found, outwards
 

@@ -20,28 +20,30 @@ from dqreg.search.scoring import PoseScores, distances_at, likely_by, mean_gains
 
 # Points that screen a flipped pose, and the mean gain that it may lack by them: few first, which most flips fail.
 # Reach of their gain, in sizes.
-SCREENS, REACH = ((60, 0.3), (300, 0.15)), 0.02
+SCREENS, SCREEN_REACH_DIAGONALS = ((60, 0.3), (300, 0.15)), 0.02
 # Points that refine, points that score and steps of the refinement: few of all poses, and more of those that are not
 # clearly worse by them. After four steps scores differ from those after six by a third of their standard error at most.
+FIRST_REFINEMENT = (300, 1_000, 4)
+LAST_REFINEMENT = (1_000, 5_000, 6)
 # Mirrors need more: none is a pose that the loop has led to. On one part of 30 six steps ended where nothing is gained.
-FIRST, LAST, MIRRORED = (300, 1_000, 4), (1_000, 5_000, 6), (1_000, 5_000, 12)
+MIRROR_REFINEMENT = (1_000, 5_000, 12)
 # Standard errors of the mean log-likelihood beyond which a pose is clearly worse. Six motions fitted to so few points
 # cost the others three log-likelihoods in the mean, over that number; twice of it in one case of sixteen.
-CLEARLY, FITTED = 2.5, 6.0 / FIRST[0]
+CLEAR_SIGMAS, FITTED_LOG_LIKELIHOOD = 2.5, 6.0 / FIRST_REFINEMENT[0]
 # Poses that few points have refined are told apart for sure where so many times as many points speak against them, and
 # would though each were that many widths nearer to the target: refining on more moves them by a seventh of one, where
 # the steps have come to rest. They have where the second one on more points moves none of them that far: on one ring,
 # of which few faces hold the rotation, they had 16 widths to go.
-SURELY, MOVES = 2.0, 0.5
+CERTAIN_POINT_RATIO, MAX_MOVE_WIDTHS = 2.0, 0.5
 # Times that number, of a fifth of the points and fewer: what so few say all the others say too.
-FEW_SURELY = 2.0
+FEW_POINTS_FACTOR = 2.0
 # First and last kernel scale of the refinement, in sizes.
-WIDE, NARROW = 6e-3, 1e-3
+FIRST_SCALE_DIAGONALS, LAST_SCALE_DIAGONALS = 6e-3, 1e-3
 # Points, steps and first kernel scale of mirrors that may leave little of a part in place.
-FAR = (300, 1_000, 10), 5e-2
+FAR_MIRROR_REFINEMENT = (300, 1_000, 10), 5e-2
 # Flips within so much mean log-likelihood are equally likely: half of what the notch of a block costs that is 0.7 % of
 # its surface. What only a smaller fraction of the points favours is no decision.
-EQUALLY_LIKELY = 0.015
+EQUAL_LOG_LIKELIHOOD = 0.015
 
 
 def flipped_poses(
@@ -61,17 +63,17 @@ def flipped_poses(
     flips = _worth_refining(T_target_source, flips, scan, surface) if len(flips) else flips
     if not len(flips):
         return []
-    poses, scores = _refined(T_target_source, flips, scan, surface, limit, floor, FIRST, asked=asked)
+    poses, scores = _refined(T_target_source, flips, scan, surface, limit, floor, FIRST_REFINEMENT, asked=asked)
     kept = _not_clearly_worse(scores, 0)
     if len(kept) and asked is not None:
-        clear = scores.distinguishable(0, FEW_SURELY * SURELY)[1 + kept]
+        clear = scores.distinguishable(0, FEW_POINTS_FACTOR * CERTAIN_POINT_RATIO)[1 + kept]
         kept = kept[~_told_apart(poses[1 + kept], clear, scores.width, surface, limit, *asked)]
     flips = flips[kept]
     if not len(flips):
         return []
     poses, scores = _refined(T_target_source, flips, scan, surface, limit, floor)
     rms = np.sqrt((scores.distances**2).mean(axis=1))
-    likely = np.flatnonzero(scores.as_likely(0, EQUALLY_LIKELY)[1:]) + 1
+    likely = np.flatnonzero(scores.as_likely(0, EQUAL_LOG_LIKELIHOOD)[1:]) + 1
     return [(pose.from_parts(poses.R[k], poses.t[k]), float(rms[k])) for k in likely]
 
 
@@ -81,12 +83,12 @@ def gain_of_mirror(
     """Mean log-likelihood that the scan gains by the best of some mirrors, (k, 4, 4)."""
     if not len(mirrors):
         return -np.inf
-    scores = _refined(T_target_source, mirrors, scan, surface, limit, floor, FIRST)[1]
+    scores = _refined(T_target_source, mirrors, scan, surface, limit, floor, FIRST_REFINEMENT)[1]
     best = 1 + int(scores.means[1:].argmax())
     if not len(_not_clearly_worse(scores, 0)):
         return float(scores.means[best] - scores.means[0])
     mirrors = mirrors[_not_clearly_worse(scores, best)]
-    means = _refined(T_target_source, mirrors, scan, surface, limit, floor, MIRRORED)[1].means
+    means = _refined(T_target_source, mirrors, scan, surface, limit, floor, MIRROR_REFINEMENT)[1].means
     return float(means[1:].max() - means[0])
 
 
@@ -97,9 +99,11 @@ def far_mirrors(
 
     What is no mirror image of itself is drawn aside in its mirror, so they are refined from farther off.
     """
-    poses, scores = _refined(T_target_source, mirrors, scan, surface, limit, floor, FAR[0], FAR[1])
+    poses, scores = _refined(
+        T_target_source, mirrors, scan, surface, limit, floor, FAR_MIRROR_REFINEMENT[0], FAR_MIRROR_REFINEMENT[1]
+    )
     deficit, error = scores.deficit(0)
-    rows = np.flatnonzero(-deficit > EQUALLY_LIKELY + CLEARLY * error)
+    rows = np.flatnonzero(-deficit > EQUAL_LOG_LIKELIHOOD + CLEAR_SIGMAS * error)
     return np.asarray(poses.matrices[rows] @ pose.inverse(T_target_source))
 
 
@@ -110,8 +114,8 @@ def _refined(
     surface: Surface,
     limit: float,
     floor: float,
-    points: tuple[int, int, int] = LAST,
-    wide: float = WIDE,
+    points: tuple[int, int, int] = LAST_REFINEMENT,
+    wide: float = FIRST_SCALE_DIAGONALS,
     asked: tuple[FloatArray, FloatArray] | None = None,
 ) -> tuple[Poses, PoseScores]:
     """A pose, then the pose followed by each of some motions, (k, 4, 4), and refined; and the scores of all.
@@ -131,13 +135,13 @@ def _refined(
 
 @lru_cache(maxsize=8)
 def _widths(wide: float, steps: int) -> FloatArray:
-    return np.geomspace(wide, NARROW, steps)
+    return np.geomspace(wide, LAST_SCALE_DIAGONALS, steps)
 
 
 def _not_clearly_worse(scores: PoseScores, best: int) -> IntArray:
     """Which motions of a pose few points leave about as likely as one of the poses scored, the pose and each motion."""
     deficit, error = scores.deficit(best)
-    return np.flatnonzero((deficit <= EQUALLY_LIKELY + FITTED + CLEARLY * error)[1:])
+    return np.flatnonzero((deficit <= EQUAL_LOG_LIKELIHOOD + FITTED_LOG_LIKELIHOOD + CLEAR_SIGMAS * error)[1:])
 
 
 def _told_apart(
@@ -153,17 +157,24 @@ def _told_apart(
 
     Where few points have told a pose clearly before, few are asked first: as a rule they say it again.
     """
-    some, last = points[sample_rows(len(points), LAST[0])], np.array([NARROW * surface.diagonal])
+    some, last = (
+        points[sample_rows(len(points), LAST_REFINEMENT[0])],
+        np.array([LAST_SCALE_DIAGONALS * surface.diagonal]),
+    )
     before = refine(poses, OrientedPoints.on_faces(some), surface, last)
     poses = refine(before, OrientedPoints.on_faces(some), surface, last)
-    told: BoolArray = np.abs(poses.apply(some) - before.apply(some)).max(axis=(1, 2)) <= MOVES * width
+    told: BoolArray = np.abs(poses.apply(some) - before.apply(some)).max(axis=(1, 2)) <= MAX_MOVE_WIDTHS * width
     known = np.zeros(len(poses), dtype=bool)
     # Only those that have come to rest are asked about.
-    few = told & clear & (len(points) > 2 * LAST[0]), sample_rows(len(points), LAST[0]), FEW_SURELY * SURELY
-    for which, asked, surely in (few, (told, slice(None), SURELY)):
+    few = (
+        told & clear & (len(points) > 2 * LAST_REFINEMENT[0]),
+        sample_rows(len(points), LAST_REFINEMENT[0]),
+        FEW_POINTS_FACTOR * CERTAIN_POINT_RATIO,
+    )
+    for which, asked, surely in (few, (told, slice(None), CERTAIN_POINT_RATIO)):
         if not (rests := np.flatnonzero(which & ~known)).size:
             continue
-        there = np.maximum(distances_at(poses[rests], points[asked], surface, limit) - MOVES * width, 0.0)
+        there = np.maximum(distances_at(poses[rests], points[asked], surface, limit) - MAX_MOVE_WIDTHS * width, 0.0)
         scores = likely_by(np.concatenate([distances[None, asked], there]), width, limit)
         known[rests] = scores.distinguishable(0, surely)[1:]
     return told & known
@@ -175,6 +186,6 @@ def _worth_refining(T_target_source: FloatArray, flips: FloatArray, scan: Scan, 
         if len(flips):
             few = scan.points[sample_rows(len(scan), count)]
             poses = Poses.of(T_target_source[None]) + Poses.of(flips @ T_target_source)
-            gains = mean_gains(poses, few, surface, REACH)
+            gains = mean_gains(poses, few, surface, SCREEN_REACH_DIAGONALS)
             flips = flips[gains[1:] >= gains[0] - lacks]
     return flips

@@ -23,14 +23,20 @@ from dqreg.search.poses import Poses
 from dqreg.solvers import solve_many
 from dqreg.solvers.oriented_pairs import OrientedPairs, poses_from_pairs
 
-# Points with a histogram, and its radius in voxels; a voxel in sizes of the smaller side.
-POINTS, RADIUS, VOXEL = 5_000, 5.0, 1.0 / 60.0
+# Points with a histogram.
+HISTOGRAM_POINTS = 5_000
+# Radius of a histogram in voxels; a voxel in sizes of the smaller side.
+RADIUS_VOXELS, VOXEL_DIAGONALS = 5.0, 1.0 / 60.0
 # Neighbours of a normal, and those that its sign is propagated to.
-NEIGHBOURS, SIGN_NEIGHBOURS = 30, 10
-# Matches that are compared with each other; how far two may change their distance, in voxels, and shortest distance.
-MATCHES, STRETCH, SHORTEST = 1_000, 1.5, 6.0
-# Matches that most others support, partners of each, and others that make a triple with both.
-SEEDS, PARTNERS, THIRDS = 150, 8, 3
+NORMAL_NEIGHBOURS, SIGN_NEIGHBOURS = 30, 10
+# Matches that are compared with each other.
+COMPARED_MATCHES = 1_000
+# How far two may change their distance, in voxels, and shortest distance.
+MAX_STRETCH_VOXELS, MIN_DISTANCE_VOXELS = 1.5, 6.0
+# Matches that most others support.
+SEED_MATCHES = 150
+# Partners of each, and others that make a triple with both.
+SEED_PARTNERS, TRIPLES_PER_PAIR = 8, 3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,12 +70,12 @@ class FpfhCloud:
         points = points[rows]
         if normals is None:
             tree = NeighbourTree(points)
-            fitted = np.nan_to_num(fit_planes(tree, points, points, NEIGHBOURS).normals)
+            fitted = np.nan_to_num(fit_planes(tree, points, points, NORMAL_NEIGHBOURS).normals)
             normals = orient_consistently(fitted, tree.nearest(points, SIGN_NEIGHBOURS)[0])
         else:
             normals = normals[rows]
-        kept = sample_rows(len(points), POINTS)
-        return FpfhCloud(points[kept], normals[kept], points, normals, kept, RADIUS * voxel)
+        kept = sample_rows(len(points), HISTOGRAM_POINTS)
+        return FpfhCloud(points[kept], normals[kept], points, normals, kept, RADIUS_VOXELS * voxel)
 
 
 def first_in_voxels(points: FloatArray, voxel: float) -> IntArray:
@@ -115,7 +121,7 @@ def match_features(source: FloatArray, target: FloatArray) -> tuple[IntArray, In
     there, back = likeness.argmax(axis=1), likeness.argmax(axis=0)
     rows = np.arange(len(a))
     mutual = back[there] == rows
-    order = np.argsort(-(likeness[rows, there] + mutual), kind="stable")[:MATCHES]
+    order = np.argsort(-(likeness[rows, there] + mutual), kind="stable")[:COMPARED_MATCHES]
     return order, there[order]
 
 
@@ -133,8 +139,8 @@ def _from_matches(source: FpfhCloud, target: FpfhCloud, i: IntArray, j: IntArray
     agree = _consistency(p, q, source.normals[i], target.normals[j], voxel)
     # How many third matches agree with both, where both agree.
     shared = agree * (agree @ agree)
-    seeds = np.argsort(-shared.sum(axis=1), kind="stable")[:SEEDS]
-    partners = _largest(shared[seeds], PARTNERS)
+    seeds = np.argsort(-shared.sum(axis=1), kind="stable")[:SEED_MATCHES]
+    partners = _largest(shared[seeds], SEED_PARTNERS)
     first, second = np.repeat(seeds, partners.shape[1]), partners.ravel()
     sound = shared[first, second] > 0.0
     first, second = first[sound], second[sound]
@@ -142,7 +148,7 @@ def _from_matches(source: FpfhCloud, target: FpfhCloud, i: IntArray, j: IntArray
         return Poses.of(np.zeros((0, 4, 4)))
     pairs = OrientedPairs.of(p, source.normals[i], first, second), OrientedPairs.of(q, target.normals[j], first, second)
     poses = Poses(*poses_from_pairs(*pairs))
-    thirds = _largest(shared[first] * agree[second], THIRDS)
+    thirds = _largest(shared[first] * agree[second], TRIPLES_PER_PAIR)
     count = thirds.shape[1]
     triples = np.stack([np.repeat(first, count), np.repeat(second, count), thirds.ravel()], axis=1)
     sound = (agree[triples[:, 0], triples[:, 2]] > 0.0) & (agree[triples[:, 1], triples[:, 2]] > 0.0)
@@ -164,7 +170,9 @@ def _consistency(p: FloatArray, q: FloatArray, n: FloatArray, m: FloatArray, vox
         squared = (arms**2).sum(axis=1)
         lengths.append(np.sqrt(np.maximum(squared[:, None] + squared[None, :] - 2.0 * arms @ arms.T, 0.0)))
         angles.append(np.arccos(np.clip(np.abs(directions @ directions.T), 0.0, 1.0)))
-    agree = (np.abs(lengths[0] - lengths[1]) < STRETCH * voxel) & (np.minimum(*lengths) > SHORTEST * voxel)
+    agree = (np.abs(lengths[0] - lengths[1]) < MAX_STRETCH_VOXELS * voxel) & (
+        np.minimum(*lengths) > MIN_DISTANCE_VOXELS * voxel
+    )
     agree &= np.abs(angles[0] - angles[1]) < NORMALS_RAD
     both: Single = agree.astype(np.float32)
     return both

@@ -21,15 +21,17 @@ from dqreg.search.axes import cube_rotations, face_axes, moments, principal_axes
 from dqreg.search.poses import Poses
 from dqreg.search.rings import Ring, ring_flips, ring_steps
 from dqreg.search.scoring import distances_at
-from dqreg.search.symmetry import MOST, NEARLY, SAME
+from dqreg.search.symmetry import NEAR_SYMMETRY_DIAGONALS, NEAR_SYMMETRY_FRACTION, ON_PART_DIAGONALS
 
 # A motion that leaves this fraction of the part in place is a symmetry, which no scan can decide; in place to so much
 # of the size, it is none to a scan with little noise.
-ALL, EXACT = 0.998, 1e-4
-# Points that check a motion, those of them that screen it, and the fraction that these may lack.
-CHECKED, SCREENED, SLACK = 2_000, 100, 0.2
+SYMMETRY_FRACTION, EXACT_DIAGONALS = 0.998, 1e-4
+# Points that check a motion.
+CHECKING_POINTS = 2_000
+# Those of them that screen it, and the fraction that these may lack.
+SCREENING_POINTS, SCREENING_SLACK = 100, 0.2
 # A quarter of them is enough where it says this much more or less than is asked: two and a half standard deviations.
-QUARTER, CLEAR = 4, 0.05
+EARLY_DIVISOR, EARLY_MARGIN = 4, 0.05
 # Axes of the faces that are this near to the principal ones are the same.
 SAME_FRAME_RAD = np.deg2rad(1.0)
 # Maps that differ by less are one: the refinement on the scan leads to the same pose from both.
@@ -42,7 +44,9 @@ def near_flips(mesh: Mesh, surface: Surface) -> FloatArray:
     Shapes: returns (k, 4, 4). Some are `is_symmetry`: little noise may tell what they change.
     """
     ring = Ring.of(mesh, surface)
-    return _near_maps(mesh, surface, _about(mesh, cube_rotations(), [*ring_steps(ring), *ring_flips(ring)]), EXACT)
+    return _near_maps(
+        mesh, surface, _about(mesh, cube_rotations(), [*ring_steps(ring), *ring_flips(ring)]), EXACT_DIAGONALS
+    )
 
 
 def near_mirrors(mesh: Mesh, surface: Surface) -> FloatArray:
@@ -50,7 +54,7 @@ def near_mirrors(mesh: Mesh, surface: Surface) -> FloatArray:
 
     Shapes: returns (k, 4, 4).
     """
-    return _near_maps(mesh, surface, _about(mesh, [-R for R in cube_rotations()]), SAME)
+    return _near_maps(mesh, surface, _about(mesh, [-R for R in cube_rotations()]), ON_PART_DIAGONALS)
 
 
 def mirrors_about(mesh: Mesh) -> FloatArray:
@@ -59,10 +63,12 @@ def mirrors_about(mesh: Mesh) -> FloatArray:
     return np.array([pose.from_parts(R, centre - R @ centre) for R in _about(mesh, [-R for R in cube_rotations()])])
 
 
-def is_symmetry(T: FloatArray, mesh: Mesh, surface: Surface, same: float = SAME) -> bool:
+def is_symmetry(T: FloatArray, mesh: Mesh, surface: Surface, same: float = ON_PART_DIAGONALS) -> bool:
     """Whether a motion leaves all of a part about in place, to a share of its size."""
-    points, limit = places_on(mesh, CHECKED, np.random.default_rng(0))[0], same * surface.diagonal
-    return bool(np.mean(surface.closest(pose.apply(T, points), within=2.0 * limit).distances <= limit) >= ALL)
+    points, limit = places_on(mesh, CHECKING_POINTS, np.random.default_rng(0))[0], same * surface.diagonal
+    return bool(
+        np.mean(surface.closest(pose.apply(T, points), within=2.0 * limit).distances <= limit) >= SYMMETRY_FRACTION
+    )
 
 
 def _about(mesh: Mesh, turns: Sequence[FloatArray], ring: Sequence[FloatArray] = ()) -> list[FloatArray]:
@@ -79,7 +85,7 @@ def _about(mesh: Mesh, turns: Sequence[FloatArray], ring: Sequence[FloatArray] =
 def _near_maps(mesh: Mesh, surface: Surface, turns: list[FloatArray], same: float) -> FloatArray:
     """Those of some orthogonal matrices that, about the centre, leave most of a part in place, but not all exactly."""
     centre = moments(mesh)[0]
-    points = places_on(mesh, CHECKED, np.random.default_rng(0))[0]
+    points = places_on(mesh, CHECKING_POINTS, np.random.default_rng(0))[0]
     maps = np.array([pose.from_parts(R, centre - R @ centre) for R in turns])
     away, asked = np.zeros((len(maps), len(points))), np.zeros(len(points), dtype=bool)
 
@@ -89,18 +95,20 @@ def _near_maps(mesh: Mesh, surface: Surface, turns: list[FloatArray], same: floa
         Of maps and points that were asked about before, only the other points are.
         """
         some = np.flatnonzero((np.arange(len(points)) % every == 0) & ~asked)
-        limit = 2.0 * NEARLY * surface.diagonal
+        limit = 2.0 * NEAR_SYMMETRY_DIAGONALS * surface.diagonal
         away[np.ix_(rows, some)] = distances_at(Poses.of(maps[rows]), points[some], surface, limit) / surface.diagonal
         asked[some] = True
         known = away[rows, ::every]
-        return (known <= NEARLY).mean(axis=1), (known <= same).mean(axis=1)
+        return (known <= NEAR_SYMMETRY_DIAGONALS).mean(axis=1), (known <= same).mean(axis=1)
 
     # Few points of all rotations in one query; most rotations move most of the part far away.
-    rows = np.flatnonzero(shares(np.arange(len(maps)), CHECKED // SCREENED)[0] >= MOST - SLACK)
-    nearly, exactly = shares(rows, QUARTER)
-    unclear = (np.abs(nearly - MOST) <= CLEAR) | (exactly >= ALL - CLEAR)
+    rows = np.flatnonzero(
+        shares(np.arange(len(maps)), CHECKING_POINTS // SCREENING_POINTS)[0] >= NEAR_SYMMETRY_FRACTION - SCREENING_SLACK
+    )
+    nearly, exactly = shares(rows, EARLY_DIVISOR)
+    unclear = (np.abs(nearly - NEAR_SYMMETRY_FRACTION) <= EARLY_MARGIN) | (exactly >= SYMMETRY_FRACTION - EARLY_MARGIN)
     nearly[unclear], exactly[unclear] = shares(rows[unclear], 1)
-    fits = np.flatnonzero((nearly >= MOST) & (exactly < ALL))
+    fits = np.flatnonzero((nearly >= NEAR_SYMMETRY_FRACTION) & (exactly < SYMMETRY_FRACTION))
     kept: list[FloatArray] = []
     for T in maps[rows[fits[np.argsort(-nearly[fits], kind="stable")]]]:
         # Both frames may come near to one symmetry.

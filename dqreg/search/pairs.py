@@ -39,7 +39,9 @@ LEAST_SINE = 0.15
 # Fitted normals of corresponding points differ by no more than this, signs aside.
 NORMALS_RAD = 0.45
 # Pairs drawn from the scan, pairs used of these, counterparts of each, at most.
-DRAWN, USED, COUNTERPARTS = 24_000, 3_000, 30
+DRAWN_PAIRS = 24_000
+USED_PAIRS = 3_000
+MAX_COUNTERPARTS = 30
 # A pair with so many counterparts is common: how many more does not matter.
 COMMON = np.iinfo(np.uint16).max
 # Rows of the table whose pairs one thread finds in one go.
@@ -134,8 +136,8 @@ def pair_hypotheses(scan: OrientedPoints, table: PairTable, rng: np.random.Gener
     first, last = table.starts[keys], table.starts[keys + 1]
     counts = last - first
     known = np.flatnonzero(counts)
-    rare = known[np.argsort(np.minimum(counts[known], COMMON).astype(np.uint16), kind="stable")[:USED]]
-    taken = np.minimum(counts[rare], COUNTERPARTS)
+    rare = known[np.argsort(np.minimum(counts[known], COMMON).astype(np.uint16), kind="stable")[:USED_PAIRS]]
+    taken = np.minimum(counts[rare], MAX_COUNTERPARTS)
     rows = np.repeat(rare, taken)
     # Evenly through the counterparts, from a drawn one on: no order of the table is preferred.
     step = np.arange(len(rows)) - np.repeat(np.cumsum(taken) - taken, taken)
@@ -165,12 +167,12 @@ def _draw_pairs(scan: OrientedPoints, size: float, rng: np.random.Generator) -> 
     found: list[tuple[IntArray, IntArray, IntArray]] = [(np.zeros(0, dtype=np.int64),) * 3]
     count = 0
     for _ in range(ROUNDS):
-        i, j = scan.draw(DRAWN, rng), scan.draw(DRAWN, rng)
+        i, j = scan.draw(DRAWN_PAIRS, rng), scan.draw(DRAWN_PAIRS, rng)
         keys, usable = pair_keys(scan, i, j, size)
         found.append((i[usable], j[usable], keys[usable]))
         count += int(np.count_nonzero(usable))
         # A scene is much larger than the part: most of its pairs are too long.
-        if 2 * count >= DRAWN or not len(i):
+        if 2 * count >= DRAWN_PAIRS or not len(i):
             break
     i, j, keys = (np.concatenate([part[k] for part in found]) for k in range(3))
     return i, j, keys

@@ -21,7 +21,7 @@ from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.pairs import PairTable
 from dqreg.search.poses import Poses
 from dqreg.search.refine import refine
-from dqreg.search.scoring import TRUNCATED, PoseScores, score_poses, symmetric_scores
+from dqreg.search.scoring import OUTLIER_DISTANCE_SHARE, PoseScores, score_poses, symmetric_scores
 
 # A scan so many times larger than the target is a scene with the part in it.
 SCENE = 1.3
@@ -108,7 +108,7 @@ class SearchProblem:
     @property
     def limit(self) -> float:
         """Distance beyond which a point is an outlier."""
-        return TRUNCATED * self.plan.max_distance
+        return OUTLIER_DISTANCE_SHARE * self.plan.max_distance
 
     def order(self, poses: Poses, count: int, reach: float, least: float = 0.0, most: int | None = None) -> IntArray:
         """Rows by falling gain on the grids, for so many scan points and this reach in sizes; so many at most.

@@ -14,23 +14,23 @@ from dqreg.rigid.rotations import about_axis
 from dqreg.search.axes import moments, principal_axes
 from dqreg.search.poses import Poses
 from dqreg.search.scoring import distances_at, gains_of
-from dqreg.search.symmetry import NEARLY
+from dqreg.search.symmetry import NEAR_SYMMETRY_DIAGONALS
 
 # Smaller moment in the larger one of the two across the axis of a ring, at least.
 EQUAL_MOMENTS = 0.9
 # Half-turns across a ring that are tried, and those around each that fits.
-FLIPS, FINER = 72, 7
+HALF_TURNS, FINER_HALF_TURNS = 72, 7
 # Teeth of a ring that are tried, and points that score a rotation by one.
 TEETH, RING_POINTS = range(5, 41), 500
 # Every so-manieth of these is asked first. Where they bring back less than half of what a step has to, no step fits: of
 # 118 rings whose steps fit none brought back less than four times that. A half-turn that gains less by them is
 # hopeless: of twelve rings with half-turns that stayed, none gained less than 0.69 at the best.
-RING_FIRST, HOPELESS = 5, 0.25
+RING_SCREEN_STRIDE, MIN_HALF_TURN_GAIN = 5, 0.25
 # A step of a ring fits where so much of what half a step moves out of place comes back into it: else it is the whole of
 # a disc that fits, at any angle, and ICP itself rotates it. What breaks the ring stays out of place: of five bolts
 # beside a block in the flange 0.28 to 0.4 come back, of orders that are none 0.13 at most. Orders that bring back less
 # than so much of what the best one does are none beside it: three teeth and a tenth are no step.
-COMES_BACK, OF_BEST = 0.2, 0.5
+MIN_RETURNED_SHARE, MIN_SHARE_OF_BEST = 0.2, 0.5
 # Numbers of teeth that are kept, the best ones.
 ORDERS_KEPT = 4
 
@@ -62,7 +62,7 @@ class Ring:
 
         Rotations near each other follow each other.
         """
-        gains, first = np.zeros((len(rotations), len(self.arms))), np.arange(len(self.arms)) % RING_FIRST == 0
+        gains, first = np.zeros((len(rotations), len(self.arms))), np.arange(len(self.arms)) % RING_SCREEN_STRIDE == 0
         gains[:, first] = self._gains(rotations, first)
         means: FloatArray = gains[:, first].mean(axis=1)
         rows = np.flatnonzero(hopeful(means))
@@ -73,10 +73,10 @@ class Ring:
 
     def _gains(self, rotations: FloatArray, some: BoolArray) -> FloatArray:
         turns = Poses(np.asarray(self.axes @ rotations), np.tile(self.centre, (len(rotations), 1)))
-        limit = NEARLY * self.surface.diagonal
+        limit = NEAR_SYMMETRY_DIAGONALS * self.surface.diagonal
         # Each point is asked about under all of them in turn.
         apart = distances_at(turns, self.arms[some], self.surface, limit, by_point=True)
-        return gains_of(apart, self.surface, NEARLY)
+        return gains_of(apart, self.surface, NEAR_SYMMETRY_DIAGONALS)
 
     def brings_back(self) -> tuple[FloatArray, FloatArray]:
         """For each number of teeth, the gain after a step, and the share that comes back of what half a step lost.
@@ -92,13 +92,13 @@ class Ring:
             return whole, (whole - half) / np.maximum(1.0 - half, np.finfo(float).eps)
 
         def hopeful(gains: FloatArray) -> BoolArray:
-            return np.full(len(gains), shares(gains)[1].max() >= 0.5 * COMES_BACK)
+            return np.full(len(gains), shares(gains)[1].max() >= 0.5 * MIN_RETURNED_SHARE)
 
         return shares(self.in_place(about_axis(self.axis, angles), hopeful))
 
     def flip_gains(self, flips: FloatArray) -> FloatArray:
         """Mean gain of the points after each of some rotations, (k, 3, 3), that are near each other in their order."""
-        return self.in_place(flips, lambda gains: gains >= HOPELESS)
+        return self.in_place(flips, lambda gains: gains >= MIN_HALF_TURN_GAIN)
 
 
 def ring_steps(ring: Ring | None) -> list[FloatArray]:
@@ -113,7 +113,7 @@ def ring_steps(ring: Ring | None) -> list[FloatArray]:
     # An order beside the right one fits as well, a little worse.
     beside = np.maximum(np.r_[0.0, whole[:-1]], np.r_[whole[1:], 0.0])
     back = np.where(whole > beside, back, 0.0)
-    fits = np.flatnonzero(back > max(COMES_BACK, OF_BEST * float(back.max())))
+    fits = np.flatnonzero(back > max(MIN_RETURNED_SHARE, MIN_SHARE_OF_BEST * float(back.max())))
     fits = fits[np.argsort(-whole[fits], kind="stable")][:ORDERS_KEPT]
     return [about_axis(ring.axis, sign * 2.0 * np.pi / TEETH[k]) for k in fits for sign in (1.0, -1.0)]
 
@@ -127,10 +127,10 @@ def ring_flips(ring: Ring | None) -> list[FloatArray]:
     def flips(angles: FloatArray) -> FloatArray:
         return about_axis(about_axis(ring.axis, angles) @ across, np.full(len(angles), np.pi))
 
-    angles = np.arange(FLIPS) * np.pi / FLIPS
+    angles = np.arange(HALF_TURNS) * np.pi / HALF_TURNS
     gains = ring.flip_gains(flips(angles))
     tops = np.flatnonzero((gains >= np.roll(gains, 1)) & (gains > np.roll(gains, -1)) & (gains > gains.mean()))
     tops = tops[np.argsort(-gains[tops], kind="stable")][:ORDERS_KEPT]
-    fine = flips((angles[tops, None] + np.linspace(-0.5, 0.5, FINER) * np.pi / FLIPS).ravel())
-    best = ring.flip_gains(fine).reshape(-1, FINER).argmax(axis=1)
-    return list(fine.reshape(-1, FINER, 3, 3)[np.arange(len(tops)), best])
+    fine = flips((angles[tops, None] + np.linspace(-0.5, 0.5, FINER_HALF_TURNS) * np.pi / HALF_TURNS).ravel())
+    best = ring.flip_gains(fine).reshape(-1, FINER_HALF_TURNS).argmax(axis=1)
+    return list(fine.reshape(-1, FINER_HALF_TURNS, 3, 3)[np.arange(len(tops)), best])

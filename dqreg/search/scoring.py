@@ -14,24 +14,28 @@ from dqreg.search.poses import Poses
 from dqreg.solvers.robust import LEAST_FRACTION
 
 # Points farther from the target than this fraction of the largest distance of a correspondence are outliers to a score.
-TRUNCATED = 0.25
+OUTLIER_DISTANCE_SHARE = 0.25
 # Poses for which a width is estimated.
-ESTIMATED = 6
+WIDTH_POSES = 6
 # Kernel scale that their fit starts at, in units of the limit: the poses are refined ones.
-NARROW = 0.2
+INITIAL_SCALE_SHARE = 0.2
 # EM rounds that fit the fraction of inliers of each pose.
-ROUNDS = 20
+EM_ROUNDS = 20
 # Normals farther apart than this are of different faces.
 GATE_RAD = np.deg2rad(50.0)
-# A point favours one of two poses clearly with this log-likelihood ratio; so many such points are enough to tell the
-# poses apart if their sum is so many times that of the points that favour the other one.
-CLEAR, CLEAR_POINTS, CLEAR_RATIO = 2.0, 30, 10.0
+# A point favours one of two poses clearly with this log-likelihood ratio.
+CLEAR_LOG_RATIO = 2.0
+# So many such points are enough to tell the poses apart if their sum is so many times that of the points that favour
+# the other one.
+CLEAR_POINTS, CLEAR_SUM_RATIO = 30, 10.0
 # Few are enough that lie on the target at the pose they favour, within so many widths, and off it at the other one:
-# outliers hardly do. Their ratios together are such as chance reaches once in 10^8.
-FEW_POINTS, ON_TARGET, BY_CHANCE = 3, 3.0, 20.0
+# outliers hardly do.
+FEW_CLEAR_POINTS, ON_TARGET_WIDTHS = 3, 3.0
+# Their ratios together are such as chance reaches once in 10^8.
+CHANCE_LOG_RATIO = 20.0
 # A pose within so many standard errors of another one's mean log-likelihood is as likely, but never one farther behind
 # than the last number.
-ERRORS, WORSE = 2.0, 0.05
+EQUAL_SIGMAS, MAX_EQUAL_LOG_LIKELIHOOD = 2.0, 0.05
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,7 +71,7 @@ class PoseScores:
     def as_likely(self, best: int, least: float) -> BoolArray:
         """Which poses, (n,), are as likely as one of them by their means: all that lack so much of it at most, too."""
         deficit, error = self.deficit(best)
-        return np.asarray(deficit <= np.clip(ERRORS * error, least, WORSE))
+        return np.asarray(deficit <= np.clip(EQUAL_SIGMAS * error, least, MAX_EQUAL_LOG_LIKELIHOOD))
 
     def distinguishable(self, best: int, surely: float = 1.0) -> BoolArray:
         """Which poses are clearly worse than one of them at some points, and better at next to none, (n,).
@@ -77,21 +81,23 @@ class PoseScores:
         many times as many speak against it.
         """
         gaps = self.likelihoods[best] - self.likelihoods
-        clear = np.abs(gaps) > CLEAR
+        clear = np.abs(gaps) > CLEAR_LOG_RATIO
         against, in_favour = clear & (gaps > 0.0), clear & (gaps < 0.0)
         weights = np.where(against, gaps, 0.0).sum(axis=1), np.where(in_favour, -gaps, 0.0).sum(axis=1)
         clearly: BoolArray = (np.count_nonzero(against, axis=1) >= surely * CLEAR_POINTS) & (
-            weights[0] > CLEAR_RATIO * weights[1]
+            weights[0] > CLEAR_SUM_RATIO * weights[1]
         )
         return clearly | self._told_by_few(best, gaps, clear, surely)
 
     def _told_by_few(self, best: int, gaps: FloatArray, clear: BoolArray, surely: float) -> BoolArray:
         """The same by points that lie on the target at one pose and off it at the other: one hole is seen by few."""
-        on = self.distances <= ON_TARGET * self.width
+        on = self.distances <= ON_TARGET_WIDTHS * self.width
         against, in_favour = clear & (gaps > 0.0) & on[best] & ~on, clear & (gaps < 0.0) & on & ~on[best]
         ratio, other = np.where(against, gaps, 0.0).sum(axis=1), np.where(in_favour, -gaps, 0.0).sum(axis=1)
-        is_enough = (np.count_nonzero(against, axis=1) >= surely * FEW_POINTS) & (ratio >= surely * BY_CHANCE)
-        return np.asarray(is_enough & (ratio > CLEAR_RATIO * other))
+        is_enough = (np.count_nonzero(against, axis=1) >= surely * FEW_CLEAR_POINTS) & (
+            ratio >= surely * CHANCE_LOG_RATIO
+        )
+        return np.asarray(is_enough & (ratio > CLEAR_SUM_RATIO * other))
 
 
 def symmetric_scores(there: PoseScores, back: PoseScores) -> PoseScores:
@@ -120,7 +126,7 @@ def score_poses(
 def scored(distances: FloatArray, limit: float, floor: float) -> PoseScores:
     """The same of poses with such distances, (k, n)."""
     # The width is that of the pose under which the points are likeliest: one of those with the smallest distances.
-    few = np.argsort(np.sqrt(np.minimum(distances, limit)).mean(axis=1), kind="stable")[:ESTIMATED]
+    few = np.argsort(np.sqrt(np.minimum(distances, limit)).mean(axis=1), kind="stable")[:WIDTH_POSES]
     learned = [_learned(row, limit, floor) for row in distances[few]]
     # One width for all: else a wrong pose could explain its misfit as noise.
     return likely_by(distances, max(learned, key=lambda pair: pair[0])[1].scale, limit)
@@ -180,13 +186,15 @@ def _likelihoods(distances: FloatArray, mixture: InlierMixture) -> FloatArray:
 
     found = mixture.inlier_densities(distances)
     outlier = 1.0 / mixture.limit
-    over_chunks(log_likelihoods, len(found), found, outlier, mixture.inlier_fraction, LEAST_FRACTION, ROUNDS, chunk=1)
+    over_chunks(
+        log_likelihoods, len(found), found, outlier, mixture.inlier_fraction, LEAST_FRACTION, EM_ROUNDS, chunk=1
+    )
     return found
 
 
 def _learned(distances: FloatArray, limit: float, floor: float) -> tuple[float, InlierMixture]:
     near = distances < limit
-    start = InlierMixture.starting(NARROW * limit, limit)
+    start = InlierMixture.starting(INITIAL_SCALE_SHARE * limit, limit)
     if not near.any():
         return -np.inf, start
     mixture = start.fit(distances[near], floor=floor, rounds=60)

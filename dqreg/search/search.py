@@ -22,10 +22,10 @@ from dqreg.search.problem import PASSED, SCENE, SearchProblem, Through
 from dqreg.search.scoring import PoseScores
 from dqreg.search.stages import (
     FINE_APART,
-    FINE_SCORED,
-    SCORED,
-    SCREEN_FEW,
-    SCREEN_REACH,
+    FINE_SCORING_POINTS,
+    SCORING_POINTS,
+    SCREEN_POINTS,
+    SCREEN_REACH_DIAGONALS,
     STAGES,
     Observer,
     StageWatch,
@@ -33,14 +33,14 @@ from dqreg.search.stages import (
 )
 
 # Proposed poses that are compared where there is no time for more; those of the principal axes are fewer.
-GLANCED, AXES = 4_000, 48
+HASTY_POSES, AXIS_POSES = 4_000, 48
 # Points that score at the end, where poses are compared.
 LAST_SCORED = 20_000
 # A pose this close to the best in mean log-likelihood is equally likely, whatever its standard error.
-EQUALLY_LIKELY = 0.02
+EQUAL_LOG_LIKELIHOOD = 0.02
 # One at which rays passed through so many more of the points of two scans is not: half-turns of furnished rooms came to
 # 0.05 and more, right poses to 0.006, and to 0.026 where things move.
-TOLD = 0.03
+RAY_CONFLICT_MARGIN = 0.03
 
 
 @dataclasses.dataclass(frozen=True)
@@ -125,12 +125,14 @@ def _best(problem: SearchProblem, poses: Poses, stage: str) -> Poses:
     """The best alone; only the proposed ones are in no order, and of many a choice is compared."""
     if stage != "proposed":
         return poses.first(1)
-    poses = poses[sample_rows(len(poses), GLANCED)]
-    if len(poses) > AXES:
+    poses = poses[sample_rows(len(poses), HASTY_POSES)]
+    if len(poses) > AXIS_POSES:
         # They were made from the table, so its grids are there.
-        return poses[problem.order(poses, SCREEN_FEW, SCREEN_REACH)[:1]]
-    points = problem.scan.points[sample_rows(len(problem.scan), SCREEN_FEW)]
-    apart = problem.surface.closest(poses.apply(points).reshape(-1, 3)).distances / (SCREEN_REACH * problem.size)
+        return poses[problem.order(poses, SCREEN_POINTS, SCREEN_REACH_DIAGONALS)[:1]]
+    points = problem.scan.points[sample_rows(len(problem.scan), SCREEN_POINTS)]
+    apart = problem.surface.closest(poses.apply(points).reshape(-1, 3)).distances / (
+        SCREEN_REACH_DIAGONALS * problem.size
+    )
     gains = np.maximum(1.0 - apart**2, 0.0).reshape(len(poses), len(points)).mean(axis=1)
     return poses[np.argsort(-gains, kind="stable")[:1]]
 
@@ -139,17 +141,17 @@ def _best_so_far(problem: SearchProblem, poses: Poses, stage: str) -> tuple[Cand
     """The first pose alone: there was no time to compare."""
     if not len(poses):
         return ()
-    return (_candidate(poses, problem.scores(poses, SCORED, problem.last_width), 0, stage),)
+    return (_candidate(poses, problem.scores(poses, SCORING_POINTS, problem.last_width), 0, stage),)
 
 
 def _equally_likely(problem: SearchProblem, poses: Poses) -> tuple[Candidate, ...]:
     """All that explain the scan about as well as the best."""
     if not len(poses):
         return ()
-    scores = problem.scores(poses, LAST_SCORED if len(poses) > 1 else FINE_SCORED, problem.last_width)
+    scores = problem.scores(poses, LAST_SCORED if len(poses) > 1 else FINE_SCORING_POINTS, problem.last_width)
     passed = problem.passed(poses, problem.last_width)
     order = np.argsort(PASSED * passed - scores.means, kind="stable")
-    likely = scores.as_likely(int(order[0]), EQUALLY_LIKELY) & (passed <= passed[order[0]] + TOLD)
+    likely = scores.as_likely(int(order[0]), EQUAL_LOG_LIKELIHOOD) & (passed <= passed[order[0]] + RAY_CONFLICT_MARGIN)
     if problem.other_way is None:
         likely &= ~scores.distinguishable(int(order[0]))
     # The faces of a part may explain more of a table than of the part: the others are asked about too.

@@ -12,44 +12,64 @@ from dqreg.geometry import Mesh, PointCloud
 from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.icp.history import Stage
 from dqreg.search.axes import axis_hypotheses
-from dqreg.search.fpfh import VOXEL, FpfhCloud, match_hypotheses
+from dqreg.search.fpfh import VOXEL_DIAGONALS, FpfhCloud, match_hypotheses
 from dqreg.search.pairs import pair_hypotheses
 from dqreg.search.poses import Poses
 from dqreg.search.problem import SearchProblem
 
-# Screening: points for all poses, where there are many, and the share of these that is left; points for those and for
-# the best of them; reach of the gain in sizes; poses for either.
-SCREEN_ALL, SCREEN_LEFT = 20, 0.25
-SCREEN_FEW, SCREEN_MORE, SCREEN_REACH, SHORTLIST = 64, 400, 0.03, 1_500
-# The same reach once the poses are refined roughly.
-REFINED_REACH = 0.02
+# Screening: points for all poses, where there are many, and the share of these that is left.
+FIRST_SCREEN_POINTS, FIRST_SCREEN_SHARE = 20, 0.25
+# Points for those and for the best of them; poses that are left.
+SCREEN_POINTS, LAST_SCREEN_POINTS = 64, 400
+SHORTLIST_POSES = 1_500
+# Reach of the gain in sizes, and once the poses are refined roughly.
+SCREEN_REACH_DIAGONALS, REFINED_REACH_DIAGONALS = 0.03, 0.02
 # Share of the best gain below which a pose of a part is dropped, there and then: of 218 scans none had a pose near the
 # answer below 0.70 and 0.75; 23 had none so near yet at the first of the two.
-LEAST_GAIN = 0.6
-# Distinct poses kept after each stage, and how far apart they are: radians, sizes.
-ROUGH_KEPT, FIT_KEPT, FINE_KEPT, LAST_KEPT = 160, 40, 12, 8
-ROUGH_APART, FIT_APART, FINE_APART, LAST_APART = (0.15, 0.03), (0.06, 0.015), (0.04, 0.01), (0.03, 0.005)
+MIN_GAIN_SHARE = 0.6
+# Distinct poses kept after each stage: rough, fit, fine, last.
+ROUGH_KEPT = 160
+FIT_KEPT = 40
+FINE_KEPT = 12
+LAST_KEPT = 8
+# How far apart they are: radians, sizes.
+ROUGH_APART = (0.15, 0.03)
+FIT_APART = (0.06, 0.015)
+FINE_APART = (0.04, 0.01)
+LAST_APART = (0.03, 0.005)
 # Points that refine: roughly, on the grid, on the target; of near symmetries; finely, and of the last poses.
-ROUGH_POINTS, GRID_POINTS, FIT_POINTS, NEAR_POINTS, FINE_POINTS, LAST_POINTS = 160, 400, 250, 200, 1_000, 2_000
+ROUGH_POINTS = 160
+GRID_POINTS = 400
+FIT_POINTS = 250
+NEAR_POINTS = 200
+FINE_POINTS = 1_000
+LAST_POINTS = 2_000
 # Kernel scales of the refinement, in sizes: first, last, steps. Down to the second the grid is exact enough.
-ROUGH_WIDTHS, GRID_WIDTHS, FIT_WIDTHS = (0.03, 0.012, 5), (0.012, 0.008, 2), (0.006, 0.004, 2)
+ROUGH_SCALES = (0.03, 0.012, 5)
+GRID_SCALES = (0.012, 0.008, 2)
+FIT_SCALES = (0.006, 0.004, 2)
 # The same for near symmetries: on the grid, on the target.
-NEAR_GRID_WIDTHS, NEAR_WIDTHS = (0.01, 0.006, 2), (0.005, 0.004, 2)
-# The fine refinement begins at the first width at most, ends at the second at least.
-FINE_WIDTHS = (4e-3, 1e-3)
+NEAR_GRID_SCALES, NEAR_SCALES = (0.01, 0.006, 2), (0.005, 0.004, 2)
+# The fine refinement begins at the first scale at most, ends at the second at least.
+FINE_SCALES = (4e-3, 1e-3)
 # Best poses that are followed by every near symmetry of the part; such poses in all; and how often at most.
-NEAR_OF, NEAR_MOST, NEAR_ROUNDS = 4, 64, 3
-# Points that score, before and after the fine refinement; the smallest widths of their distances in sizes; and how far
-# behind the best, in mean log-likelihood, a pose is dropped; so many are kept in any case before it.
-SCORED, FINE_SCORED = 600, 4_000
-WIDTH, FINE_WIDTH = 1e-3, 5e-4
-HOPELESS, BEATEN = 0.7, 0.25
-KEPT_ANYWAY = 3
+NEAR_SEEDS = 4
+MAX_NEAR_POSES = 64
+MAX_NEAR_ROUNDS = 3
+# Points that score, before and after the fine refinement; the smallest widths of their distances in sizes.
+SCORING_POINTS, FINE_SCORING_POINTS = 600, 4_000
+MIN_WIDTH_DIAGONALS, MIN_FINE_WIDTH_DIAGONALS = 1e-3, 5e-4
+# How far behind the best, in mean log-likelihood, a pose is dropped, before and after it; so many are kept in any case
+# before it.
+DROP_LOG_LIKELIHOOD, FINE_DROP_LOG_LIKELIHOOD = 0.7, 0.25
+MIN_KEPT = 3
 # The same once near symmetries are there: the pose that was found lacked 0.014 at most.
-BEHIND = 0.35
-# The same for two clouds: points after the rough refinement; widths there, after the next and after the fine one; poses
-# kept that matches propose.
-CLOUD_SCORED, CLOUD_WIDTHS, MATCHED_KEPT = 200, (8e-3, 4e-3, 2e-3), 80
+NEAR_DROP_LOG_LIKELIHOOD = 0.35
+# The same for two clouds: points after the rough refinement; widths there, after the next and after the fine one.
+CLOUD_SCORING_POINTS = 200
+CLOUD_WIDTHS_DIAGONALS = (8e-3, 4e-3, 2e-3)
+# Poses kept that matches propose.
+MATCHED_KEPT = 80
 
 
 Observer = Callable[[Stage], object]
@@ -96,20 +116,26 @@ def screen(problem: SearchProblem, poses: Poses) -> Poses:
 
 def refine_roughly(problem: SearchProblem, poses: Poses) -> Poses:
     """After steps on the planes of the grid."""
-    poses = problem.refined(poses, problem.sample(ROUGH_POINTS), ROUGH_WIDTHS, problem.table.grid)
+    poses = problem.refined(poses, problem.sample(ROUGH_POINTS), ROUGH_SCALES, problem.table.grid)
     if isinstance(problem.target, Mesh):
         return problem.distinct(
-            poses[problem.order(poses, SCREEN_MORE, REFINED_REACH, LEAST_GAIN)], FIT_APART, FIT_KEPT
+            poses[problem.order(poses, LAST_SCREEN_POINTS, REFINED_REACH_DIAGONALS, MIN_GAIN_SHARE)],
+            FIT_APART,
+            FIT_KEPT,
         )
-    return problem.distinct(problem.ranked(poses, CLOUD_SCORED, CLOUD_WIDTHS[0], np.inf), FIT_APART, FIT_KEPT)
+    return problem.distinct(
+        problem.ranked(poses, CLOUD_SCORING_POINTS, CLOUD_WIDTHS_DIAGONALS[0], np.inf), FIT_APART, FIT_KEPT
+    )
 
 
 def refine_on_target(problem: SearchProblem, poses: Poses) -> Poses:
     """After steps on the target itself, ranked by likelihood."""
-    poses = problem.refined(poses, problem.sample(GRID_POINTS), GRID_WIDTHS, problem.table.grid)
-    poses = problem.refined(poses, problem.sample(FIT_POINTS), FIT_WIDTHS)
-    width = WIDTH if isinstance(problem.target, Mesh) else CLOUD_WIDTHS[1]
-    return problem.distinct(problem.ranked(poses, SCORED, width, HOPELESS, KEPT_ANYWAY), FINE_APART, FINE_KEPT)
+    poses = problem.refined(poses, problem.sample(GRID_POINTS), GRID_SCALES, problem.table.grid)
+    poses = problem.refined(poses, problem.sample(FIT_POINTS), FIT_SCALES)
+    width = MIN_WIDTH_DIAGONALS if isinstance(problem.target, Mesh) else CLOUD_WIDTHS_DIAGONALS[1]
+    return problem.distinct(
+        problem.ranked(poses, SCORING_POINTS, width, DROP_LOG_LIKELIHOOD, MIN_KEPT), FINE_APART, FINE_KEPT
+    )
 
 
 def add_near_symmetric(problem: SearchProblem, poses: Poses) -> Poses:
@@ -121,7 +147,7 @@ def add_near_symmetric(problem: SearchProblem, poses: Poses) -> Poses:
     if not len(near):
         return poses
     angle_rad, offset = FINE_APART[0], FINE_APART[1] * problem.size
-    for _ in range(NEAR_ROUNDS):
+    for _ in range(MAX_NEAR_ROUNDS):
         before, poses = poses.first(1), _followed(problem, poses, near) if len(poses) else poses
         if not len(poses) or before.beside(poses.first(1), problem.middle, angle_rad, offset).any():
             break
@@ -129,19 +155,25 @@ def add_near_symmetric(problem: SearchProblem, poses: Poses) -> Poses:
 
 
 def _followed(problem: SearchProblem, poses: Poses, near: FloatArray) -> Poses:
-    more = problem.unknown(poses, FINE_APART).first(max(1, min(NEAR_OF, NEAR_MOST // len(near)))).then(near)
-    more = problem.refined(more, problem.sample(NEAR_POINTS), NEAR_GRID_WIDTHS, problem.table.grid)
-    more = problem.refined(more, problem.sample(NEAR_POINTS), NEAR_WIDTHS)
-    return problem.distinct(problem.ranked(poses + more, SCORED, WIDTH, BEHIND, KEPT_ANYWAY), FINE_APART, FINE_KEPT)
+    more = problem.unknown(poses, FINE_APART).first(max(1, min(NEAR_SEEDS, MAX_NEAR_POSES // len(near)))).then(near)
+    more = problem.refined(more, problem.sample(NEAR_POINTS), NEAR_GRID_SCALES, problem.table.grid)
+    more = problem.refined(more, problem.sample(NEAR_POINTS), NEAR_SCALES)
+    return problem.distinct(
+        problem.ranked(poses + more, SCORING_POINTS, MIN_WIDTH_DIAGONALS, NEAR_DROP_LOG_LIKELIHOOD, MIN_KEPT),
+        FINE_APART,
+        FINE_KEPT,
+    )
 
 
 def refine_finely(problem: SearchProblem, poses: Poses) -> Poses:
     """After steps of many points at the width of the scan's noise."""
-    first, last = FINE_WIDTHS
+    first, last = FINE_SCALES
     width = max(2.0 * noise_on(problem.scan, problem.surface) / problem.size, last)
     poses = problem.refined(poses, problem.sample_without_normals(FINE_POINTS), (max(first, width), width, 4))
-    floor = FINE_WIDTH if isinstance(problem.target, Mesh) else CLOUD_WIDTHS[2]
-    poses = problem.distinct(problem.ranked(poses, FINE_SCORED, floor, BEATEN), LAST_APART, LAST_KEPT)
+    floor = MIN_FINE_WIDTH_DIAGONALS if isinstance(problem.target, Mesh) else CLOUD_WIDTHS_DIAGONALS[2]
+    poses = problem.distinct(
+        problem.ranked(poses, FINE_SCORING_POINTS, floor, FINE_DROP_LOG_LIKELIHOOD), LAST_APART, LAST_KEPT
+    )
     # One pose alone need not be compared: the ICP that follows refines it.
     if len(poses) < 2:
         return poses
@@ -160,16 +192,18 @@ STAGES: tuple[tuple[str, Callable[[SearchProblem, Poses], Poses]], ...] = (
 
 def _screened(problem: SearchProblem, poses: Poses, most: int) -> Poses:
     # Of a scan that shows more than the target hardly any of so few points may be on it.
-    if SCREEN_LEFT * len(poses) > SHORTLIST and problem.occupancy is None:
-        poses = poses[problem.order(poses, SCREEN_ALL, SCREEN_REACH, most=int(SCREEN_LEFT * len(poses)))]
-    for count, least in ((SCREEN_FEW, 0.0), (SCREEN_MORE, LEAST_GAIN)):
-        poses = poses[problem.order(poses, count, SCREEN_REACH, least, SHORTLIST)]
+    if FIRST_SCREEN_SHARE * len(poses) > SHORTLIST_POSES and problem.occupancy is None:
+        poses = poses[
+            problem.order(poses, FIRST_SCREEN_POINTS, SCREEN_REACH_DIAGONALS, most=int(FIRST_SCREEN_SHARE * len(poses)))
+        ]
+    for count, least in ((SCREEN_POINTS, 0.0), (LAST_SCREEN_POINTS, MIN_GAIN_SHARE)):
+        poses = poses[problem.order(poses, count, SCREEN_REACH_DIAGONALS, least, SHORTLIST_POSES)]
     return problem.distinct(poses, ROUGH_APART, most)
 
 
 def _matched(problem: SearchProblem, target: PointCloud) -> Poses:
     """Hypotheses from features that both clouds have."""
-    voxel = VOXEL * problem.size
+    voxel = VOXEL_DIAGONALS * problem.size
     signed = problem.scan.normals if problem.scan.oriented and problem.scan.fitted is None else None
     sides = FpfhCloud.of(problem.scan.points, voxel, signed), FpfhCloud.of(target.points, voxel, target.normals)
     known = signed is not None and target.normals is not None

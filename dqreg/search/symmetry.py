@@ -25,22 +25,31 @@ from dqreg.search.refine import refine
 from dqreg.solvers.motion_words import axis_words
 
 # Distance from the part, in sizes, within which a point lies on it: the facets of a round hole are no feature.
-SAME = 2e-3
+ON_PART_DIAGONALS = 2e-3
 # A motion leaves most of the part in place where this fraction of its surface comes this close, in sizes.
-MOST, NEARLY = 0.7, 5e-3
+NEAR_SYMMETRY_FRACTION, NEAR_SYMMETRY_DIAGONALS = 0.7, 5e-3
 # Near symmetries that are kept, and how far apart they are: radians, sizes.
 NEAR_KEPT, NEAR_APART = 24, (0.1, 0.02)
-# Rotations tried on the grid, the best of them refined, and how far apart these are; points that screen, refine, check.
-TRIED, REFINED, APART_RAD = 4_000, 80, np.deg2rad(10.0)
-SCREEN_POINTS, FIT_POINTS, CHECK_POINTS = 150, 200, 2_000
-# Reach of the gain in the screening, and kernel scales of the refinement on the grid and on the surface, in sizes.
-REACH, WIDE, FINE, NARROW, STEPS = 0.06, 0.04, 6e-3, 5e-4, 6
+# Rotations tried on the grid, the best of them refined, and how far apart these are.
+TRIED_ROTATIONS, REFINED_ROTATIONS = 4_000, 80
+APART_RAD = np.deg2rad(10.0)
+# Points that screen, refine, check.
+SCREEN_POINTS = 150
+FIT_POINTS = 200
+CHECK_POINTS = 2_000
+# Reach of the gain in the screening, in sizes.
+SCREEN_REACH_DIAGONALS = 0.06
+# Kernel scales of the refinement, in sizes: on the grid from the first to the second, on the surface to the last.
+FIRST_SCALE_DIAGONALS = 0.04
+GRID_SCALE_DIAGONALS = 6e-3
+LAST_SCALE_DIAGONALS = 5e-4
+REFINEMENT_STEPS = 6
 # Rotations are refined on the surface with this mean gain on the grid, at this reach beyond a cell, in sizes.
-FINE_REACH, LIKELY = 0.01, 0.55
+FINE_REACH_DIAGONALS, MIN_FINE_GAIN = 0.01, 0.55
 # Highest order that is looked for about the principal axes; above it a part is as good as round.
-HIGHEST = 72
+MAX_ORDER = 72
 # No multiple of the angle of an order up to the highest: an axis about which it is a symmetry is round.
-ODD_RAD = 1.0
+ROUND_TEST_RAD = 1.0
 
 
 def find_symmetry(mesh: Mesh, surface: Surface, grid: PlaneGrid) -> Symmetry:
@@ -50,9 +59,9 @@ def find_symmetry(mesh: Mesh, surface: Surface, grid: PlaneGrid) -> Symmetry:
     near = part.nearly_same(candidates)
     main = part.principal
     # An axis about which the odd angle is a symmetry is round: its orders need not be tried.
-    odd = np.array([about_axis(axis, ODD_RAD) for axis in main.T])
+    odd = np.array([about_axis(axis, ROUND_TEST_RAD) for axis in main.T])
     is_round = part.same(odd)
-    by_order = [about_axis(axis, 2.0 * np.pi / k) for axis in main.T[~is_round] for k in range(2, HIGHEST + 1)]
+    by_order = [about_axis(axis, 2.0 * np.pi / k) for axis in main.T[~is_round] for k in range(2, MAX_ORDER + 1)]
     turns = np.concatenate([candidates.R, np.array(by_order).reshape(-1, 3, 3)])
     # Many candidates are the identity, which would be checked on all points.
     turns = turns[[k for k in range(len(turns)) if angle_of(turns[k]) > SAME_AXIS_RAD]]
@@ -96,7 +105,7 @@ class _Part:
         """Which of n rotations about the centre leave the part as it is; few points first."""
         arms = self.checks - self.centre
         # No point is nearer than its node, but for the way between them.
-        limit, some = SAME * self.surface.diagonal, arms[:: max(1, len(arms) // FIT_POINTS)]
+        limit, some = ON_PART_DIAGONALS * self.surface.diagonal, arms[:: max(1, len(arms) // FIT_POINTS)]
         about = Poses(turns, np.tile(self.centre, (len(turns), 1)))
         alive = self.grid.are_within(about, some, limit + self.grid.cell)
         for few in (60, 600, len(arms)):
@@ -112,10 +121,12 @@ class _Part:
         """The distinct poses, (k, 4, 4), that leave most of the part in place, but for the identity."""
         moved = poses.apply(self.sample.points[:: max(1, len(self.sample) // FIT_POINTS)])
         found = self.surface.closest(moved.reshape(-1, 3)).distances.reshape(len(poses), -1)
-        fraction = (found < NEARLY * self.surface.diagonal).mean(axis=1)
+        fraction = (found < NEAR_SYMMETRY_DIAGONALS * self.surface.diagonal).mean(axis=1)
         angle_rad, offset = NEAR_APART
         rows = np.argsort(-fraction, kind="stable")
-        rows = rows[(fraction[rows] > MOST) & (np.trace(poses.R[rows], axis1=1, axis2=2) < 3.0 - angle_rad**2)]
+        rows = rows[
+            (fraction[rows] > NEAR_SYMMETRY_FRACTION) & (np.trace(poses.R[rows], axis1=1, axis2=2) < 3.0 - angle_rad**2)
+        ]
         # What a motion leaves in place its inverse does: each is followed by that.
         near, twice = poses[rows] + poses[rows].inverse, np.arange(2 * len(rows)).reshape(2, -1).T.ravel()
         near = near[twice]
@@ -126,16 +137,24 @@ def _candidates(part: _Part, grid: PlaneGrid) -> Poses:
     """Poses that may leave the part as it is, refined."""
     rng = np.random.default_rng(0)
     size = part.surface.diagonal
-    R = _matrices(evenly_spread(TRIED))
+    R = _matrices(evenly_spread(TRIED_ROTATIONS))
     poses = Poses(R, part.centre - R @ part.centre)
     count = len(part.sample)
     some = part.sample.points[rng.choice(count, size=min(SCREEN_POINTS, count), replace=False)]
-    poses = poses[np.argsort(-grid.scores(poses, some, REACH * size), kind="stable")[: 8 * REFINED]]
+    poses = poses[
+        np.argsort(-grid.scores(poses, some, SCREEN_REACH_DIAGONALS * size), kind="stable")[: 8 * REFINED_ROTATIONS]
+    ]
     sample = part.sample[rng.choice(count, size=min(FIT_POINTS, count), replace=False)]
-    poses = poses[poses.distinct(part.centre, APART_RAD, np.inf, REFINED)]
-    poses = refine(poses, sample, grid, np.geomspace(WIDE, FINE, STEPS) * size)
-    poses = poses[np.flatnonzero(grid.scores(poses, sample.points, FINE_REACH * size + grid.cell) > LIKELY)]
-    return refine(poses, sample, part.surface, np.geomspace(FINE, NARROW, STEPS) * size)
+    poses = poses[poses.distinct(part.centre, APART_RAD, np.inf, REFINED_ROTATIONS)]
+    poses = refine(
+        poses, sample, grid, np.geomspace(FIRST_SCALE_DIAGONALS, GRID_SCALE_DIAGONALS, REFINEMENT_STEPS) * size
+    )
+    poses = poses[
+        np.flatnonzero(grid.scores(poses, sample.points, FINE_REACH_DIAGONALS * size + grid.cell) > MIN_FINE_GAIN)
+    ]
+    return refine(
+        poses, sample, part.surface, np.geomspace(GRID_SCALE_DIAGONALS, LAST_SCALE_DIAGONALS, REFINEMENT_STEPS) * size
+    )
 
 
 def _matrices(q: FloatArray) -> FloatArray:
@@ -161,7 +180,7 @@ def _axes(part: _Part, turns: FloatArray) -> tuple[Axis, ...]:
             groups.append((direction, [angle_of(R)]))
     found = []
     for direction, angles in groups:
-        is_round = part.same(about_axis(direction, ODD_RAD)[None])[0]
+        is_round = part.same(about_axis(direction, ROUND_TEST_RAD)[None])[0]
         found.append(Axis(direction, part.centre, None if is_round else round(2.0 * np.pi / min(angles))))
     round_axes = [axis for axis in found if axis.order is None]
     if round_axes:

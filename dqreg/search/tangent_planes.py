@@ -10,15 +10,18 @@ from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.spacing import measure_spacing
 from dqreg.geometry.surface import Hint
 from dqreg.rigid import pose
-from dqreg.search.symmetry import SAME
+from dqreg.search.symmetry import ON_PART_DIAGONALS
 
-# Points that stand for the cloud, and that check a symmetry; edge of a facet, in sizes: none that a distance shows.
-POINTS, CHECKED, EDGE = 1_500, 4_000, 1e-7
+# Points that stand for the cloud, and that check a symmetry.
+CLOUD_POINTS, CHECKING_POINTS = 1_500, 4_000
+# Edge of a facet, in sizes: none that a distance shows.
+FACET_DIAGONALS = 1e-7
 # Spacings beside a point up to which the cloud is taken to go on in its tangent plane.
-BESIDE = 4.0
-# A motion is a symmetry that leaves so large a share of the flatter half of the points in the planes, and hardly a
-# point farther off than so many spacings.
-IN_PLACE, OFF, LEAST_OFF = 0.9, 3.0, 1e-3
+PLANE_REACH_SPACINGS = 4.0
+# A motion is a symmetry that leaves so large a share of the flatter half of the points in the planes,
+IN_PLACE_SHARE = 0.9
+# and hardly a point, no larger share, farther off than so many spacings.
+OFF_SPACINGS, MAX_OFF_SHARE = 3.0, 1e-3
 
 
 class TangentPlanes:
@@ -31,38 +34,38 @@ class TangentPlanes:
 
     def facets(self) -> Mesh:
         """Equal triangles, too small to be seen, about some points: a mesh with the cloud's moments and normals."""
-        rows = sample_rows(len(self._cloud._points), POINTS)
+        rows = sample_rows(len(self._cloud._points), CLOUD_POINTS)
         normals = _upward(self._cloud._planes_at(rows)[0])
         rows, normals = rows[normals.any(axis=1)], normals[normals.any(axis=1)]
         points = self._cloud._points[rows]
         one = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
-        one *= EDGE * self.diagonal / np.linalg.norm(one, axis=1, keepdims=True)
+        one *= FACET_DIAGONALS * self.diagonal / np.linalg.norm(one, axis=1, keepdims=True)
         corners = np.stack([points, points + one, points + np.cross(normals, one)], axis=1)
         return Mesh(corners.reshape(-1, 3), np.arange(3 * len(points)).reshape(-1, 3))
 
     def closest(self, points: FloatArray, hint: Hint | None = None, within: float = np.inf) -> Closest:
         """Nearest place of the tangent planes beside the nearest point; that or another one where none is within."""
-        reach = float(np.hypot(within, BESIDE * self.spacing))
+        reach = float(np.hypot(within, PLANE_REACH_SPACINGS * self.spacing))
         rows, apart = self._cloud._tree.nearest(points, 1, reach)
         rows, apart = np.minimum(rows[:, 0], len(self._cloud._points) - 1), apart[:, 0]
         places, normals = np.take(self._cloud._points, rows, axis=0), _upward(self._cloud._planes_at(rows)[0])
         aside = np.einsum("ij,ij->i", points - places, normals)
         feet = points - aside[:, None] * normals
         beside = np.sqrt(np.maximum(apart**2 - aside**2, 0.0))
-        is_beside = (beside <= BESIDE * self.spacing) & normals.any(axis=1)
+        is_beside = (beside <= PLANE_REACH_SPACINGS * self.spacing) & normals.any(axis=1)
         return Closest(
             np.where(is_beside[:, None], feet, places), normals, np.where(is_beside, np.abs(aside), apart), rows
         )
 
     def is_symmetry(self, T: FloatArray) -> bool:
         """Whether a motion leaves all of the cloud about in place."""
-        rows = sample_rows(len(self._cloud._points), CHECKED)
+        rows = sample_rows(len(self._cloud._points), CHECKING_POINTS)
         variances = self._cloud._planes_at(rows)[1]
         away = self.closest(pose.apply(T, self._cloud._points[rows])).distances
-        is_off = away > max(SAME * self.diagonal, OFF * self.spacing)
+        is_off = away > max(ON_PART_DIAGONALS * self.diagonal, OFF_SPACINGS * self.spacing)
         # At edges planes are none.
-        in_place = away[variances <= np.median(variances)] <= SAME * self.diagonal
-        return bool(np.mean(in_place) >= IN_PLACE and np.mean(is_off) <= LEAST_OFF)
+        in_place = away[variances <= np.median(variances)] <= ON_PART_DIAGONALS * self.diagonal
+        return bool(np.mean(in_place) >= IN_PLACE_SHARE and np.mean(is_off) <= MAX_OFF_SHARE)
 
     def on_rim(self, closest: Closest) -> BoolArray:
         """None of it is known."""

@@ -12,13 +12,13 @@ from dqreg.geometry.sampling import places_on
 from dqreg.geometry.vector_rows import row_dots
 
 # Places of a part that are asked; thickest wall that is thin, in sizes of the part.
-PLACES, THICKEST = 400, 0.03
+ASKED_PLACES, MAX_THICKNESS_DIAGONALS = 400, 0.03
 # Rounds of a ball that shrinks: between two planes two are enough. It touches what is no nearer than so much of it.
-ROUNDS, TOUCHES = 6, 1e-3
+BALL_ROUNDS, CONTACT_TOLERANCE = 6, 1e-3
 # The far side of a wall looks the other way within this; places of one direction differ by no more.
-OPPOSED_RAD, ALIKE_RAD = np.deg2rad(20.0), np.deg2rad(10.0)
+OPPOSITE_RAD, SAME_DIRECTION_RAD = np.deg2rad(20.0), np.deg2rad(10.0)
 # Walls of one direction are as thick within this share; so large a share of all places makes one.
-AS_THICK, SHARE = 0.2, 0.03
+THICKNESS_TOLERANCE, MIN_WALL_SHARE = 0.2, 0.03
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -38,9 +38,9 @@ class ThinWalls:
         """Those of a closed mesh that are an appreciable share of it, largest first; none of an open one."""
         if not mesh.is_closed:
             return ThinWalls.none()
-        points, faces = places_on(mesh, PLACES, np.random.default_rng(0))
+        points, faces = places_on(mesh, ASKED_PLACES, np.random.default_rng(0))
         normals = mesh.face_normals[faces]
-        thickness = thickness_at(points, normals, surface, THICKEST * surface.diagonal)
+        thickness = thickness_at(points, normals, surface, MAX_THICKNESS_DIAGONALS * surface.diagonal)
         thin = np.isfinite(thickness)
         return _grouped(normals[thin], thickness[thin])
 
@@ -54,13 +54,13 @@ def thickness_at(points: FloatArray, normals: FloatArray, surface: Surface, thic
     radius = np.full(len(points), 0.5 * thickest)
     thickness = np.full(len(points), np.inf)
     rows, before = np.arange(len(points)), normals
-    for _ in range(ROUNDS):
+    for _ in range(BALL_ROUNDS):
         if not len(rows):
             break
         found = surface.closest(points[rows] - radius[rows, None] * normals[rows])
-        touches = found.distances >= (1.0 - TOUCHES) * radius[rows]
+        touches = found.distances >= (1.0 - CONTACT_TOLERANCE) * radius[rows]
         # At first the ball touches the place alone, whose normal looks its own way.
-        opposed = touches & (row_dots(before, normals[rows]) < -np.cos(OPPOSED_RAD))
+        opposed = touches & (row_dots(before, normals[rows]) < -np.cos(OPPOSITE_RAD))
         thickness[rows[opposed]] = 2.0 * radius[rows[opposed]]
         rows, away = rows[~touches], points[rows[~touches]] - found.points[~touches]
         before = found.normals[~touches]
@@ -71,14 +71,14 @@ def thickness_at(points: FloatArray, normals: FloatArray, surface: Surface, thic
 
 def _grouped(normals: FloatArray, thickness: FloatArray) -> ThinWalls:
     """Places by what they have in common, the most frequent first."""
-    alike = normals @ normals.T > np.cos(ALIKE_RAD)
-    alike &= np.abs(thickness[:, None] - thickness) <= AS_THICK * thickness[:, None]
+    alike = normals @ normals.T > np.cos(SAME_DIRECTION_RAD)
+    alike &= np.abs(thickness[:, None] - thickness) <= THICKNESS_TOLERANCE * thickness[:, None]
     found: list[tuple[FloatArray, float]] = []
     left = np.ones(len(normals), dtype=bool)
     while left.any():
         counts = np.where(left, np.count_nonzero(alike & left, axis=1), 0)
         members = alike[counts.argmax()] & left
-        if counts.max() < SHARE * PLACES:
+        if counts.max() < MIN_WALL_SHARE * ASKED_PLACES:
             break
         mean = normals[members].mean(axis=0)
         found.append((mean / np.linalg.norm(mean), float(np.median(thickness[members]))))

@@ -10,7 +10,7 @@ from dqreg.icp import smallest_kernel_scale
 from dqreg.rigid import pose
 from dqreg.search import flipped_poses as module
 from dqreg.search.flipped_poses import (
-    FIRST,
+    FIRST_REFINEMENT,
     _not_clearly_worse,
     _refined,
     _told_apart,
@@ -52,7 +52,7 @@ def test_known_distances_compare_as_well_as_distances_that_are_found() -> None:
     scan = scan_of(sample_mesh(BLOCK, 5_000, np.random.default_rng(1)).points)
     asked = scan.points, SURFACE.closest(scan.points).distances
     floor = smallest_kernel_scale(scan, SURFACE)
-    given = np.eye(4), FLIPS, scan, SURFACE, 0.05 * BLOCK.diagonal, floor, FIRST
+    given = np.eye(4), FLIPS, scan, SURFACE, 0.05 * BLOCK.diagonal, floor, FIRST_REFINEMENT
     (one, found), (other, known) = _refined(*given), _refined(*given, asked=asked)
     np.testing.assert_array_equal(one.matrices, other.matrices)
     np.testing.assert_array_equal(found.likelihoods, known.likelihoods)
@@ -86,7 +86,7 @@ def test_few_points_drop_no_flip_that_is_equally_likely() -> None:
         noisy = points + NOISE * np.random.default_rng(seed).normal(size=points.shape)
         scan = prepare_scan(PointCloud(noisy), 100)
         lengths = 0.05 * BLOCK.diagonal, 0.3 * NOISE
-        scores = _refined(np.eye(4), FLIPS[:1], scan, SURFACE, *lengths, FIRST)[1]
+        scores = _refined(np.eye(4), FLIPS[:1], scan, SURFACE, *lengths, FIRST_REFINEMENT)[1]
         assert len(_not_clearly_worse(scores, 0)) == 1
 
 
@@ -115,7 +115,7 @@ def test_what_a_fifth_of_the_points_said_before_it_says_again(
 def told(points: np.ndarray, *, clear: bool = False) -> bool:
     """Whether points tell the first flip for sure from the truth, which few points may have told clearly before."""
     scan, limit = scan_of(points), 0.05 * BLOCK.diagonal
-    poses, scores = _refined(np.eye(4), FLIPS[:1], scan, SURFACE, limit, 0.3 * NOISE, FIRST)
+    poses, scores = _refined(np.eye(4), FLIPS[:1], scan, SURFACE, limit, 0.3 * NOISE, FIRST_REFINEMENT)
     asked = scan.points, SURFACE.closest(scan.points).distances
     return bool(_told_apart(poses[np.array([1])], np.array([clear]), scores.width, SURFACE, limit, *asked)[0])
 

@@ -29,8 +29,8 @@ def test_few_points_first_change_no_answer(mesh: Mesh, monkeypatch: pytest.Monke
     ring = Ring.of(mesh, surface)
     found = ring_steps(ring), ring_flips(ring)
     # Oracle: all points at once.
-    monkeypatch.setattr(rings, "HOPELESS", -1.0)
-    monkeypatch.setattr(rings, "RING_FIRST", 1)
+    monkeypatch.setattr(rings, "MIN_HALF_TURN_GAIN", -1.0)
+    monkeypatch.setattr(rings, "RING_SCREEN_STRIDE", 1)
     for some, all_of_them in zip(found, (ring_steps(ring), ring_flips(ring)), strict=True):
         np.testing.assert_array_equal(some, all_of_them)
 
@@ -40,8 +40,8 @@ def test_gains_that_leave_hope_are_those_of_all_points() -> None:
     assert ring is not None
     turns = about_axis(np.roll(ring.axis, 1), np.linspace(0.0, 2.0 * np.pi, 40))
     gains, every = ring.flip_gains(turns), ring.in_place(turns, lambda first: np.full(len(first), True))
-    few = dataclasses.replace(ring, arms=ring.arms[:: rings.RING_FIRST])
-    hopeful = few.in_place(turns, lambda first: np.full(len(first), True)) >= rings.HOPELESS
+    few = dataclasses.replace(ring, arms=ring.arms[:: rings.RING_SCREEN_STRIDE])
+    hopeful = few.in_place(turns, lambda first: np.full(len(first), True)) >= rings.MIN_HALF_TURN_GAIN
     assert 0 < hopeful.sum() < 40
     np.testing.assert_array_equal(gains[hopeful], every[hopeful])
-    assert every[~hopeful].max() < 2.0 * rings.HOPELESS
+    assert every[~hopeful].max() < 2.0 * rings.MIN_HALF_TURN_GAIN

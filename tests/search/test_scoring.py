@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dqreg.search.scoring import CLEAR, CLEAR_POINTS, CLEAR_RATIO, PoseScores, symmetric_scores
+from dqreg.search.scoring import CLEAR_LOG_RATIO, CLEAR_POINTS, CLEAR_SUM_RATIO, PoseScores, symmetric_scores
 
 
 def scores_of(*other: float | tuple[int, float]) -> PoseScores:
@@ -22,13 +22,13 @@ def scores_of(*other: float | tuple[int, float]) -> PoseScores:
     [
         ([], False),
         # A notch: few points, all in favour of one pose.
-        ([(CLEAR_POINTS, -2.0 * CLEAR)], True),
-        ([(CLEAR_POINTS - 1, -2.0 * CLEAR)], False),
+        ([(CLEAR_POINTS, -2.0 * CLEAR_LOG_RATIO)], True),
+        ([(CLEAR_POINTS - 1, -2.0 * CLEAR_LOG_RATIO)], False),
         # Noise, however many points of it.
-        ([(1_000, -0.9 * CLEAR)], False),
+        ([(1_000, -0.9 * CLEAR_LOG_RATIO)], False),
         # The part deviates from its model: some points favour either pose.
-        ([(200, -2.0 * CLEAR), (200, 2.0 * CLEAR)], False),
-        ([(200, -2.0 * CLEAR), (int(200 / CLEAR_RATIO) - 1, 2.0 * CLEAR)], True),
+        ([(200, -2.0 * CLEAR_LOG_RATIO), (200, 2.0 * CLEAR_LOG_RATIO)], False),
+        ([(200, -2.0 * CLEAR_LOG_RATIO), (int(200 / CLEAR_SUM_RATIO) - 1, 2.0 * CLEAR_LOG_RATIO)], True),
     ],
 )
 def test_few_points_that_all_favour_one_pose_decide(changes, clearly):

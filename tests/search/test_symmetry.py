@@ -9,7 +9,7 @@ from dqreg.rigid.rotations import angle_of
 from dqreg.rigid.symmetry import Symmetry
 from dqreg.search.features import even_points
 from dqreg.search.grids import PlaneGrid
-from dqreg.search.symmetry import SAME, find_symmetry, symmetry_words
+from dqreg.search.symmetry import ON_PART_DIAGONALS, find_symmetry, symmetry_words
 from dqreg.synth.parts import box, cylinder
 
 
@@ -66,7 +66,7 @@ def test_turns_without_mirrors_across(arms):
     assert f"{360.0 / arms:.4g} degrees" in symmetry_words(main)
     surface = MeshSurface(part)
     for T in found.poses:
-        assert surface.closest(pose.apply(T, part.vertices)).distances.max() < SAME * part.diagonal
+        assert surface.closest(pose.apply(T, part.vertices)).distances.max() < ON_PART_DIAGONALS * part.diagonal
 
 
 def test_a_cylinder_is_round_and_may_be_turned_over():

@@ -5,7 +5,7 @@ import pytest
 
 from dqreg.compare.trust.sheets import folded
 from dqreg.geometry import Mesh, MeshSurface
-from dqreg.search.thin_walls import THICKEST, ThinWalls, thickness_at
+from dqreg.search.thin_walls import MAX_THICKNESS_DIAGONALS, ThinWalls, thickness_at
 from dqreg.synth.parts import box
 
 
@@ -20,7 +20,7 @@ def test_both_sides_of_every_leg_of_a_sheet_are_found_with_its_thickness(seed):
 
 @pytest.mark.parametrize(("height", "count"), [(0.9, 2), (1.1, 0)])
 def test_walls_are_thin_up_to_a_share_of_the_size(height, count):
-    part = Mesh(*box((100.0, 80.0, height * THICKEST * np.hypot(100.0, 80.0))))
+    part = Mesh(*box((100.0, 80.0, height * MAX_THICKNESS_DIAGONALS * np.hypot(100.0, 80.0))))
     assert len(ThinWalls.of(part, MeshSurface(part)).thickness) == count
 
 
