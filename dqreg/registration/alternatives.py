@@ -6,7 +6,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.registration.fit import Fit
-from dqreg.registration.rivals import FEW_JUDGES, JUDGES, NO_POSES, scores_of
+from dqreg.registration.rivals import JUDGING_POINTS, JUDGING_POINTS_LATE, NO_POSES, scores_of
 from dqreg.rigid import pose
 from dqreg.rigid.rotations import angle_of, axis_of
 from dqreg.rigid.symmetry import SAME_AXIS_RAD, Axis
@@ -35,7 +35,7 @@ def alternatives_of(
     diagonal = min(fit.prepared.surface.diagonal, fit.prepared.scan.diagonal)
     poses = poses[Poses.of(poses).distinct(middle, angle_rad, offset * diagonal, len(poses))]
     poses = np.concatenate([poses, near, turned])
-    scores = scores_of(fit, poses, FEW_JUDGES if fit.is_late else JUDGES)
+    scores = scores_of(fit, poses, JUDGING_POINTS_LATE if fit.is_late else JUDGING_POINTS)
     target = fit.problem.target
     deficit, error = scores.deficit(0)
     rms = np.sqrt((scores.distances**2).mean(axis=1))

@@ -18,9 +18,9 @@ from dqreg.registration.initial_pose import GlobalSearch, InitialPose
 from dqreg.registration.local_evidence import MISFIT
 from dqreg.registration.near_places import near_maps
 from dqreg.registration.rivals import (
-    BETTER,
+    MIN_GAIN_SIGMAS,
+    MIN_LOG_GAIN,
     NO_POSES,
-    SIGNIFICANT,
     but_symmetric,
     down_to_noise,
     is_scene,
@@ -44,22 +44,23 @@ from dqreg.trust.limits import own_noise
 
 # Fraction of the points near a part that lie off it beyond which the same is done: right poses leave 0.002, and half
 # of the strays. Fewer than the verdict allows are evidence where they are no strays.
-OFF, OFF_PER_STRAY = 0.015, 0.7
+DOUBTFUL_OFF_SHARE, DOUBTFUL_OFF_PER_OUTLIER = 0.015, 0.7
 # The same of points that lie off it beside each other: outliers do not, and right poses leave none.
-TOGETHER = 5e-3
+DOUBTFUL_TOGETHER_SHARE = 5e-3
 # Fraction of all points off the target, of a scan that is no scene with the part in it, from which on the same is done.
-BESIDE = 0.15
+DOUBTFUL_OFF_TARGET_SHARE = 0.15
 # Reasons of a verdict that another pose cannot mend.
-OF_THE_SCAN: frozenset[str] = frozenset({"unconstrained", "alternative_poses", "outliers", "not_converged"})
+REASONS_OF_SCAN: frozenset[str] = frozenset({"unconstrained", "alternative_poses", "outliers", "not_converged"})
 # Poses within so much of the best mean log-likelihood explain the scan about as well; within so many standard errors,
 # and what is left of refinements that have not quite ended, they are as likely as the best.
-AS_WELL, ERRORS, ROUNDING = 0.02, 3.0, 5e-4
+EQUAL_LOG_LIKELIHOOD, EQUAL_SIGMAS = 0.02, 3.0
+REFINEMENT_ROUNDING = 5e-4
 # Displacement of a point from the initial pose, in sizes, beyond which the loop between two clouds is in no basin that
 # was meant; a rotation by 23 degrees, or less with a shift.
-FAR = 0.2
+DOUBTFUL_DISPLACEMENT_DIAGONALS = 0.2
 # Points of two clouds near each other, and within their borders, of which so large a share lies apart: right poses of
 # one body leave 0.002.
-BETWEEN = 0.02
+DOUBTFUL_APART_SHARE_OF_CLOUDS = 0.02
 # By whether the mirror image is asked in any case.
 DOUBTFUL: dict[bool, Key[bool]] = {False: Key(), True: Key()}
 
@@ -131,8 +132,8 @@ def _is_astray(fit: Fit, start: InitialPose) -> bool:
     if fit.target.kind != "cloud" or not fit.found or np.isfinite(looked_through_at(fit)[0]):
         return False
     return (
-        fit.agreement.share_near < 1.0 - BETWEEN
-        or displacement_between(fit, start.T_target_source, fit.T_target_source) > FAR
+        fit.agreement.share_near < 1.0 - DOUBTFUL_APART_SHARE_OF_CLOUDS
+        or displacement_between(fit, start.T_target_source, fit.T_target_source) > DOUBTFUL_DISPLACEMENT_DIAGONALS
     )
 
 
@@ -160,13 +161,14 @@ def _is_doubtful(fit: Fit, ask_mirror: bool) -> bool:
 
 def _is_off_or_rough(found: Evidence) -> bool:
     """Whether some of a scan lies off its part, or it lies there by more than its noise."""
-    is_off = found.share_near < 1.0 - OFF - OFF_PER_STRAY * found.strays or found.share_together > TOGETHER
+    is_off = found.share_near < 1.0 - DOUBTFUL_OFF_SHARE - DOUBTFUL_OFF_PER_OUTLIER * found.strays
+    is_off |= found.share_together > DOUBTFUL_TOGETHER_SHARE
     return is_off or found.width > MISFIT * own_noise(found) > 0.0
 
 
 def _is_beside(fit: Fit) -> bool:
     """Whether much of a scan no larger than a closed target lies off it: a part upside down leaves its hub so."""
-    return not fit.has_border and fit.agreement.share_on < 1.0 - BESIDE and not is_scene(fit)
+    return not fit.has_border and fit.agreement.share_on < 1.0 - DOUBTFUL_OFF_TARGET_SHARE and not is_scene(fit)
 
 
 def is_sound(fit: Fit, *, ask_mirror: bool = False) -> bool:
@@ -176,7 +178,7 @@ def is_sound(fit: Fit, *, ask_mirror: bool = False) -> bool:
     verdict = verdict_on(fit, evidence)
     # A wrong pose of two clouds often lies on one face, where the right one would have more.
     between = {"unconstrained"} if fit.target.kind == "cloud" else set()
-    return verdict.level == "accepted" or (OF_THE_SCAN - between).issuperset(verdict.codes)
+    return verdict.level == "accepted" or (REASONS_OF_SCAN - between).issuperset(verdict.codes)
 
 
 def _was_near(fit: Fit) -> bool:
@@ -197,7 +199,8 @@ def _best(fits: list[Fit], start: FloatArray | None) -> Known:
     means = scores.means
     order = np.argsort(-means, kind="stable")
     deficit, error = scores.deficit(int(order[0]))
-    worse = scores.distinguishable(int(order[0])) | (deficit > np.minimum(AS_WELL, ERRORS * error + ROUNDING))
+    as_likely = np.minimum(EQUAL_LOG_LIKELIHOOD, EQUAL_SIGMAS * error + REFINEMENT_ROUNDING)
+    worse = scores.distinguishable(int(order[0])) | (deficit > as_likely)
     # Among equals the pose that the start leads to goes first, then the one nearest to the start.
     likely = [int(k) for k in order if not worse[k]]
     offsets = [offset_from_start(one, one.T_target_source, start) for one in found]
@@ -213,7 +216,7 @@ def _best(fits: list[Fit], start: FloatArray | None) -> Known:
         # How much two clouds have in common differs from place to place: where nothing speaks against either pose, the
         # one that the start leads to is meant.
         gain, sigma = float(means[best] - means[0]), float(scores.deficit(best)[1][0])
-        best = best if gain > max(BETTER, SIGNIFICANT * sigma) else 0
+        best = best if gain > max(MIN_LOG_GAIN, MIN_GAIN_SIGMAS * sigma) else 0
     if best is None and found[0] is fits[0] and sound(0) and not _is_beside(found[0]):
         # In doubt, but no other pose is free of it: what the verdict refuses displaces nothing.
         best = 0
@@ -222,7 +225,7 @@ def _best(fits: list[Fit], start: FloatArray | None) -> Known:
         # equals of a scan that lies off the part, the one that happens to pass would be chosen.
         gains = [float(means[k] - means[0]) for k in range(len(found))]
         errors = [float(scores.deficit(k)[1][0]) for k in range(len(found))]
-        best = next((k for k in likely if gains[k] > max(BETTER, ERRORS * errors[k]) and sound(k)), None)
+        best = next((k for k in likely if gains[k] > max(MIN_LOG_GAIN, EQUAL_SIGMAS * errors[k]) and sound(k)), None)
     if best is None and is_scene(fits[0]):
         # A face of the part on the table explains more of a scene than the part does; the verdict is not deceived.
         best = next((int(k) for k in order if sound(int(k))), None)
@@ -230,9 +233,9 @@ def _best(fits: list[Fit], start: FloatArray | None) -> Known:
         best = likely[0]
         gain, sigma = float(means[best] - means[0]), float(scores.deficit(best)[1][0])
         # A rough initial pose is meant all the same: a pose far from it has to be significantly better.
-        is_better = gain > BETTER and (offsets[best] <= 1.0 or gain > SIGNIFICANT * sigma)
+        is_better = gain > MIN_LOG_GAIN and (offsets[best] <= 1.0 or gain > MIN_GAIN_SIGMAS * sigma)
         best = best if is_better or found[0] is not fits[0] else 0
-    apart = scores.distinguishable(best) | (scores.deficit(best)[0] > AS_WELL)
+    apart = scores.distinguishable(best) | (scores.deficit(best)[0] > EQUAL_LOG_LIKELIHOOD)
     others = [k for k in range(len(found)) if k != best and not apart[k] and (sound(k) or not sound(best))]
     return Known(found[best], np.array([found[k].T_target_source for k in others]).reshape(-1, 4, 4), searched=True)
 
@@ -255,6 +258,6 @@ def meant_copy(fit: Fit, start: FloatArray, kernel_scale: float) -> tuple[Fit, F
     other = fit.resumed(copies[int(np.argmin(offsets))], kernel_scale)
     poses = np.stack([fit.T_target_source, other.T_target_source])
     # What two clouds have in common differs from place to place: of what nothing speaks against the start decides.
-    if other.found and (scores_of(fit, poses).as_likely(0, BETTER)[1] or not is_doubtful(other)):
+    if other.found and (scores_of(fit, poses).as_likely(0, MIN_LOG_GAIN)[1] or not is_doubtful(other)):
         return other, but_symmetric(other, poses[:1])
     return fit, NO_POSES

@@ -40,9 +40,10 @@ from dqreg.trust import Evidence, Information, information_of
 
 T = TypeVar("T")
 
-# Points that are asked how residuals follow a displacement by their usual size; those beyond so many of these are of
-# another face, and they follow this share of it at least.
-FOLLOWING, OUTSIDE, LEAST_FOLLOWED = 1_000, 3.0, 0.05
+# Points that are asked how residuals follow a displacement by their usual size.
+FOLLOWING_POINTS = 1_000
+# Points beyond so many of these are of another face; the share of it that residuals follow at least.
+SAME_FACE_SIGMAS, MIN_FOLLOWED_SHARE = 3.0, 0.05
 # Rounds of EM that learn the mixture at a pose where the loop has not ended.
 EM_ROUNDS = 30
 
@@ -175,10 +176,10 @@ class Fit:
         rows = np.flatnonzero((self.run.weights > 0.0) & nonzero_rows(pairs.closest.normals))
         if not len(rows):
             return 1.0
-        rows = rows[sample_rows(len(rows), FOLLOWING)]
+        rows = rows[sample_rows(len(rows), FOLLOWING_POINTS)]
         aside = np.abs(pairs.point_to_plane[rows])
         size = GAUSSIAN_MEDIAN * median(aside)
-        rows = rows[aside <= OUTSIDE * size]
+        rows = rows[aside <= SAME_FACE_SIGMAS * size]
         if not size > 0.0:
             return 1.0
         moved, found = np.take(pairs.moved, rows, axis=0), pairs.closest._taken(rows)
@@ -188,8 +189,8 @@ class Fit:
             closest = surface.closest(points, (moved, found))
             along = row_dots(points - closest.points, closest.normals)
             along *= np.where(row_dots(closest.normals, normals) < 0.0, -1.0, 1.0)
-            sides.append(np.clip(along, -OUTSIDE * size, OUTSIDE * size))
-        return float(np.clip(np.mean(sides[0] - sides[1]) / (2.0 * size), LEAST_FOLLOWED, 1.0))
+            sides.append(np.clip(along, -SAME_FACE_SIGMAS * size, SAME_FACE_SIGMAS * size))
+        return float(np.clip(np.mean(sides[0] - sides[1]) / (2.0 * size), MIN_FOLLOWED_SHARE, 1.0))
 
     def at(self, T: FloatArray) -> Fit:
         """The same run, ended at another pose: its correspondences, and the mixture that these teach."""

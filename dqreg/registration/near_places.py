@@ -18,7 +18,7 @@ from dqreg.search.cloud_rings import ring_turns
 from dqreg.search.near_symmetry import is_symmetry, near_flips
 from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.periods import MIN_PERIOD_DIAGONALS, near_periods
-from dqreg.search.plane_maps import FLAT, LOOKED_AT, LOST, Planes, plane_maps
+from dqreg.search.plane_maps import MAX_LOST_SHARE, MIN_FLAT_SHARE, PLANE_POINTS, Planes, plane_maps
 from dqreg.search.poses import Poses
 from dqreg.search.refine import refine
 from dqreg.search.tangent_planes import TangentPlanes
@@ -26,19 +26,20 @@ from dqreg.trust.information import scaling_by
 from dqreg.trust.patch_tests import INLIER_SIGMAS
 
 # Points of a scan that are asked how far it reaches.
-REACHING = 5_000
-# Points of a cloud that refine its flips, first and last kernel scale, in sizes, and steps.
-REFINED, WIDE, NARROW, STEPS = 1_000, 0.02, 1e-3, 10
+EXTENT_POINTS = 5_000
+# Refinement of the flips of a cloud.
+REFINING_POINTS, REFINEMENT_STEPS = 1_000, 10
+FIRST_SCALE_DIAGONALS, LAST_SCALE_DIAGONALS = 0.02, 1e-3
 # Points of a cloud whose differences tell its periods: it is asked for one scan.
-OF_CLOUD = 600
+PERIOD_POINTS_OF_CLOUD = 600
 # A free motion is a screw where its rotation moves the part by more than this share of the whole, and its shift by more
 # than that share of the rotation's.
-SCREWS, PITCH = 0.3, 3e-3
+SCREW_ROTATION_SHARE, SCREW_SHIFT_SHARE = 0.3, 3e-3
 # Motions that less than this share of the inliers constrains may be screws.
-HELD = 0.1
+MIN_CARRIER_SHARE = 0.1
 # Share of the inliers that shows an end of a part, this near to it in sizes: after any period they stick out by two
 # thirds of that, and so many are enough to tell.
-END, AT_END = 0.005, 0.35 * MIN_PERIOD_DIAGONALS
+END_SHARE, END_DIAGONALS = 0.005, 0.35 * MIN_PERIOD_DIAGONALS
 
 INLIERS: Key[FloatArray] = Key()
 
@@ -71,7 +72,7 @@ def near_maps(fit: Fit, *, of_any: bool = False) -> FloatArray:
     """
     surface = fit.prepared.surface
     scan = _planes_of_scan(fit) if isinstance(surface, CloudSurface) else None
-    if scan is not None and scan.flat < FLAT and not of_any:
+    if scan is not None and scan.flat < MIN_FLAT_SHARE and not of_any:
         return _half_screws(fit)
     found = _places(fit)
     # All of a part fits in its own place, or after what leaves the part in place.
@@ -114,11 +115,11 @@ def _periods(fit: Fit) -> FloatArray:
 
 def _shows_the_ends(fit: Fit, part: Mesh) -> bool:
     """Whether some of the scan lies at either end of a part along all axes."""
-    near, margin = _inliers(fit), AT_END * part.diagonal
+    near, margin = _inliers(fit), END_DIAGONALS * part.diagonal
     if not len(near):
         return False
     # Where more points are at an end than a rank says, so is the one of that rank.
-    rank = min(int(END * len(near)) + 1, len(near) - 1)
+    rank = min(int(END_SHARE * len(near)) + 1, len(near) - 1)
     ends = zip(near.T, *(part.bounds + np.array([[margin], [-margin]])), strict=True)
     return all(min(map(np.count_nonzero, (x <= low, x >= high))) > rank for x, low, high in ends)
 
@@ -128,7 +129,7 @@ def _inliers(fit: Fit) -> FloatArray:
 
     def found() -> FloatArray:
         pairs, within = fit.run.pairs, INLIER_SIGMAS * fit.run.mixture.scale
-        rows = sample_rows(len(pairs.moved), REACHING)
+        rows = sample_rows(len(pairs.moved), EXTENT_POINTS)
         return np.take(pairs.moved, rows[pairs.distances[rows] <= within], axis=0)
 
     return fit.derived.once(INLIERS, found)
@@ -137,7 +138,7 @@ def _inliers(fit: Fit) -> FloatArray:
 def _planes_of_scan(fit: Fit) -> Planes:
     pairs = fit.run.pairs
     # Those that are looked at there.
-    rows = sample_rows(len(pairs.moved), LOOKED_AT)
+    rows = sample_rows(len(pairs.moved), PLANE_POINTS)
     near = pairs.distances[rows] <= INLIER_SIGMAS * fit.run.mixture.scale
     normals = np.where(near[:, None], pairs.closest.normals[rows], 0.0)
     return Planes.of(pairs.moved[rows], normals, fit.prepared.surface.diagonal)
@@ -145,7 +146,7 @@ def _planes_of_scan(fit: Fit) -> Planes:
 
 def _reaches_over(fit: Fit, whole: FloatArray) -> bool:
     """Whether the scan reaches from end to end of the target along all axes, up to what a motion may lose."""
-    return bool((_extent(_inliers(fit)) >= (1.0 - LOST) * whole).all())
+    return bool((_extent(_inliers(fit)) >= (1.0 - MAX_LOST_SHARE) * whole).all())
 
 
 def _extent(points: FloatArray) -> FloatArray:
@@ -164,7 +165,7 @@ def _half_screws(fit: Fit) -> FloatArray:
     """Half-turns, either way, along screws that little constrains, such as that of a thread, (k, 4, 4)."""
     information = fit.information
     # The facets of a thread, and the ends of its turns, hold it a little.
-    weak = information.free | (information.carriers < HELD * float(fit.run.weights.sum()))
+    weak = information.free | (information.carriers < MIN_CARRIER_SHARE * float(fit.run.weights.sum()))
     if not weak.any():
         return np.zeros((0, 4, 4))
     twists = information.vectors[:, weak].T / scaling_by(information.lever)
@@ -173,7 +174,7 @@ def _half_screws(fit: Fit) -> FloatArray:
         rate = float(np.linalg.norm(motion[:3]))
         shift = abs(float(motion[:3] @ motion[3:])) / max(rate, np.finfo(float).tiny)
         # Rotations of a round part, and shifts along a bar, are no screws.
-        if shift > PITCH * information.lever * rate > PITCH * SCREWS:
+        if shift > SCREW_SHIFT_SHARE * information.lever * rate > SCREW_SHIFT_SHARE * SCREW_ROTATION_SHARE:
             found += [twist.exp(sign * np.pi / rate * motion) for sign in (1.0, -1.0)]
     return np.array(found).reshape(-1, 4, 4)
 
@@ -190,20 +191,21 @@ def _places(fit: Fit) -> _Places:
 def _of_mesh(fit: Fit) -> _Places:
     target = fit.problem.target
     assert isinstance(target.geometry, Mesh)
-    points, faces = places_on(target.geometry, LOOKED_AT, np.random.default_rng(0))
+    points, faces = places_on(target.geometry, PLANE_POINTS, np.random.default_rng(0))
     return _Places(target.near_rotations, points, target.geometry.face_normals[faces], fit.prepared.surface.diagonal)
 
 
 def _of_cloud(fit: Fit, surface: CloudSurface) -> _Places:
-    rows = sample_rows(len(surface._points), LOOKED_AT)
+    rows = sample_rows(len(surface._points), PLANE_POINTS)
     tangent = _tangent(fit, surface)
     facets = tangent.facets()
     flips = near_flips(facets, tangent)
     if len(flips):
         # Moments of what was seen of a part are not the part's: its axes are off by a degree.
-        sample = OrientedPoints.on_faces(surface._points[sample_rows(len(surface._points), REFINED)])
-        flips = refine(Poses.of(flips), sample, surface, np.geomspace(WIDE, NARROW, STEPS) * surface.diagonal).matrices
-    maps = np.concatenate([flips, near_periods(facets, tangent, OF_CLOUD)])
+        sample = OrientedPoints.on_faces(surface._points[sample_rows(len(surface._points), REFINING_POINTS)])
+        widths = np.geomspace(FIRST_SCALE_DIAGONALS, LAST_SCALE_DIAGONALS, REFINEMENT_STEPS) * surface.diagonal
+        flips = refine(Poses.of(flips), sample, surface, widths).matrices
+    maps = np.concatenate([flips, near_periods(facets, tangent, PERIOD_POINTS_OF_CLOUD)])
     return _Places(maps, surface._points[rows], surface._planes_at(rows)[0], surface.diagonal)
 
 

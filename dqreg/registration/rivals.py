@@ -26,23 +26,26 @@ from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 from dqreg.trust.patch_tests import INLIER_SIGMAS
 
 # A pose is better by so much mean log-likelihood at least, and by so many of its standard errors.
-BETTER, SIGNIFICANT = 0.02, 5.0
+MIN_LOG_GAIN, MIN_GAIN_SIGMAS = 0.02, 5.0
 # Points that compare poses; and width of their distances, in sizes, that decides between symmetries of a mesh: what a
 # sparse scan of curved faces shows as noise is curvature, of which distances from a mesh know nothing.
-JUDGES, NARROWEST = 10_000, 1e-4
-# A kernel that wide, in the scan's own noise, may be held so by what stands near by; points and steps that narrow it.
-HELD_WIDE, NARROWING, NARROW_STEPS = 1.5, 2_000, 10
+JUDGING_POINTS, MIN_WIDTH_DIAGONALS = 10_000, 1e-4
+# A kernel that wide, in the scan's own noise, may be held so by what stands near by.
+WIDE_SCALE_NOISE_RATIO = 1.5
+# Points and steps that narrow such a kernel.
+NARROWING_POINTS, NARROWING_STEPS = 2_000, 10
 # Better near-symmetric poses that follow one another.
-STEPS = 12
+MAX_STEPS = 12
 # The same where the time is up, and poses of the loop that are compared then.
-FEW_JUDGES, SEEN = 500, 4
-# Points apart from the target by so many standard deviations of most, and at least so many of that share of the size;
-# the share of them from which on the mirror image is asked for.
-APART, LEAST, SOME = 5.0, 1e-4, 0.005
+JUDGING_POINTS_LATE, SEEN_POSES = 500, 4
+# Points apart from the target by so many standard deviations of most, each of that share of the size at least.
+APART_SIGMAS, MIN_SIGMA_DIAGONALS = 5.0, 1e-4
+# The share of points apart from which on the mirror image is asked for.
+APART_SHARE = 0.005
 # Width that more than half of Gaussian distances exceed.
-CERTAIN = 0.6
+BELOW_MEDIAN_SIGMAS = 0.6
 # Share of a scan off the part from which on any mirror image may hide.
-HIDES = 0.05
+MIRROR_OFF_PART_SHARE = 0.05
 
 APART_FROM_TARGET: Key[bool] = Key()
 MIRROR_GAIN: Key[float] = Key()
@@ -54,7 +57,7 @@ def limit_of(fit: Fit) -> float:
     return NEAR * fit.problem.reach(fit.prepared)
 
 
-def scores_of(fit: Fit, poses: FloatArray, count: int = JUDGES, narrowest: float = np.inf) -> PoseScores:
+def scores_of(fit: Fit, poses: FloatArray, count: int = JUDGING_POINTS, narrowest: float = np.inf) -> PoseScores:
     """How some poses, (k, 4, 4), explain those of so many points of the scan that one of them puts on the target.
 
     What lies on it under none is another object, the same to all; among much of it no difference would be left. The
@@ -64,7 +67,7 @@ def scores_of(fit: Fit, poses: FloatArray, count: int = JUDGES, narrowest: float
 
 
 def scores_and_rows(
-    fit: Fit, poses: FloatArray, count: int = JUDGES, narrowest: float = np.inf
+    fit: Fit, poses: FloatArray, count: int = JUDGING_POINTS, narrowest: float = np.inf
 ) -> tuple[PoseScores, IntArray]:
     """The same, and which points of the scan they are of."""
     rows = sample_rows(len(fit.prepared.scan), count)
@@ -95,10 +98,10 @@ def best_seen(fit: Fit, start: FloatArray) -> Fit:
     history = fit.run.history
     if fit.run.status != "time limit" or not history:
         return fit
-    seen = [start, *(history[k].T_target_source for k in sample_rows(len(history), SEEN))]
+    seen = [start, *(history[k].T_target_source for k in sample_rows(len(history), SEEN_POSES))]
     others = [T for T in map(fit.constraints.project, seen) if not np.array_equal(T, fit.T_target_source)]
     poses = np.stack([fit.T_target_source, *others])
-    best = int(scores_of(fit, poses, FEW_JUDGES).means.argmax())
+    best = int(scores_of(fit, poses, JUDGING_POINTS_LATE).means.argmax())
     return fit.at(poses[best]) if best else fit
 
 
@@ -109,7 +112,7 @@ def down_to_noise(fit: Fit) -> Fit:
     and draw the pose.
     """
     scan, surface = fit.prepared.scan, fit.prepared.surface
-    wide = fit.run.mixture.scale > HELD_WIDE * noise_on(scan, surface) > 0.0
+    wide = fit.run.mixture.scale > WIDE_SCALE_NOISE_RATIO * noise_on(scan, surface) > 0.0
     options = fit.problem.options
     if not fit.found or not wide or not isinstance(surface, MeshSurface) or fit.problem.watch.is_over:
         return fit
@@ -119,12 +122,12 @@ def down_to_noise(fit: Fit) -> Fit:
     points = fit.run.pairs.scan.points[near]
     if not near.any():
         return fit
-    sample = OrientedPoints.on_faces(points[sample_rows(len(points), NARROWING)])
-    widths = np.geomspace(fit.run.mixture.scale, max(noise_on(scan, surface), fit.floor), NARROW_STEPS)
+    sample = OrientedPoints.on_faces(points[sample_rows(len(points), NARROWING_POINTS)])
+    widths = np.geomspace(fit.run.mixture.scale, max(noise_on(scan, surface), fit.floor), NARROWING_STEPS)
     refined = refine(Poses.of(fit.T_target_source[None]), sample, surface, widths).matrices
     scores = scores_of(fit, np.concatenate([fit.T_target_source[None], refined]))
     gain, error = float(scores.means[1] - scores.means[0]), float(scores.deficit(1)[1][0])
-    return fit.at(refined[0]) if gain > max(BETTER, SIGNIFICANT * error) else fit
+    return fit.at(refined[0]) if gain > max(MIN_LOG_GAIN, MIN_GAIN_SIGMAS * error) else fit
 
 
 def but_symmetric(fit: Fit, others: FloatArray) -> FloatArray:
@@ -153,10 +156,10 @@ def _as_likely(fit: Fit) -> tuple[FloatArray, FloatArray]:
     if not len(others):
         return none
     poses = np.concatenate([fit.T_target_source[None], others])
-    distances = _distances(fit, poses, sample_rows(len(scan), JUDGES))
+    distances = _distances(fit, poses, sample_rows(len(scan), JUDGING_POINTS))
     # Few points may tell them apart where their mean does not.
     scores, _ = _of_those_on(fit, distances)
-    likely = np.flatnonzero(scores.as_likely(0, BETTER) & ~scores.distinguishable(0))
+    likely = np.flatnonzero(scores.as_likely(0, MIN_LOG_GAIN) & ~scores.distinguishable(0))
     likely = np.union1d(0, likely[_may_stay(fit, poses[likely])])
     return poses[likely][1:], distances[likely]
 
@@ -175,17 +178,17 @@ def best_near_symmetric(fit: Fit, kernel_scale: float) -> tuple[Fit, FloatArray]
     """
     others, distances = _as_likely(fit)
     is_mesh = fit.problem.target.kind == "mesh"
-    narrowest = NARROWEST * fit.prepared.surface.diagonal if is_mesh else np.inf
+    narrowest = MIN_WIDTH_DIAGONALS * fit.prepared.surface.diagonal if is_mesh else np.inf
     if fit.problem.options.method != "auto" or fit.constraints.any:
         return fit, but_symmetric(fit, others)
     # Several periods away the next one is better each time.
-    for _ in range(STEPS):
+    for _ in range(MAX_STEPS):
         if not len(others):
             break
         scores, _ = _of_those_on(fit, distances, narrowest)
         best = int(scores.means.argmax())
         gain, error = float(scores.means[best] - scores.means[0]), float(scores.deficit(best)[1][0])
-        if best == 0 or not (gain > max(BETTER, SIGNIFICANT * error) or scores.distinguishable(best)[0]):
+        if best == 0 or not (gain > max(MIN_LOG_GAIN, MIN_GAIN_SIGMAS * error) or scores.distinguishable(best)[0]):
             break
         other = fit.resumed(others[best - 1], kernel_scale)
         if not other.found:
@@ -226,7 +229,7 @@ def mirror_gain(fit: Fit, *, always: bool = False) -> float:
 
 def _much_is_off(fit: Fit) -> bool:
     """Whether more of a scan that is no scene lies off the part than a near mirror image leaves."""
-    return fit.agreement.share_on < 1.0 - HIDES and not is_scene(fit)
+    return fit.agreement.share_on < 1.0 - MIRROR_OFF_PART_SHARE and not is_scene(fit)
 
 
 def is_scene(fit: Fit) -> bool:
@@ -237,19 +240,20 @@ def is_scene(fit: Fit) -> bool:
 def _some_apart(fit: Fit) -> bool:
     """Whether some points near the target are far from it, measured by most: what a sparse scan shows of a mirror."""
     pairs, surface = fit.run.pairs, fit.prepared.surface
-    if pairs.scan.counts is not None or len(pairs.scan) > JUDGES:
+    if pairs.scan.counts is not None or len(pairs.scan) > JUDGING_POINTS:
         # Rows that stand for many points scatter less than those of one: beside them each of these would seem far.
         pairs = fit.evenly_asked()
     size = surface.diagonal
     near = pairs.distances <= NEAR * fit.problem.reach(fit.prepared)
     aside = np.abs(pairs.point_to_plane[near])
     # Where more than half are beyond a length, so is the median: of noise about the width, that settles it.
-    least = CERTAIN * fit.run.mixture.scale
-    if 2 * np.count_nonzero(aside > least) > len(aside) and not _too_many(aside, APART * GAUSSIAN_MEDIAN * least):
+    least = BELOW_MEDIAN_SIGMAS * fit.run.mixture.scale
+    most_above = 2 * np.count_nonzero(aside > least) > len(aside)
+    if most_above and not _too_many(aside, APART_SIGMAS * GAUSSIAN_MEDIAN * least):
         return False
-    usual = max(GAUSSIAN_MEDIAN * median(aside), LEAST * size) if len(aside) else np.inf
-    return _too_many(aside, APART * usual)
+    usual = max(GAUSSIAN_MEDIAN * median(aside), MIN_SIGMA_DIAGONALS * size) if len(aside) else np.inf
+    return _too_many(aside, APART_SIGMAS * usual)
 
 
 def _too_many(aside: FloatArray, limit: float) -> bool:
-    return bool(np.count_nonzero(aside > limit) > SOME * len(aside))
+    return bool(np.count_nonzero(aside > limit) > APART_SHARE * len(aside))

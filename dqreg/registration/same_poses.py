@@ -9,7 +9,7 @@ from dqreg.geometry import Mesh
 from dqreg.registration.displacement import displacement_between
 from dqreg.registration.fit import Fit
 from dqreg.registration.initial_pose import FOUND
-from dqreg.registration.rivals import BETTER, NO_POSES, SIGNIFICANT, scores_of
+from dqreg.registration.rivals import MIN_GAIN_SIGMAS, MIN_LOG_GAIN, NO_POSES, scores_of
 from dqreg.rigid import pose, twist
 from dqreg.rigid.rotations import angle_of
 from dqreg.rigid.symmetry import SAME_AXIS_RAD
@@ -72,7 +72,7 @@ def without_equal_copies(fits: list[Fit]) -> tuple[list[Fit], FloatArray]:
     if not is_copy.any():
         return fits, NO_POSES
     deficit, error = scores_of(found[0], poses).deficit(0)
-    is_copy &= -deficit <= np.maximum(BETTER, SIGNIFICANT * error)
+    is_copy &= -deficit <= np.maximum(MIN_LOG_GAIN, MIN_GAIN_SIGMAS * error)
     return [fit for fit, drop in zip(found, is_copy, strict=True) if not drop], poses[is_copy]
 
 
@@ -89,7 +89,7 @@ def but_slid(fit: Fit, others: FloatArray) -> FloatArray:
             continue
         # Farther along something may hold the motion: a key in its way.
         deficit, error = scores.deficit(0)
-        if -deficit[k] > max(BETTER, SIGNIFICANT * error[k]):
+        if -deficit[k] > max(MIN_LOG_GAIN, MIN_GAIN_SIGMAS * error[k]):
             kept.append(k)
     return np.asarray(others[np.array(kept, dtype=int) - 1])
 

@@ -20,7 +20,7 @@ from dqreg.geometry.normals import sample_rows
 from dqreg.icp import find_correspondences
 from dqreg.registration.derived import Key
 from dqreg.registration.fit import Fit
-from dqreg.registration.rivals import JUDGES, scores_and_rows, scores_of
+from dqreg.registration.rivals import JUDGING_POINTS, scores_and_rows, scores_of
 from dqreg.registration.surroundings import surroundings_of
 from dqreg.rigid import pose, twist
 from dqreg.search.oriented_points import OrientedPoints
@@ -33,24 +33,27 @@ from dqreg.trust.patch_tests import INLIER_SIGMAS, is_background
 
 # Displacements that are tried either way, in sizes; those from the second on count as they are, all of them where a
 # refinement leads from there.
-DISPLACED = (0.01, 0.02, 0.05, 0.1)
+DISPLACEMENTS_DIAGONALS = (0.01, 0.02, 0.05, 0.1)
 # A refinement that ends this near, in sizes, has led back.
-BACK = 0.005
-# Points that refine; first and last kernel scale of it, in sizes, and their number.
-POINTS, WIDE, NARROW, STEPS = 1_000, 6e-3, 1e-3, 6
+RETURNED_DIAGONALS = 0.005
+# Refinement of what is displaced.
+REFINING_POINTS, REFINEMENT_STEPS = 1_000, 6
+FIRST_SCALE_DIAGONALS, LAST_SCALE_DIAGONALS = 6e-3, 1e-3
 # Log-likelihood that one point may lose at most: few strays hold nothing.
-MOST = CONSTRAINT_LOG_LIKELIHOOD / 8.0
+MAX_POINT_LOG_LIKELIHOOD = CONSTRAINT_LOG_LIKELIHOOD / 8.0
 # Log-likelihood of all points from which another pose is better; times that one is gone on from.
-BETTER, ROUNDS = 5.0, 2
+BETTER_LOG_LIKELIHOOD, MAX_ROUNDS = 5.0, 2
 # Where points that gain clearly have more than this share of what others lose, the scan is divided.
-SPLIT = 1.0 / 3.0
+SPLIT_SHARE = 1.0 / 3.0
 # Points that tell which displacements lose so much that all of them need not be asked, by so many times what a motion
-# has to: chance takes none of it back. The least so many of a kind are asked of all in any case.
-SCREENING, SURELY, ALWAYS = 1_000, 10.0, 2
+# has to: chance takes none of it back.
+SCREENING_POINTS, CERTAIN_LOSS_FACTOR = 1_000, 10.0
+# The least so many of a kind are asked of all points in any case.
+MIN_JUDGED_OF_KIND = 2
 # Neighbours whose plane tells whether a point off the target is of a table.
-AROUND = 8
+PLANE_NEIGHBOURS = 8
 # So many motions at once are those of a single plane: a plate seen from one side. Those of as many at most are mixed.
-PLANE = 3
+MOTIONS_OF_PLANE = 3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,25 +81,26 @@ def _slide_of(fit: Fit, share: float = 0.0) -> Slide:
     if not len(motions):
         return Slide()
     size = fit.prepared.surface.diagonal
-    steps = [sign * step * size for step in DISPLACED for sign in (1.0, -1.0)]
+    steps = [sign * step * size for step in DISPLACEMENTS_DIAGONALS for sign in (1.0, -1.0)]
     moved = np.stack([twist.exp(step * motion) @ fit.T_target_source for step in steps for motion in motions])
-    sample = OrientedPoints.on_faces(fit.prepared.scan.points[sample_rows(len(fit.prepared.scan), POINTS)])
-    widths = np.geomspace(WIDE, NARROW, STEPS) * size
+    sample = OrientedPoints.on_faces(fit.prepared.scan.points[sample_rows(len(fit.prepared.scan), REFINING_POINTS)])
+    widths = np.geomspace(FIRST_SCALE_DIAGONALS, LAST_SCALE_DIAGONALS, REFINEMENT_STEPS) * size
     refined = refine(Poses.of(moved), sample, fit.prepared.surface, widths).matrices
     poses = np.concatenate([fit.T_target_source[None], moved, refined])
     ends = sample.points[[*sample.points.argmin(axis=0), *sample.points.argmax(axis=0)]]
     here = pose.apply(poses[0], ends)
-    counted = np.array([np.linalg.norm(pose.apply(T, ends) - here, axis=1).max() for T in poses[1:]]) > BACK * size
+    moved = np.array([np.linalg.norm(pose.apply(T, ends) - here, axis=1).max() for T in poses[1:]])
+    counted = moved > RETURNED_DIAGONALS * size
     counted[: 2 * len(motions)] = False
     losses = _losses_that_matter(fit, poses, counted, 2 * len(motions))
     best = 2 * len(motions) + int(losses[2 * len(motions) :].argmin())
     loss = float(losses[counted].min(initial=np.inf))
-    better = poses[1 + best] if losses[best] < -BETTER else None
+    better = poses[1 + best] if losses[best] < -BETTER_LOG_LIKELIHOOD else None
     reach = np.nan
     if by_rims and loss >= CONSTRAINT_LOG_LIKELIHOOD:
         nearest = losses[: 2 * len(motions)].min() >= CONSTRAINT_LOG_LIKELIHOOD
         # Anywhere within the least displacement that is excluded: an even distribution.
-        reach = DISPLACED[0 if nearest else 1] * size / np.sqrt(3.0)
+        reach = DISPLACEMENTS_DIAGONALS[0 if nearest else 1] * size / np.sqrt(3.0)
     return Slide(loss, better, reach)
 
 
@@ -107,7 +111,7 @@ def _motions(fit: Fit, share: float) -> tuple[FloatArray, bool]:
     inliers = float(fit.run.weights.sum())
     weak = ~free & (information.carriers < max(fewest_carriers(inliers), share * inliers))
     # An open target ends where it was not measured, and its rim holds nothing.
-    held_by_rims = bool(0 < np.count_nonzero(free) <= PLANE and not fit.has_border)
+    held_by_rims = bool(0 < np.count_nonzero(free) <= MOTIONS_OF_PLANE and not fit.has_border)
     # One riser on its neighbour's place, and all others off, look like a strain across them.
     along = fit.strain_axis if share else ()
     strained = np.array([[0.0, 0.0, 0.0, *along]] if any(along) else nothing)
@@ -123,7 +127,7 @@ def _motions(fit: Fit, share: float) -> tuple[FloatArray, bool]:
 def _mixtures(motions: FloatArray) -> FloatArray:
     """Motions, (6, k), and mixtures of them where they are few, (m, 6), one of each pair of opposites."""
     count = motions.shape[1]
-    if not 0 < count <= PLANE:
+    if not 0 < count <= MOTIONS_OF_PLANE:
         return motions.T
     signs = np.array(list(itertools.product([1.0, 0.0, -1.0], repeat=count)))
     signs = signs[: len(signs) // 2]
@@ -137,12 +141,12 @@ def without_slide(fit: Fit, share: float = 0.0) -> tuple[Fit, Slide]:
     So is the axis of a strain, which has to vanish there: a part that moved during the scan fits in part anywhere.
     """
     slide = slide_of(fit) if not share else _slide_of(fit, share)
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ROUNDS):
         if slide.best is None or fit.problem.options.method != "auto":
             break
         # The loop may lead back to where it was: then the pose of the refinement stays.
         there = fit.at(slide.best)
-        other = fit.resumed(slide.best, NARROW * fit.prepared.surface.diagonal)
+        other = fit.resumed(slide.best, LAST_SCALE_DIAGONALS * fit.prepared.surface.diagonal)
         better = other if other.found and _gain(there, other) >= 0.0 else there
         if share and fit.agreement.stretch and better.agreement.stretch:
             break
@@ -156,28 +160,28 @@ def _losses_that_matter(fit: Fit, poses: FloatArray, counted: BoolArray, nearest
 
     The least losses of the nearest displacements, of the others and of those that count are always asked of all points.
     """
-    if len(fit.prepared.scan) <= 2 * SCREENING:
+    if len(fit.prepared.scan) <= 2 * SCREENING_POINTS:
         return losses_at(fit, poses)
-    scores = scores_of(fit, poses, SCREENING)
-    few = _losses(scores.likelihoods[0] - scores.likelihoods[1:], split=0.5 * SPLIT)
-    asked, rows = few < SURELY * CONSTRAINT_LOG_LIKELIHOOD, np.arange(len(few))
+    scores = scores_of(fit, poses, SCREENING_POINTS)
+    few = _losses(scores.likelihoods[0] - scores.likelihoods[1:], split=0.5 * SPLIT_SHARE)
+    asked, rows = few < CERTAIN_LOSS_FACTOR * CONSTRAINT_LOG_LIKELIHOOD, np.arange(len(few))
     for group in (rows[:nearest], rows[nearest:], rows[counted]):
-        asked[group[np.argsort(few[group], kind="stable")[:ALWAYS]]] = True
+        asked[group[np.argsort(few[group], kind="stable")[:MIN_JUDGED_OF_KIND]]] = True
     losses = np.full(len(few), np.inf)
     losses[asked] = losses_at(fit, np.concatenate([poses[:1], poses[1:][asked]]))
     return losses
 
 
-def losses_at(fit: Fit, poses: FloatArray, count: int = JUDGES) -> FloatArray:
+def losses_at(fit: Fit, poses: FloatArray, count: int = JUDGING_POINTS) -> FloatArray:
     """Log-likelihood that so many points together lose at each of some poses, (k, 4, 4), against the first of them."""
     return losses_and_scatter(fit, poses, count)[0]
 
 
-def losses_and_scatter(fit: Fit, poses: FloatArray, count: int = JUDGES) -> tuple[FloatArray, FloatArray]:
+def losses_and_scatter(fit: Fit, poses: FloatArray, count: int = JUDGING_POINTS) -> tuple[FloatArray, FloatArray]:
     """The same, and their standard deviations by chance, (k,): as what speaks for the other pose scatters."""
     scores, rows = scores_and_rows(fit, poses, count)
     gaps = scores.likelihoods[0] - scores.likelihoods[1:]
-    scatter = np.sqrt(2.0 * (np.clip(gaps, -MOST, 0.0) ** 2).sum(axis=1))
+    scatter = np.sqrt(2.0 * (np.clip(gaps, -MAX_POINT_LOG_LIKELIHOOD, 0.0) ** 2).sum(axis=1))
     return _losses(gaps, lambda: _of_the_part(fit, rows)), scatter
 
 
@@ -192,17 +196,19 @@ def _of_the_part(fit: Fit, rows: IntArray) -> BoolArray:
     of_the_part = ~surroundings_of(pairs, width, near, fit.prepared.surface.diagonal).elsewhere
     off = np.flatnonzero(~on & of_the_part)
     if len(off) and far.any():
-        around = pairs.moved[NeighbourTree(pairs.moved).nearest(pairs.moved[off], AROUND)[0]]
+        around = pairs.moved[NeighbourTree(pairs.moved).nearest(pairs.moved[off], PLANE_NEIGHBOURS)[0]]
         of_the_part[off[is_background(around, pairs.moved, on, far, fit.run.mixture.scale)]] = False
     return of_the_part
 
 
-def _losses(gaps: FloatArray, of_the_part: Callable[[], BoolArray] | None = None, split: float = SPLIT) -> FloatArray:
+def _losses(
+    gaps: FloatArray, of_the_part: Callable[[], BoolArray] | None = None, split: float = SPLIT_SHARE
+) -> FloatArray:
     """Sums of the log-likelihoods that points lose, (k, m) to (k,); nothing where many of the part gain clearly.
 
     A part that slides over its table comes to lie on that: such points gain, and are no part that was left behind.
     """
-    gaps = np.clip(gaps, -MOST, MOST)
+    gaps = np.clip(gaps, -MAX_POINT_LOG_LIKELIHOOD, MAX_POINT_LOG_LIKELIHOOD)
     losses, clear = gaps.sum(axis=1), np.where(np.abs(gaps) > CLEAR_LOG_RATIO, gaps, 0.0)
     against, gains = np.maximum(clear, 0.0).sum(axis=1), np.maximum(-clear, 0.0)
     # Which points are of the part matters where all that gain are many.

@@ -23,7 +23,7 @@ from dqreg.registration.derived import Key
 from dqreg.registration.displacement import displacement_between, offset_from_start
 from dqreg.registration.fit import Fit
 from dqreg.registration.near_places import plane_turns
-from dqreg.registration.rivals import JUDGES, NO_POSES
+from dqreg.registration.rivals import JUDGING_POINTS, NO_POSES
 from dqreg.registration.slides import losses_and_scatter, losses_at
 from dqreg.rigid import pose, twist
 from dqreg.search.near_symmetry import is_symmetry
@@ -34,31 +34,38 @@ from dqreg.search.thin_walls import ThinWalls
 from dqreg.trust.limits import CONSTRAINT_LOG_LIKELIHOOD
 from dqreg.trust.patch_tests import INLIER_SIGMAS
 
-# Points whose faces are looked at, those without which nothing is asked, and points that screen a pose.
-LOOKED_AT, FEWEST, SCREENING = 2_000, 10, 300
+# Points whose faces are looked at, and inliers among them without which nothing is asked.
+COMPARED_POINTS, MIN_INLIERS = 2_000, 10
+SCREENING_POINTS = 300
 # Points that refine, points that are asked then and steps of the refinement: few of all poses, and more of those left.
-FIRST, LAST = (400, 1_000, 3), (1_000, JUDGES, 4)
-# Inliers look along a wall's direction within this; so large a share of them makes it one of the scan's. Where so many
-# times as many look the other way both sides were scanned, unless the distances are so many times the noise. Directions
-# that are combined: the largest ones.
-ALONG_RAD, SHARE, OTHER_WAY, ROUGH, DIRECTIONS = np.deg2rad(15.0), 0.02, 0.25, 1.15, 6
-# A motion fits the sides of walls within this share of the thickness, and may take so large a share of the points off
-# the part before it is refined.
-FITS, MAY_LEAVE = 0.25, 0.1
+FIRST_REFINEMENT = (400, 1_000, 3)
+LAST_REFINEMENT = (1_000, JUDGING_POINTS, 4)
+# Inliers look along a wall's direction within this; so large a share of them makes it one of the scan's.
+WALL_NORMAL_RAD, MIN_WALL_SHARE = np.deg2rad(15.0), 0.02
+# Where so many times as many look the other way both sides were scanned, unless the distances are so many times the
+# noise.
+OTHER_SIDE_RATIO, ACROSS_NOISE_RATIO = 0.25, 1.15
+# Directions that are combined: the largest ones.
+MAX_DIRECTIONS = 6
+# A motion fits the sides of walls within this.
+IN_PLACE_THICKNESSES = 0.25
+# Share of the points that a motion may take off the part before it is refined.
+MAX_LEAVING_SHARE = 0.1
 # Damping of motions that no point holds, relative to the mean diagonal of the normal equations.
 DAMPING = 1e-4
 # Planes of the part that are found may be those of either side of a wall, or lie between them: so the scan is displaced
 # by these shares of the thickness, along directions that leave so much beside those before.
-DISPLACED, ACROSS = (0.0, -0.5, 0.5, -1.0, 1.0), 0.3
+DISPLACEMENTS_THICKNESSES = (0.0, -0.5, 0.5, -1.0, 1.0)
+NEW_DIRECTION_SINE = 0.3
 # Log-likelihood that a pose refined on some points may lose beyond what tells poses apart, by few points and by many:
 # six motions fitted to one point in ten lose thirty in the mean.
-ROUGHLY = (30.0, 60.0)
+REFINEMENT_LOG_LIKELIHOODS = (30.0, 60.0)
 # Standard deviations of chance that what tells two poses apart has to come to: of noise that is large against the
 # thickness few points beyond the middle of a wall decide, and came to 3.3 of them at a wrong pose, to 4 and more at
 # 62 right ones.
-BY_CHANCE = 3.5
+CHANCE_SIGMAS = 3.5
 # Poses that are kept, the best first; better poses that follow one another.
-KEPT, ROUNDS = 8, 2
+MAX_POSES, MAX_ROUNDS = 8, 2
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -72,7 +79,7 @@ class _Rivals:
     @property
     def equal(self) -> IntArray:
         """Which explain the scan as well as the pose."""
-        return np.flatnonzero(self.losses < np.maximum(CONSTRAINT_LOG_LIKELIHOOD, BY_CHANCE * self.scatter))
+        return np.flatnonzero(self.losses < np.maximum(CONSTRAINT_LOG_LIKELIHOOD, CHANCE_SIGMAS * self.scatter))
 
 
 WALL_SIDES: Key[_Rivals] = Key()
@@ -85,7 +92,7 @@ def on_best_sides(fit: Fit) -> Fit:
     """
     if fit.problem.options.method != "auto":
         return fit
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ROUNDS):
         found = _rivals(fit)
         losses = found.losses
         if losses.min(initial=0.0) < -CONSTRAINT_LOG_LIKELIHOOD:
@@ -110,13 +117,14 @@ def _rivals(fit: Fit) -> _Rivals:
 
 def _compared(fit: Fit) -> _Rivals:
     poses, least = _moved(fit)
-    for (points, asked, steps), roughly in zip((FIRST, LAST), ROUGHLY, strict=True):
+    stages = (FIRST_REFINEMENT, LAST_REFINEMENT)
+    for (points, asked, steps), roughly in zip(stages, REFINEMENT_LOG_LIKELIHOODS, strict=True):
         if not len(poses):
             return _Rivals()
         poses = _refined(fit, poses, least, points, steps)
         losses = losses_at(fit, np.concatenate([fit.T_target_source[None], poses]), asked)
         order = np.argsort(losses, kind="stable")
-        poses = _other_places(fit, poses[order[losses[order] < CONSTRAINT_LOG_LIKELIHOOD + roughly]], least)[:KEPT]
+        poses = _other_places(fit, poses[order[losses[order] < CONSTRAINT_LOG_LIKELIHOOD + roughly]], least)[:MAX_POSES]
     rivals, near = [], 0.5 * least / fit.prepared.surface.diagonal
     for T in poses:
         there, other = fit.at(T), fit.resumed(T, fit.run.mixture.scale)
@@ -139,13 +147,13 @@ def _moved(fit: Fit) -> tuple[FloatArray, float]:
     if pairs is None:
         return NO_POSES, 0.0
     near = np.flatnonzero(pairs.distances <= INLIER_SIGMAS * fit.run.mixture.scale)
-    near = near[sample_rows(len(near), LOOKED_AT)]
-    if len(near) < FEWEST:
+    near = near[sample_rows(len(near), COMPARED_POINTS)]
+    if len(near) < MIN_INLIERS:
         return NO_POSES, 0.0
     least = float(walls.thickness.min())
-    within = max(INLIER_SIGMAS * _width(fit), FITS * least)
+    within = max(INLIER_SIGMAS * _width(fit), IN_PLACE_THICKNESSES * least)
     points = np.take(pairs.scan.points, near, axis=0)
-    poses = _on_other_sides(fit, walls, pairs, near[sample_rows(len(near), FIRST[1])], within)
+    poses = _on_other_sides(fit, walls, pairs, near[sample_rows(len(near), FIRST_REFINEMENT[1])], within)
     if not _is_meant(fit, fit.T_target_source):
         poses = np.concatenate([poses, _in_other_planes(fit, walls, points, within)])
     return _staying(fit, poses, points, within), least
@@ -161,13 +169,14 @@ def _on_other_sides(fit: Fit, walls: ThinWalls, pairs: Correspondences, rows: In
     """The pose after motions that lay what some of its pairs put on sides of walls on the other ones, (k, 4, 4)."""
     normals = np.take(pairs.closest.normals, rows, axis=0)
     along = normals @ walls.normals.T
-    on = (along > np.cos(ALONG_RAD)) & (along == along.max(axis=1, keepdims=True))
+    on = (along > np.cos(WALL_NORMAL_RAD)) & (along == along.max(axis=1, keepdims=True))
     counts = np.count_nonzero(on, axis=0)
-    opposed = counts @ (walls.normals @ walls.normals.T < -np.cos(ALONG_RAD))
+    opposed = counts @ (walls.normals @ walls.normals.T < -np.cos(WALL_NORMAL_RAD))
     # No other place fits both sides; a leg that lies across its wall lies there by more than its noise.
-    lies_across = fit.run.mixture.scale > ROUGH * _width(fit)
-    kept = np.flatnonzero((counts > SHARE * len(rows)) & (lies_across | (opposed <= OTHER_WAY * counts)))
-    kept = kept[np.argsort(-counts[kept], kind="stable")][:DIRECTIONS]
+    lies_across = fit.run.mixture.scale > ACROSS_NOISE_RATIO * _width(fit)
+    is_one_sided = lies_across | (opposed <= OTHER_SIDE_RATIO * counts)
+    kept = np.flatnonzero((counts > MIN_WALL_SHARE * len(rows)) & is_one_sided)
+    kept = kept[np.argsort(-counts[kept], kind="stable")][:MAX_DIRECTIONS]
     if not len(kept):
         return NO_POSES
     chosen = np.array(list(itertools.product([0.0, 1.0], repeat=len(kept)))[1:])
@@ -187,7 +196,7 @@ def _down(points: FloatArray, normals: FloatArray, heights: FloatArray, within: 
     A = np.concatenate([np.cross(arms / lever, normals), normals], axis=1)
     H = A.T @ A
     steps = -np.linalg.solve(H + DAMPING * np.trace(H) / 6.0 * np.eye(6), A.T @ heights.T).T
-    steps = steps[np.mean(np.abs(heights + steps @ A.T) <= within, axis=1) >= 1.0 - MAY_LEAVE]
+    steps = steps[np.mean(np.abs(heights + steps @ A.T) <= within, axis=1) >= 1.0 - MAX_LEAVING_SHARE]
     steps[:, :3] /= lever
     there, back = (pose.from_parts(np.eye(3), sign * middle) for sign in (1.0, -1.0))
     return np.asarray(there @ twist.exp(steps) @ back).reshape(-1, 4, 4)
@@ -199,19 +208,20 @@ def _in_other_planes(fit: Fit, walls: ThinWalls, points: FloatArray, within: flo
     axes: list[FloatArray] = []
     for normal, thickness in zip(walls.normals, walls.thickness, strict=True):
         rest = normal - sum((normal @ axis) * axis for axis in axes)
-        if (length := float(np.linalg.norm(rest))) > ACROSS:
+        if (length := float(np.linalg.norm(rest))) > NEW_DIRECTION_SINE:
             axes.append(rest / length)
-            shifted = np.repeat(poses, len(DISPLACED), axis=0)
-            shifted[:, :3, 3] += np.tile(np.outer(DISPLACED, thickness * normal), (len(poses), 1))
+            shifted = np.repeat(poses, len(DISPLACEMENTS_THICKNESSES), axis=0)
+            shifted[:, :3, 3] += np.tile(np.outer(DISPLACEMENTS_THICKNESSES, thickness * normal), (len(poses), 1))
             poses = shifted
     return _staying(fit, poses, points, within)
 
 
 def _staying(fit: Fit, poses: FloatArray, points: FloatArray, within: float) -> FloatArray:
     """Poses, (k, 4, 4), at which most of some points lie within a distance of the part."""
-    points = points[sample_rows(len(points), SCREENING)]
+    points = points[sample_rows(len(points), SCREENING_POINTS)]
     away = fit.prepared.surface.closest(Poses.of(poses).apply(points).reshape(-1, 3), within=2.0 * within).distances
-    return np.asarray(poses[np.mean(away.reshape(len(poses), len(points)) <= within, axis=1) >= 1.0 - MAY_LEAVE])
+    on_part = np.mean(away.reshape(len(poses), len(points)) <= within, axis=1)
+    return np.asarray(poses[on_part >= 1.0 - MAX_LEAVING_SHARE])
 
 
 def _width(fit: Fit) -> float:
@@ -236,7 +246,7 @@ def _walls(fit: Fit) -> ThinWalls:
 
 def _other_places(fit: Fit, poses: FloatArray, least: float) -> FloatArray:
     """Poses, (k, 4, 4), each once, without those that leave the scan, or all of the part, where it is at the fit."""
-    surface, part, offset = fit.prepared.surface, fit.problem.target.geometry, FITS * least
+    surface, part, offset = fit.prepared.surface, fit.problem.target.geometry, IN_PLACE_THICKNESSES * least
     middle, share = fit.prepared.scan.points.mean(axis=0), offset / surface.diagonal
     poses = poses[Poses.of(poses).distinct(middle, share, offset, len(poses))]
     back = pose.inverse(fit.T_target_source)

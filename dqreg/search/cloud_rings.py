@@ -14,7 +14,7 @@ from dqreg.geometry.normals import sample_rows
 from dqreg.rigid import pose, twist
 from dqreg.rigid.rotations import angle_of
 from dqreg.search.oriented_points import OrientedPoints
-from dqreg.search.plane_maps import LOOKED_AT, Planes
+from dqreg.search.plane_maps import PLANE_POINTS, Planes
 from dqreg.search.poses import Poses
 from dqreg.search.refine import refine
 from dqreg.search.rings import RING_POINTS, Ring, ring_steps
@@ -39,7 +39,7 @@ ORDER_TOLERANCE, MAX_AXIAL_DIAGONALS = 0.4, 5e-3
 def ring_turns(surface: CloudSurface, tangent: TangentPlanes) -> FloatArray:
     """Turns of a cloud by all multiples of one step of the ring that it shows, (k, 4, 4); none where it shows none."""
     none = np.zeros((0, 4, 4))
-    rows = sample_rows(len(surface._points), LOOKED_AT)
+    rows = sample_rows(len(surface._points), PLANE_POINTS)
     points, normals = surface._points[rows], np.nan_to_num(surface._planes_at(rows)[0])
     axis_and_point = _axis(points, normals, surface.diagonal)
     if axis_and_point is None:

@@ -27,11 +27,11 @@ from dqreg.search.poses import Poses
 Single = npt.NDArray[np.float32]
 Rows = npt.NDArray[np.int32]
 # Nodes of a grid, and room around the target in sizes.
-NODES, MARGIN = 300_000, 0.05
+NODES, MARGIN_DIAGONALS = 300_000, 0.05
 # What the nodes of a grid with cells so many times halved hold is asked of a tree, and handed down.
 HALVINGS = 2
 # Places looked up in one go: some milliseconds; slabs of nodes that are.
-LOOKED_UP, SLABS = 131_072, 8
+PLACES_AT_ONCE, SLABS = 131_072, 8
 
 
 class Grid:
@@ -58,7 +58,7 @@ class Grid:
         means = np.zeros(len(poses))
         if len(points):
             looked_up = *self._in_cells(poses), as_plain(points), self.shape, gains, means
-            over_chunks(mean_gains, len(poses), *looked_up, chunk=max(LOOKED_UP // len(points), 1))
+            over_chunks(mean_gains, len(poses), *looked_up, chunk=max(PLACES_AT_ONCE // len(points), 1))
         return means
 
     def _in_cells(self, poses: Poses) -> tuple[FloatArray, FloatArray]:
@@ -83,7 +83,7 @@ class DistanceGrid(Grid):
     def __init__(
         self, points: FloatArray, low: FloatArray, high: FloatArray, size: float, *, exact: bool = False
     ) -> None:
-        room = MARGIN * size
+        room = MARGIN_DIAGONALS * size
         cell = float(np.prod(high - low + 2.0 * room) / NODES) ** (1.0 / 3.0)
         super().__init__(low - room, high + room, cell)
         from dqreg.kernels.threads import as_plain
@@ -131,7 +131,7 @@ class DistanceGrid(Grid):
 
         found = np.zeros(len(poses), dtype=bool)
         asked = *self._in_cells(poses), as_plain(points), self.shape, self.distances, float(limit), found
-        over_chunks(poses_within, len(poses), *asked, chunk=max(LOOKED_UP // len(points), 1))
+        over_chunks(poses_within, len(poses), *asked, chunk=max(PLACES_AT_ONCE // len(points), 1))
         return found
 
     def scores(self, poses: Poses, points: FloatArray, reach: float) -> FloatArray:
@@ -172,7 +172,7 @@ class Edges:
 
 
 # At nodes closer to the surface than this, in sizes, planes are exact; at the others those of a dense sample do.
-EXACT_WITHIN = 0.025
+EXACT_DIAGONALS = 0.025
 
 
 class PlaneGrid(DistanceGrid):
@@ -184,7 +184,7 @@ class PlaneGrid(DistanceGrid):
 
         super().__init__(even.points, low, high, surface.diagonal)
         self.diagonal, self.centre, self.oriented = surface.diagonal, surface.centre, surface.oriented
-        near = np.flatnonzero(self.distances < EXACT_WITHIN * surface.diagonal)
+        near = np.flatnonzero(self.distances < EXACT_DIAGONALS * surface.diagonal)
         nodes = np.stack(np.unravel_index(near, self.shape), axis=1)
         asked = surface.closest(self.low + self.cell * nodes)
         # They hold places of their own, after those of the sample.
@@ -207,9 +207,9 @@ class PlaneGrid(DistanceGrid):
 
 
 # Cell in sizes, and cells at most.
-CELL, CELLS = 0.02, 30_000_000
+CELL_DIAGONALS, MAX_CELLS = 0.02, 30_000_000
 # Cells beside the scan on each side; so many times the cells at most, those included.
-PADDING, PADDED = 2.0, 4.0
+PADDING_CELLS, MAX_PADDED_RATIO = 2.0, 4.0
 # Gain by the number of axes along which a cell is beside one that holds a point.
 GAINS = np.array([1.0, 0.7, 0.4, 0.3], dtype=np.float32)
 
@@ -219,11 +219,11 @@ class OccupancyGrid(Grid):
 
     def __init__(self, points: FloatArray, size: float) -> None:
         low, high = bounds(points)
-        cell = max(CELL * size, float(np.prod(np.maximum(high - low, size)) / CELLS) ** (1.0 / 3.0))
+        cell = max(CELL_DIAGONALS * size, float(np.prod(np.maximum(high - low, size)) / MAX_CELLS) ** (1.0 / 3.0))
         # Of a long thin scan most cells are those beside it: they would take tens of gigabytes.
-        while float(np.prod((high - low) / cell + 2.0 * PADDING + 1.0)) > PADDED * CELLS:
+        while float(np.prod((high - low) / cell + 2.0 * PADDING_CELLS + 1.0)) > MAX_PADDED_RATIO * MAX_CELLS:
             cell *= 2.0
-        super().__init__(low - PADDING * cell, high + PADDING * cell, cell)
+        super().__init__(low - PADDING_CELLS * cell, high + PADDING_CELLS * cell, cell)
         self.gains = np.zeros(self.count + 1, dtype=np.float32)
         held = np.unique(self.nodes(points))
         strides = np.array([self.shape[1] * self.shape[2], self.shape[2], 1])

@@ -17,20 +17,27 @@ from dqreg._arrays import BoolArray, FloatArray
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.vector_rows import cross, nonzero_rows
 
-# Points that are looked at; directions and planes along each that are kept, with this share of the points.
-LOOKED_AT, DIRECTIONS, PLANES, LEAST_SHARE = 800, 5, 16, 0.015
-# Normals of one direction, and those that are tried as it; heights of one plane, and of planes that are laid in each
-# other, in sizes.
-SAME_RAD, TRIED, THICK, WITHIN = np.deg2rad(10.0), 100, 0.01, 0.012
-SAME_COS = np.cos(SAME_RAD)
+# Points that are looked at, and the share of them that a plane holds at least.
+PLANE_POINTS, MIN_PLANE_SHARE = 800, 0.015
+# Directions, and planes along each.
+MAX_DIRECTIONS, MAX_PLANES = 5, 16
+SAME_DIRECTION_RAD = np.deg2rad(10.0)
+SAME_DIRECTION_COS = np.cos(SAME_DIRECTION_RAD)
+# Normals that are tried as a direction.
+TRIED_NORMALS = 100
+# Heights of one plane, and of planes that are laid in each other.
+PLANE_THICKNESS_DIAGONALS, SAME_PLANE_DIAGONALS = 0.01, 0.012
 # Share of the points that the planes hold, below which they say nothing of the rest; share of them that a motion may
 # put into no plane, or beyond the ends of the target.
-FLAT, LOST = 0.7, 0.15
-# Shifts along a direction that are combined, and motions that are kept; what moves the scan by less is none. Axes whose
-# smallest singular value is less fix no shift.
-SHIFTS, MOST, HERE, ACROSS = 5, 60, 0.02, 0.3
+MIN_FLAT_SHARE, MAX_LOST_SHARE = 0.7, 0.15
+# Shifts along a direction that are combined, and motions that are kept.
+MAX_SHIFTS, MAX_MAPS = 5, 60
+# What moves the scan by less is none.
+UNMOVED_DIAGONALS = 0.02
+# Axes whose smallest singular value is less fix no shift.
+MIN_SINGULAR_VALUE = 0.3
 # Points beyond the ends of the heights.
-BEYOND = 0.01
+BEYOND_SHARE = 0.01
 
 
 # Shifts of planes along one direction into those along another, and what they lose: by both directions, and the sign.
@@ -49,21 +56,21 @@ class Planes:
     @staticmethod
     def of(points: FloatArray, normals: FloatArray, size: float) -> Planes:
         """Planes of points on a shape of a size, with normals of either sign, zero where unknown, (n, 3)."""
-        rows = sample_rows(len(points), LOOKED_AT)
+        rows = sample_rows(len(points), PLANE_POINTS)
         points, normals = points[rows], np.nan_to_num(normals[rows])
-        least = LEAST_SHARE * len(points)
+        least = MIN_PLANE_SHARE * len(points)
         left: BoolArray = nonzero_rows(normals)
         directions, heights, shares = [], [], []
-        for _ in range(DIRECTIONS):
+        for _ in range(MAX_DIRECTIONS):
             few = np.flatnonzero(left)
             if len(few) <= least:
                 break
-            alike = np.abs(normals[few] @ normals[few[sample_rows(len(few), TRIED)]].T) > SAME_COS
+            alike = np.abs(normals[few] @ normals[few[sample_rows(len(few), TRIED_NORMALS)]].T) > SAME_DIRECTION_COS
             held = few[alike[:, int(alike.sum(axis=0).argmax())]]
             left[held] = False
             # The mean of either sign.
             direction = np.linalg.eigh(normals[held].T @ normals[held])[1][:, 2]
-            found = _clusters(points[held] @ direction, THICK * size, least)
+            found = _clusters(points[held] @ direction, PLANE_THICKNESS_DIAGONALS * size, least)
             if found:
                 directions.append(direction)
                 heights.append(np.array([height for height, _ in found]))
@@ -83,28 +90,28 @@ def plane_maps(
 
     What planes along two directions leave open, the ends of both may close, given points, (n, 3), of those of the scan.
     """
-    if scan.flat < FLAT or min(len(scan.directions), len(target.directions)) < 2:
+    if scan.flat < MIN_FLAT_SHARE or min(len(scan.directions), len(target.directions)) < 2:
         return np.zeros((0, 4, 4))
-    ends = [_ends(target.points @ axis, WITHIN * size) for axis in target.directions]
+    ends = [_ends(target.points @ axis, SAME_PLANE_DIAGONALS * size) for axis in target.directions]
     laid: Laid = {}
     found = [
         lost_and_map
         for R in _rotations(scan, target, mirrored=mirrored)
-        for lost_and_map in _shifted(R, scan, target, ends, WITHIN * size, laid, reaching)
+        for lost_and_map in _shifted(R, scan, target, ends, SAME_PLANE_DIAGONALS * size, laid, reaching)
     ]
     middle = scan.points.mean(axis=0)
     found.sort(key=lambda pair: pair[0])
     maps = np.array([T for _, T in found]).reshape(-1, 4, 4)
-    turned = np.trace(maps[:, :3, :3], axis1=1, axis2=2) < 1.0 + 2.0 * SAME_COS
-    shifted = np.linalg.norm(maps[:, :3, :3] @ middle + maps[:, :3, 3] - middle, axis=1) > HERE * size
-    return np.asarray(maps[turned | shifted][:MOST])
+    turned = np.trace(maps[:, :3, :3], axis1=1, axis2=2) < 1.0 + 2.0 * SAME_DIRECTION_COS
+    shifted = np.linalg.norm(maps[:, :3, :3] @ middle + maps[:, :3, 3] - middle, axis=1) > UNMOVED_DIAGONALS * size
+    return np.asarray(maps[turned | shifted][:MAX_MAPS])
 
 
 def _clusters(heights: FloatArray, thick: float, least: float) -> list[tuple[float, int]]:
     """Middle and count of points of the planes, the fullest first."""
     heights = np.sort(heights)
     found: list[tuple[float, int]] = []
-    while len(found) < PLANES and len(heights):
+    while len(found) < MAX_PLANES and len(heights):
         counts = np.searchsorted(heights, heights + thick) - np.arange(len(heights))
         best = int(counts.argmax())
         if counts[best] < least:
@@ -118,7 +125,7 @@ def _clusters(heights: FloatArray, thick: float, least: float) -> list[tuple[flo
 def _ends(heights: FloatArray, within: float) -> tuple[float, float]:
     """Heights between which a target reaches, and what lies about in them."""
     heights = np.sort(heights)
-    beyond = int(BEYOND * len(heights))
+    beyond = int(BEYOND_SHARE * len(heights))
     return float(heights[beyond]) - within, float(heights[-1 - beyond]) + within
 
 
@@ -132,7 +139,7 @@ def _rotations(scan: Planes, target: Planes, *, mirrored: bool) -> list[FloatArr
     least, found = np.arccos(np.clip(one @ other, -1.0, 1.0)), []
     for first, second in itertools.permutations(range(len(target.directions)), 2):
         for sign, angle in ((1.0, angles[first, second]), (-1.0, np.pi - angles[first, second])):
-            if abs(angle - least) > SAME_RAD:
+            if abs(angle - least) > SAME_DIRECTION_RAD:
                 continue
             axes = _frame(target.directions[first], sign * target.directions[second]) * [1.0, 1.0, third]
             # Both directions turned over leave what is across them.
@@ -165,11 +172,11 @@ def _shifted(
     missing, back = 0.0, target.directions @ R
     cosines = scan.directions @ back.T
     for k, m in enumerate(np.abs(cosines).argmax(axis=1)):
-        if abs(cosines[k, m]) < SAME_COS:
+        if abs(cosines[k, m]) < SAME_DIRECTION_COS:
             missing += float(scan.shares[k].sum())
             continue
         axis = target.directions[m]
-        if axes and _least_spread([*axes, axis]) < ACROSS:
+        if axes and _least_spread([*axes, axis]) < MIN_SINGULAR_VALUE:
             continue
         sign = float(np.sign(cosines[k, m]))
         if (k, int(m), sign) not in laid:
@@ -179,9 +186,9 @@ def _shifted(
             # Of its rims a sample of the target may hold too few points for a plane.
             choices[-1] += _between_ends(reaching @ back[m], target.points @ axis, within)
         axes.append(axis)
-        if len(axes) == 3 or not choices[-1] or missing > LOST:
+        if len(axes) == 3 or not choices[-1] or missing > MAX_LOST_SHARE:
             break
-    is_fixed = len(axes) == 3 or (len(axes) == 2 and np.trace(R) > 1.0 + 2.0 * SAME_COS)
+    is_fixed = len(axes) == 3 or (len(axes) == 2 and np.trace(R) > 1.0 + 2.0 * SAME_DIRECTION_COS)
     if not is_fixed and reaching is not None and len(axes) == 2 and all(choices):
         axes.append(third := cross(*axes))
         choices.append(_between_ends(reaching @ (third @ R), target.points @ third, within))
@@ -201,7 +208,7 @@ def _laid(heights: FloatArray, shares: FloatArray, theirs: FloatArray, within: f
     shifts = (theirs[:, None] - heights).ravel()
     apart = np.abs(heights[:, None] + shifts[:, None, None] - theirs).min(axis=2) > within
     lost = apart @ shares
-    few = lost <= LOST
+    few = lost <= MAX_LOST_SHARE
     return shifts[few], lost[few]
 
 
@@ -217,7 +224,7 @@ def _shifts(
     lost = np.maximum(lost, beyond)
     kept: list[tuple[float, float]] = []
     for k in np.argsort(lost, kind="stable"):
-        if lost[k] > LOST or len(kept) == SHIFTS:
+        if lost[k] > MAX_LOST_SHARE or len(kept) == MAX_SHIFTS:
             break
         if all(abs(shifts[k] - shift) > within for _, shift in kept):
             kept.append((float(lost[k]), float(shifts[k])))
@@ -238,7 +245,7 @@ def _combined(
 ) -> list[tuple[float, FloatArray]]:
     """All combinations of shifts along the axes that lose few points together."""
     shifts = [(missing + sum(share for share, _ in some), some) for some in itertools.product(*choices)]
-    few = [(lost, [shift for _, shift in some]) for lost, some in shifts if lost <= LOST]
+    few = [(lost, [shift for _, shift in some]) for lost, some in shifts if lost <= MAX_LOST_SHARE]
     if not few:
         return []
     found, back = [], np.linalg.pinv(np.array(axes))

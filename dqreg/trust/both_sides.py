@@ -11,7 +11,7 @@ from dqreg.solvers.row_sums import squared
 # Normals that are estimates constrain what the shape leaves free: each side's by its own errors. Where less than this
 # share of what the target's normals say is said by the scan's too, it is errors: right poses came to 0.4, slid ones of
 # round parts and corridors to 0.16 at most.
-CONFIRMED = 0.25
+MIN_CONFIRMED_SHARE = 0.25
 
 
 def unconfirmed(
@@ -41,7 +41,7 @@ def unconfirmed(
     held = values > least
     unit = vectors[:, held] / np.sqrt(values[held])
     shares, mixtures = np.linalg.eigh(unit.T @ both @ unit)
-    return np.asarray(unit @ mixtures[:, shares <= CONFIRMED])
+    return np.asarray(unit @ mixtures[:, shares <= MIN_CONFIRMED_SHARE])
 
 
 def carriers_of(

@@ -15,11 +15,11 @@ from dqreg.trust.both_sides import carriers_of, unconfirmed
 
 # Information below this fraction of what all correspondences could give with the longest lever is rounding or facets,
 # not shape.
-FREE = 1e-5
+FREE_SHARE = 1e-5
 # One patch of all rows.
-FIRST = np.zeros(1, dtype=np.int64)
+ONE_PATCH = np.zeros(1, dtype=np.int64)
 # No normals.
-NONE = np.zeros((0, 3))
+NO_NORMALS = np.zeros((0, 3))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Information:
     @property
     def free(self) -> BoolArray:
         """Which of the six motions no normal constrains, (6,)."""
-        return np.asarray(self.values < FREE)
+        return np.asarray(self.values < FREE_SHARE)
 
     @property
     def effective(self) -> float:
@@ -160,7 +160,7 @@ def information_of(
     basis = np.eye(6) if allowed is None else np.linalg.qr(allowed * scaling[:, None])[0]
     smooth = normals if smooth is None else smooth
     starts = patch_starts(len(weights), counts) if patchwise else None
-    first = FIRST if starts is None else starts.all
+    first = ONE_PATCH if starts is None else starts.all
     sums = MotionSums.of(points, normals, smooth, residuals, weights, centre, lever, first, basis)
     aside = dot(weights, scattered) if isinstance(scattered, np.ndarray) else total * scattered
     variance = (sums.squares() + aside) / max(total - 6.0, 1.0)
@@ -171,13 +171,13 @@ def information_of(
     whole = sums.of_smooth() + known
     denied = np.zeros((basis.shape[1], 0))
     if own is not None:
-        denied = unconfirmed(points, normals, own, weights, centre, lever, basis, FREE * of_all)
+        denied = unconfirmed(points, normals, own, weights, centre, lever, basis, FREE_SHARE * of_all)
     # Of a motion that both sides do not confirm, what was known beforehand is left.
     values, vectors, said = _parted(whole / of_all, known / of_all, denied)
     is_denied = np.arange(len(values)) < denied.shape[1]
     order = np.argsort(values, kind="stable")
     values, vectors, said, is_denied = values[order], vectors[:, order], said[order], is_denied[order]
-    sides = (points, smooth, NONE) if own is None else (points, normals, own)
+    sides = (points, smooth, NO_NORMALS) if own is None else (points, normals, own)
     carriers = np.where(is_denied, 0.0, carriers_of(*sides, basis @ vectors, weights, counts, centre, lever))
     sigma, tilt = float(np.sqrt(variance)), _tilt(values, said, basis @ vectors, weights)
     held = Information(values, basis @ vectors, total, sigma, lever, centre, carriers, tilt=tilt)
@@ -218,7 +218,7 @@ def _tilt(values: FloatArray, said: FloatArray, vectors: FloatArray, weights: Fl
     What they say of a free motion is their errors. To first order these mix a held motion j into a free one i with the
     variance ``said_i / (said_j n)`` of n independent normals.
     """
-    free = values < FREE
+    free = values < FREE_SHARE
     if not free.any() or free.all():
         return np.zeros(6)
     independent = float(weights.sum()) ** 2 / dot(weights, weights)

@@ -155,7 +155,7 @@ def test_few_points_leave_out_no_pose_that_all_of_them_would_name(monkeypatch: p
     for points in (sides(6), sides(400), almost_to_the_rims()):
         for start in (np.eye(4), OFF):
             found = slide_of(fit_of(points, start))
-            monkeypatch.setattr(slides, "SCREENING", len(points))
+            monkeypatch.setattr(slides, "SCREENING_POINTS", len(points))
             every = slide_of(fit_of(points, start))
             monkeypatch.undo()
             assert (found.loss >= CONSTRAINT_LOG_LIKELIHOOD) == (every.loss >= CONSTRAINT_LOG_LIKELIHOOD)

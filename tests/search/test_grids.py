@@ -6,7 +6,7 @@ import pytest
 from dqreg.geometry import Mesh, MeshSurface, sample_mesh
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.search.features import even_points
-from dqreg.search.grids import CELLS, HALVINGS, PADDED, DistanceGrid, Edges, OccupancyGrid, PlaneGrid
+from dqreg.search.grids import HALVINGS, MAX_CELLS, MAX_PADDED_RATIO, DistanceGrid, Edges, OccupancyGrid, PlaneGrid
 from dqreg.search.poses import Poses
 from dqreg.synth.parts import box, bracket
 
@@ -81,4 +81,4 @@ def test_edges_on_the_grid_are_as_near_as_the_nearest_up_to_a_cell() -> None:
 @pytest.mark.parametrize("length", [1.0, 1e3, 1e9, 1e15])
 def test_a_long_thin_scan_takes_no_more_cells_than_others(length: float) -> None:
     points = np.array([[0.0, 0.0, 0.0], [length, 0.0, 0.0]])
-    assert OccupancyGrid(points, 1.0).count <= 2 * PADDED * CELLS
+    assert OccupancyGrid(points, 1.0).count <= 2 * MAX_PADDED_RATIO * MAX_CELLS

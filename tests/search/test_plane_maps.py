@@ -7,7 +7,7 @@ import pytest
 
 from dqreg.geometry import Mesh, sample_mesh
 from dqreg.rigid import pose
-from dqreg.search.plane_maps import WITHIN, Planes, plane_maps
+from dqreg.search.plane_maps import SAME_PLANE_DIAGONALS, Planes, plane_maps
 from dqreg.synth.parts import box, cylinder
 
 BLOCK = Mesh(*box((90.0, 60.0, 40.0)))
@@ -29,7 +29,7 @@ def test_a_corner_fits_all_corners_of_a_block_three_ways_round() -> None:
     placed = np.array([pose.apply(T, corners.max(axis=0)[None])[0] for T in maps])
     away = np.linalg.norm(placed[:, None] - corners, axis=2)
     assert len(maps) == 23
-    assert away.min(axis=1).max() <= 3.0 * WITHIN * size
+    assert away.min(axis=1).max() <= 3.0 * SAME_PLANE_DIAGONALS * size
     # Three at each corner, and two beside the identity at its own.
     assert sorted(np.bincount(away.argmin(axis=1), minlength=8).tolist()) == [2, *[3] * 7]
     assert np.linalg.det(maps[:, :3, :3]) == pytest.approx(np.ones(23))
@@ -56,5 +56,5 @@ def test_what_two_directions_leave_open_the_ends_close() -> None:
     maps = plane_maps(scan, part, mesh.diagonal, reaching=points)
     middle = points.mean(axis=0)
     placed = np.array([pose.apply(T, middle[None])[0] for T in maps])
-    assert np.abs(np.abs(placed) - np.abs(middle)).max() <= 2.0 * WITHIN * mesh.diagonal
+    assert np.abs(np.abs(placed) - np.abs(middle)).max() <= 2.0 * SAME_PLANE_DIAGONALS * mesh.diagonal
     assert {tuple(row) for row in np.sign(placed[:, 1:]).tolist()} == {(1, 1), (1, -1), (-1, 1), (-1, -1)}
