@@ -29,6 +29,13 @@ def add(p: ArrayLike, q: ArrayLike) -> FloatArray:
     ndarray, (..., 4)
         p + q.
 
+    Raises
+    ------
+    InputError
+        If p or q does not hold four numbers in the last axis.
+    ValueError
+        If leading axes do not broadcast.
+
     Examples
     --------
     >>> add([3, 1, -2, 1], [2, -1, 2, 3]).tolist()
@@ -49,6 +56,13 @@ def multiply(p: ArrayLike, q: ArrayLike) -> FloatArray:
     -------
     ndarray, (..., 4)
         Scalar part ``p0 q0 - p . q``, vector part ``p0 q + q0 p + p x q``.
+
+    Raises
+    ------
+    InputError
+        If p or q does not hold four numbers in the last axis.
+    ValueError
+        If leading axes do not broadcast.
 
     Examples
     --------
@@ -83,6 +97,11 @@ def conjugate(q: ArrayLike) -> FloatArray:
     ndarray, (..., 4)
         q*.
 
+    Raises
+    ------
+    InputError
+        If q does not hold four numbers in the last axis.
+
     Examples
     --------
     >>> conjugate([2, -1, 2, 3]).tolist()
@@ -104,6 +123,11 @@ def norm(q: ArrayLike) -> FloatArray:
     ndarray, (...)
         Norms; a single number for a single quaternion.
 
+    Raises
+    ------
+    InputError
+        If q does not hold four numbers in the last axis.
+
     Examples
     --------
     >>> float(norm([1, 1, 1, 1]))
@@ -124,6 +148,11 @@ def inverse(q: ArrayLike) -> FloatArray:
     -------
     ndarray, (..., 4)
         The quaternion whose product with q, on either side, is 1.
+
+    Raises
+    ------
+    InputError
+        If q does not hold four numbers in the last axis, or is zero.
 
     Examples
     --------
@@ -147,6 +176,11 @@ def normalize(q: ArrayLike) -> FloatArray:
     ndarray, (..., 4)
         Quaternions of norm 1.
 
+    Raises
+    ------
+    InputError
+        If q does not hold four numbers in the last axis, or is zero.
+
     Examples
     --------
     >>> normalize([0, 0, 3, 4]).tolist()
@@ -167,6 +201,11 @@ def canonical(q: ArrayLike) -> FloatArray:
     -------
     ndarray, (..., 4)
         q or -q.
+
+    Raises
+    ------
+    InputError
+        If q does not hold four numbers in the last axis.
 
     Examples
     --------
@@ -205,6 +244,11 @@ def cross_matrix(u: ArrayLike) -> FloatArray:
     -------
     ndarray, (..., 3, 3)
         Skew-symmetric matrices.
+
+    Raises
+    ------
+    InputError
+        If u does not hold three numbers in the last axis.
 
     Examples
     --------

@@ -17,6 +17,7 @@ from dqreg.rigid._dual_algebra import DualAlgebra
 from dqreg.rigid._matrices import to_matrix
 from dqreg.rigid._operands import as_lines, as_planes, as_triples, require_meeting
 from dqreg.rigid._pose_action import shifted_lines, shifted_planes
+from dqreg.rigid.screw import Screw
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import RigidTransform
@@ -33,6 +34,17 @@ class DualAction(DualAlgebra):
         -------
         ndarray, (..., 4, 4)
             T_target_source.
+
+        Raises
+        ------
+        InputError
+            If it is no motion but a sum or a multiple: see `normalized`.
+
+        Examples
+        --------
+        >>> from dqreg import DualQuaternion
+        >>> DualQuaternion([1, 0, 0, 0], [0, 0, 0, 1.5]).as_matrix()[:3].tolist()
+        [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 3.0]]
         """
         return pose.from_parts(to_matrix(self._motion().real), self.translation)
 
@@ -50,6 +62,49 @@ class DualAction(DualAlgebra):
             If SciPy is older than 1.16.
         """
         return pose.to_rigid_transform(self.as_matrix())
+
+    def as_screw(self) -> Screw:
+        """Read off the line, the rotation about it and the translation along it (eqs. 70-75, corrected).
+
+        Returns
+        -------
+        Screw
+            Axis, angle in [0, pi], distance, and the point of the line nearest the origin. A pure translation
+            has angle 0, its own direction as axis and the origin as point; the identity also has distance 0.
+
+        Raises
+        ------
+        InputError
+            If it is no motion but a sum or a multiple: see `normalized`.
+
+        Examples
+        --------
+        >>> from dqreg import DualQuaternion
+        >>> DualQuaternion([1, 0, 0, 0], [0, 0, 0, 1.5]).as_screw().axis.tolist()
+        [0.0, 0.0, 1.0]
+        """
+        return _dual_parts.as_screw(self._motion().real, self.dual)
+
+    def log(self) -> FloatArray:
+        """Twist of the smaller rotation: the inverse of `exp`.
+
+        Returns
+        -------
+        ndarray, (..., 6)
+            Rotation vector, at most pi long, then translation part. ``exp`` of it is the canonical form.
+
+        Raises
+        ------
+        InputError
+            If it is no motion but a sum or a multiple: see `normalized`.
+
+        Examples
+        --------
+        >>> from dqreg import DualQuaternion
+        >>> DualQuaternion.exp([0.1, 0.2, 0.3, 4, 5, 6]).log().round(12).tolist()
+        [0.1, 0.2, 0.3, 4.0, 5.0, 6.0]
+        """
+        return _dual_parts.log(self._motion().real, self.dual)
 
     @property
     def translation(self) -> FloatArray:
@@ -69,6 +124,18 @@ class DualAction(DualAlgebra):
         -------
         ndarray, (..., 3)
             Points in the target frame.
+
+        Raises
+        ------
+        InputError
+            If the points are not (..., 3), leading axes do not broadcast, or it is no motion but a sum.
+
+        Examples
+        --------
+        >>> from dqreg import DualQuaternion
+        >>> motions = DualQuaternion.exp([[0, 0, 0, 0, 0, 1], [0, 0, 0, 0, 0, 2]])
+        >>> motions[:, None].apply([[1, 0, 0], [0, 1, 0]])[1].tolist()  # all points by the second
+        [[1.0, 0.0, 2.0], [0.0, 1.0, 2.0]]
         """
         if not self.shape:
             return pose.apply(self.as_matrix(), points_source)
@@ -88,6 +155,17 @@ class DualAction(DualAlgebra):
         -------
         ndarray, (..., 3)
             Directions in the target frame.
+
+        Raises
+        ------
+        InputError
+            If the directions are not (..., 3), leading axes do not broadcast, or it is no motion but a sum.
+
+        Examples
+        --------
+        >>> from dqreg import DualQuaternion
+        >>> DualQuaternion([0, 0, 0, 1], [0, 0, -1, 0]).rotate([1, 2, 3]).tolist()  # a half-turn
+        [-1.0, -2.0, 3.0]
         """
         directions = as_triples(directions_source, "directions_source")
         require_meeting(motions=self.shape, directions=directions.shape[:-1])
@@ -105,6 +183,17 @@ class DualAction(DualAlgebra):
         -------
         ndarray, (..., 6)
             Lines in the target frame.
+
+        Raises
+        ------
+        InputError
+            If the lines are not (..., 6), leading axes do not broadcast, or it is no motion but a sum.
+
+        Examples
+        --------
+        >>> from dqreg import DualQuaternion
+        >>> DualQuaternion([1, 0, 0, 0], [0, 0.5, 1, 1.5]).move_lines([0, 0, 1, 0, 0, 0]).tolist()  # by (1, 2, 3)
+        [0.0, 0.0, 1.0, 2.0, -1.0, 0.0]
         """
         lines = as_lines(lines_source, "lines_source")
         return shifted_lines(self.rotate(lines[..., :3]), self.rotate(lines[..., 3:]), self.translation)
@@ -121,6 +210,17 @@ class DualAction(DualAlgebra):
         -------
         ndarray, (..., 4)
             Planes in the target frame, with normals of the same length.
+
+        Raises
+        ------
+        InputError
+            If the planes are not (..., 4), leading axes do not broadcast, or it is no motion but a sum.
+
+        Examples
+        --------
+        >>> from dqreg import DualQuaternion
+        >>> DualQuaternion([1, 0, 0, 0], [0, 0.5, 1, 1.5]).move_planes([0, 0, 1, -10]).tolist()  # by (1, 2, 3)
+        [0.0, 0.0, 1.0, -13.0]
         """
         planes = as_planes(planes_source, "planes_source")
         return shifted_planes(self.rotate(planes[..., :3]), planes[..., 3:], self.translation)

@@ -87,6 +87,11 @@ class DualAlgebra:
         DualQuaternion
             Of shape (...).
 
+        Raises
+        ------
+        InputError
+            If there are not eight numbers, or they break (13)-(14); with ``normalize`` if a real part is zero.
+
         Examples
         --------
         >>> from dqreg import DualQuaternion
@@ -114,7 +119,6 @@ class DualAlgebra:
         Returns
         -------
         ndarray, (..., 8)
-            Real and dual parts.
         """
         parts = (self.real, self.dual)
         return np.concatenate(parts if scalar_first else [np.roll(part, -1, axis=-1) for part in parts], axis=-1)
@@ -183,6 +187,11 @@ class DualAlgebra:
         -------
         DualQuaternion
             The factor, on either side.
+
+        Raises
+        ------
+        InputError
+            If a real part is zero.
         """
         back = self.quaternion_conjugate()
         if self._unit:
@@ -285,7 +294,6 @@ class DualAlgebra:
         Returns
         -------
         DualQuaternion
-            q or -q.
         """
         sign = canonical_sign(self.real)[..., np.newaxis]
         parts = (sign * self.real + 0.0, sign * self.dual + 0.0)

@@ -30,50 +30,8 @@ from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray
 from dqreg.rigid._algebra import CONJUGATE, conjugate, cross_matrix
-from dqreg.rigid._matrices import operator_matrix
+from dqreg.rigid._matrices import left_matrix, right_matrix
 from dqreg.rigid._operands import as_quaternions, as_triples
-
-
-def left_matrix(p: ArrayLike) -> FloatArray:
-    """Matrix of a product from the left: ``left_matrix(p) @ q`` is p q (Jia eq. 37; Walker eq. 15: Q).
-
-    Parameters
-    ----------
-    p : array_like, (..., 4)
-        Quaternions, scalar first.
-
-    Returns
-    -------
-    ndarray, (..., 4, 4)
-        Rows and columns in the order w, x, y, z.
-
-    Examples
-    --------
-    >>> (left_matrix([3, 1, -2, 1]) @ [2, -1, 2, 3]).tolist()
-    [8.0, -9.0, -2.0, 11.0]
-    """
-    return _product_matrix(as_quaternions(p, "p"), 1.0)
-
-
-def right_matrix(q: ArrayLike) -> FloatArray:
-    """Matrix of a product from the right: ``right_matrix(q) @ p`` is p q (Jia eq. 35; Walker eq. 16: W).
-
-    Parameters
-    ----------
-    q : array_like, (..., 4)
-        Quaternions, scalar first.
-
-    Returns
-    -------
-    ndarray, (..., 4, 4)
-        Rows and columns in the order w, x, y, z.
-
-    Examples
-    --------
-    >>> (right_matrix([2, -1, 2, 3]) @ [3, 1, -2, 1]).tolist()
-    [8.0, -9.0, -2.0, 11.0]
-    """
-    return _product_matrix(as_quaternions(q, "q"), -1.0)
 
 
 def d_pq_d_p(q: ArrayLike) -> FloatArray:
@@ -87,6 +45,11 @@ def d_pq_d_p(q: ArrayLike) -> FloatArray:
     Returns
     -------
     ndarray, (..., 4, 4)
+
+    Raises
+    ------
+    InputError
+        If q does not hold four numbers in the last axis.
 
     Examples
     --------
@@ -107,6 +70,17 @@ def d_pqc_d_p(q: ArrayLike) -> FloatArray:
     Returns
     -------
     ndarray, (..., 4, 4)
+
+    Raises
+    ------
+    InputError
+        If q does not hold four numbers in the last axis.
+
+    Examples
+    --------
+    >>> p, q = np.array([3, 1, -2, 1]), [2, -1, 2, 3]
+    >>> (d_pqc_d_p(q) @ p).tolist()  # linear in p, so that this is p q* itself
+    [4.0, 13.0, -6.0, -7.0]
     """
     return right_matrix(conjugate(q))
 
@@ -122,6 +96,16 @@ def d_pq_d_q(p: ArrayLike) -> FloatArray:
     Returns
     -------
     ndarray, (..., 4, 4)
+
+    Raises
+    ------
+    InputError
+        If p does not hold four numbers in the last axis.
+
+    Examples
+    --------
+    >>> (d_pq_d_q([3, 1, -2, 1]) @ [2, -1, 2, 3]).tolist()  # linear in q, so that this is p q itself
+    [8.0, -9.0, -2.0, 11.0]
     """
     return left_matrix(p)
 
@@ -137,6 +121,16 @@ def d_pqc_d_q(p: ArrayLike) -> FloatArray:
     Returns
     -------
     ndarray, (..., 4, 4)
+
+    Raises
+    ------
+    InputError
+        If p does not hold four numbers in the last axis.
+
+    Examples
+    --------
+    >>> (d_pqc_d_q([3, 1, -2, 1]) @ [2, -1, 2, 3]).tolist()  # linear in q, so that this is p q* itself
+    [4.0, 13.0, -6.0, -7.0]
     """
     return np.asarray(left_matrix(p) * CONJUGATE)
 
@@ -152,8 +146,18 @@ def d_qv_d_q(v: ArrayLike) -> FloatArray:
     Returns
     -------
     ndarray, (..., 4, 4)
+
+    Raises
+    ------
+    InputError
+        If v does not hold three numbers in the last axis.
+
+    Examples
+    --------
+    >>> (d_qv_d_q([1, 0, 0]) @ [2, -1, 2, 3]).tolist()  # q times the pure quaternion of v
+    [1.0, 2.0, 3.0, -2.0]
     """
-    return right_matrix(_pure(v))
+    return right_matrix(pure(v))
 
 
 def d_vq_d_q(v: ArrayLike) -> FloatArray:
@@ -167,8 +171,18 @@ def d_vq_d_q(v: ArrayLike) -> FloatArray:
     Returns
     -------
     ndarray, (..., 4, 4)
+
+    Raises
+    ------
+    InputError
+        If v does not hold three numbers in the last axis.
+
+    Examples
+    --------
+    >>> (d_vq_d_q([1, 0, 0]) @ [2, -1, 2, 3]).tolist()  # the pure quaternion of v times q
+    [1.0, 2.0, -3.0, 2.0]
     """
-    return left_matrix(_pure(v))
+    return left_matrix(pure(v))
 
 
 def d_vq_d_v(q: ArrayLike) -> FloatArray:
@@ -182,6 +196,16 @@ def d_vq_d_v(q: ArrayLike) -> FloatArray:
     Returns
     -------
     ndarray, (..., 4, 3)
+
+    Raises
+    ------
+    InputError
+        If q does not hold four numbers in the last axis.
+
+    Examples
+    --------
+    >>> d_vq_d_v([2, -1, 2, 3])[1].tolist()
+    [2.0, 3.0, -2.0]
     """
     return right_matrix(q)[..., 1:]
 
@@ -198,47 +222,17 @@ def d_qv_d_v(q: ArrayLike) -> FloatArray:
     -------
     ndarray, (..., 4, 3)
 
+    Raises
+    ------
+    InputError
+        If q does not hold four numbers in the last axis.
+
     Examples
     --------
     >>> d_qv_d_v([2, -1, 2, 3])[1].tolist()
     [2.0, -3.0, 2.0]
     """
     return left_matrix(q)[..., 1:]
-
-
-def d_rotate_d_v(q: ArrayLike) -> FloatArray:
-    """Jacobian of q v q* by v (eq. 43): the rotation matrix where q is of norm 1.
-
-    Parameters
-    ----------
-    q : array_like, (..., 4)
-        Quaternions.
-
-    Returns
-    -------
-    ndarray, (..., 3, 3)
-
-    Examples
-    --------
-    >>> d_rotate_d_v([0.5, 0.5, 0.5, 0.5]).tolist()
-    [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
-    """
-    return operator_matrix(q)
-
-
-def d_rotate_frame_d_v(q: ArrayLike) -> FloatArray:
-    """Jacobian of q* v q by v (eqs. 44-45).
-
-    Parameters
-    ----------
-    q : array_like, (..., 4)
-        Quaternions.
-
-    Returns
-    -------
-    ndarray, (..., 3, 3)
-    """
-    return d_rotate_d_v(conjugate(q))
 
 
 def d_rotate_d_q(q: ArrayLike, v: ArrayLike) -> FloatArray:
@@ -255,6 +249,13 @@ def d_rotate_d_q(q: ArrayLike, v: ArrayLike) -> FloatArray:
     -------
     ndarray, (..., 3, 4)
 
+    Raises
+    ------
+    InputError
+        If q does not hold four, or v three, numbers in the last axis.
+    ValueError
+        If leading axes do not broadcast.
+
     Examples
     --------
     >>> d_rotate_d_q([1, 0, 0, 0], [1, 0, 0]).tolist()
@@ -269,16 +270,7 @@ def d_rotate_d_q(q: ArrayLike, v: ArrayLike) -> FloatArray:
     return np.asarray(2.0 * np.concatenate([by_scalar[..., np.newaxis], by_vector], axis=-1))
 
 
-def _product_matrix(q: FloatArray, side: float) -> FloatArray:
-    scalar, vector = q[..., 0], q[..., 1:]
-    matrix = np.zeros((*q.shape, 4))
-    matrix[..., 0, 0] = scalar
-    matrix[..., 0, 1:] = -vector
-    matrix[..., 1:, 0] = vector
-    matrix[..., 1:, 1:] = scalar[..., np.newaxis, np.newaxis] * np.eye(3) + side * cross_matrix(vector)
-    return matrix
-
-
-def _pure(v: ArrayLike) -> FloatArray:
-    vectors = as_triples(v, "v")
+def pure(v: ArrayLike, name: str = "v") -> FloatArray:
+    """Quaternions without a scalar part. Shapes: v (..., 3), returns (..., 4)."""
+    vectors = as_triples(v, name)
     return np.concatenate([np.zeros((*vectors.shape[:-1], 1)), vectors], axis=-1)

@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike
 from dqreg._arrays import FloatArray, as_float, require_finite
 from dqreg.errors import InputError
 from dqreg.rigid._algebra import conjugate, multiply, normalize
-from dqreg.rigid._operands import as_quaternions, as_triples, as_unit_quaternions
+from dqreg.rigid._jacobians import pure
+from dqreg.rigid._operands import as_triples, as_unit_quaternions
 from dqreg.rigid._powers import exp
 from dqreg.rigid.rotations import left_jacobian_inverse
 
@@ -37,12 +38,19 @@ def derivative(q: ArrayLike, omega: ArrayLike) -> FloatArray:
     ndarray, (..., 4)
         dq/dt, perpendicular to q.
 
+    Raises
+    ------
+    InputError
+        If q is not of norm 1, or omega does not hold three numbers in the last axis.
+    ValueError
+        If leading axes do not broadcast.
+
     Examples
     --------
     >>> derivative([1, 0, 0, 0], [0, 0, 2]).tolist()
     [0.0, 0.0, 0.0, 1.0]
     """
-    return np.asarray(multiply(_pure(omega, "omega"), as_unit_quaternions(q, "q")) / 2.0)
+    return np.asarray(multiply(pure(omega, "omega"), as_unit_quaternions(q, "q")) / 2.0)
 
 
 def second_derivative(q: ArrayLike, omega: ArrayLike, alpha: ArrayLike) -> FloatArray:
@@ -62,6 +70,13 @@ def second_derivative(q: ArrayLike, omega: ArrayLike, alpha: ArrayLike) -> Float
     ndarray, (..., 4)
         d2q/dt2.
 
+    Raises
+    ------
+    InputError
+        If q is not of norm 1, or omega or alpha does not hold three numbers in the last axis.
+    ValueError
+        If leading axes do not broadcast.
+
     Examples
     --------
     >>> second_derivative([1, 0, 0, 0], [0, 0, 2], [4, 0, 0]).tolist()
@@ -69,7 +84,7 @@ def second_derivative(q: ArrayLike, omega: ArrayLike, alpha: ArrayLike) -> Float
     """
     array, rate = as_unit_quaternions(q, "q"), as_triples(omega, "omega")
     square = np.sum(rate * rate, axis=-1, keepdims=True)
-    return np.asarray(multiply(_pure(alpha, "alpha"), array) / 2.0 - square / 4.0 * array)
+    return np.asarray(multiply(pure(alpha, "alpha"), array) / 2.0 - square / 4.0 * array)
 
 
 def angular_velocity(q: ArrayLike, q_dot: ArrayLike) -> FloatArray:
@@ -86,6 +101,13 @@ def angular_velocity(q: ArrayLike, q_dot: ArrayLike) -> FloatArray:
     -------
     ndarray, (..., 3)
         Angular velocities in world coordinates.
+
+    Raises
+    ------
+    InputError
+        If q is not of norm 1, or q_dot does not hold four numbers in the last axis.
+    ValueError
+        If leading axes do not broadcast.
 
     Examples
     --------
@@ -111,6 +133,13 @@ def angular_acceleration(q: ArrayLike, q_dot: ArrayLike, q_ddot: ArrayLike) -> F
     -------
     ndarray, (..., 3)
         Angular accelerations in world coordinates.
+
+    Raises
+    ------
+    InputError
+        If q is not of norm 1, or a derivative does not hold four numbers in the last axis.
+    ValueError
+        If leading axes do not broadcast.
 
     Examples
     --------
@@ -152,6 +181,12 @@ def integrate(
     -------
     ndarray, (n, ..., 4)
         Unit quaternions at the times.
+
+    Raises
+    ------
+    InputError
+        If frame or method is no known word, there is no time, start is not of norm 1, omega does not hold three numbers
+        in the last axis, or its samples are not one for each time, finite, at times that are finite and differ.
 
     Examples
     --------
@@ -200,7 +235,7 @@ def _spline(times: FloatArray, samples: ArrayLike) -> AngularVelocity:
 
 
 def _euler_step(q: FloatArray, omega: AngularVelocity, t: float, h: float) -> FloatArray:
-    return normalize(q + h / 2.0 * multiply(_pure(omega(t), "omega"), q))
+    return normalize(q + h / 2.0 * multiply(pure(omega(t), "omega"), q))
 
 
 def _munthe_kaas_step(q: FloatArray, omega: AngularVelocity, t: float, h: float) -> FloatArray:
@@ -216,9 +251,4 @@ def _munthe_kaas_step(q: FloatArray, omega: AngularVelocity, t: float, h: float)
     k4 = rate(h * k3, t + h)
     u = h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
     # Products of unit quaternions drift by rounding only; normalising keeps that from adding up.
-    return normalize(multiply(exp(_pure(u / 2.0, "u")), q))
-
-
-def _pure(v: ArrayLike, name: str) -> FloatArray:
-    vectors = as_triples(v, name)
-    return as_quaternions(np.concatenate([np.zeros((*vectors.shape[:-1], 1)), vectors], axis=-1), name)
+    return normalize(multiply(exp(pure(u / 2.0, "u")), q))

@@ -1,4 +1,4 @@
-"""The 3x3 matrix of a rotation from its quaternion, and back.
+"""The 3x3 matrix of a rotation from its quaternion, and back; the 4x4 matrices of a product.
 
 Equation numbers: Jia, *Quaternions* (2020), section 3; Walker, Shao and Volz (1991), who write the scalar last.
 """
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray
-from dqreg.rigid._algebra import canonical, cross_matrix
+from dqreg.rigid._algebra import canonical, conjugate, cross_matrix
 from dqreg.rigid._operands import as_quaternions, as_rotations, as_unit_quaternions
 
 if TYPE_CHECKING:
@@ -30,6 +30,11 @@ def to_matrix(q: ArrayLike) -> FloatArray:
     -------
     ndarray, (..., 3, 3)
         R with R v = q v q*: ``(q0^2 - |q|^2) I + 2 q q^T + 2 q0 [q x]``.
+
+    Raises
+    ------
+    InputError
+        If q does not hold four numbers in the last axis, or is not of norm 1 to 1e-5.
 
     Examples
     --------
@@ -51,6 +56,11 @@ def to_rotation(q: ArrayLike) -> Rotation:
     -------
     scipy.spatial.transform.Rotation
         The same rotations.
+
+    Raises
+    ------
+    InputError
+        If q does not hold four numbers in the last axis, or is not of norm 1 to 1e-5.
 
     Examples
     --------
@@ -106,6 +116,11 @@ def from_matrix(R: ArrayLike) -> FloatArray:
     ndarray, (..., 4)
         Unit quaternions, scalar first, in canonical sign (first non-zero component positive).
 
+    Raises
+    ------
+    InputError
+        If R is not (..., 3, 3), departs from orthonormal by more than 0.01, or holds a mirror image.
+
     Examples
     --------
     A half-turn about z:
@@ -130,3 +145,117 @@ def of_rotations(m: FloatArray) -> FloatArray:
     largest = np.argmax(diagonal, axis=-1)[..., np.newaxis, np.newaxis]
     column = np.take_along_axis(columns, largest, axis=-2)[..., 0, :]
     return canonical(column / np.linalg.norm(column, axis=-1, keepdims=True))
+
+
+def left_matrix(p: ArrayLike) -> FloatArray:
+    """Matrix of a product from the left: ``left_matrix(p) @ q`` is p q (Jia eq. 37; Walker eq. 15: Q).
+
+    Parameters
+    ----------
+    p : array_like, (..., 4)
+        Quaternions, scalar first.
+
+    Returns
+    -------
+    ndarray, (..., 4, 4)
+        Rows and columns in the order w, x, y, z.
+
+    Raises
+    ------
+    InputError
+        If p does not hold four numbers in the last axis.
+
+    Examples
+    --------
+    >>> (left_matrix([3, 1, -2, 1]) @ [2, -1, 2, 3]).tolist()
+    [8.0, -9.0, -2.0, 11.0]
+    """
+    return _product_matrix(as_quaternions(p, "p"), 1.0)
+
+
+def right_matrix(q: ArrayLike) -> FloatArray:
+    """Matrix of a product from the right: ``right_matrix(q) @ p`` is p q (Jia eq. 35; Walker eq. 16: W).
+
+    Parameters
+    ----------
+    q : array_like, (..., 4)
+        Quaternions, scalar first.
+
+    Returns
+    -------
+    ndarray, (..., 4, 4)
+        Rows and columns in the order w, x, y, z.
+
+    Raises
+    ------
+    InputError
+        If q does not hold four numbers in the last axis.
+
+    Examples
+    --------
+    >>> (right_matrix([2, -1, 2, 3]) @ [3, 1, -2, 1]).tolist()
+    [8.0, -9.0, -2.0, 11.0]
+    """
+    return _product_matrix(as_quaternions(q, "q"), -1.0)
+
+
+def d_rotate_d_v(q: ArrayLike) -> FloatArray:
+    """Jacobian of q v q* by v (eq. 43): the rotation matrix where q is of norm 1.
+
+    Parameters
+    ----------
+    q : array_like, (..., 4)
+        Quaternions.
+
+    Returns
+    -------
+    ndarray, (..., 3, 3)
+
+    Raises
+    ------
+    InputError
+        If q does not hold four numbers in the last axis.
+
+    Examples
+    --------
+    >>> d_rotate_d_v([0.5, 0.5, 0.5, 0.5]).tolist()
+    [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+    """
+    return operator_matrix(q)
+
+
+def d_rotate_frame_d_v(q: ArrayLike) -> FloatArray:
+    """Jacobian of q* v q by v (eqs. 44-45).
+
+    Parameters
+    ----------
+    q : array_like, (..., 4)
+        Quaternions.
+
+    Returns
+    -------
+    ndarray, (..., 3, 3)
+
+    Raises
+    ------
+    InputError
+        If q does not hold four numbers in the last axis.
+
+    Examples
+    --------
+    The transpose of `d_rotate_d_v`:
+
+    >>> d_rotate_frame_d_v([0.5, 0.5, 0.5, 0.5]).tolist()
+    [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]
+    """
+    return d_rotate_d_v(conjugate(q))
+
+
+def _product_matrix(q: FloatArray, side: float) -> FloatArray:
+    scalar, vector = q[..., 0], q[..., 1:]
+    matrix = np.zeros((*q.shape, 4))
+    matrix[..., 0, 0] = scalar
+    matrix[..., 0, 1:] = -vector
+    matrix[..., 1:, 0] = vector
+    matrix[..., 1:, 1:] = scalar[..., np.newaxis, np.newaxis] * np.eye(3) + side * cross_matrix(vector)
+    return matrix

@@ -26,6 +26,12 @@ def apply(T_target_source: ArrayLike, points_source: ArrayLike) -> FloatArray:
     ndarray, (..., 3)
         Points in the target frame, float64.
 
+    Raises
+    ------
+    InputError
+        If the poses are not (..., 4, 4) or (..., 3, 4), the points not (..., 3), or their leading axes do not
+        broadcast.
+
     Examples
     --------
     >>> T = np.eye(4)
@@ -55,6 +61,12 @@ def rotate(T_target_source: ArrayLike, directions_source: ArrayLike) -> FloatArr
     -------
     ndarray, (..., 3)
         Directions in the target frame, float64.
+
+    Raises
+    ------
+    InputError
+        If the poses are not (..., 4, 4) or (..., 3, 4), the directions not (..., 3), or their leading axes do not
+        broadcast.
 
     Examples
     --------
@@ -88,6 +100,11 @@ def move_lines(T_target_source: ArrayLike, lines_source: ArrayLike) -> FloatArra
     ndarray, (..., 6)
         Lines in the target frame.
 
+    Raises
+    ------
+    InputError
+        If the poses are not (..., 4, 4) or (..., 3, 4), the lines not (..., 6), or their leading axes do not broadcast.
+
     Examples
     --------
     >>> T = np.eye(4)
@@ -113,6 +130,12 @@ def move_planes(T_target_source: ArrayLike, planes_source: ArrayLike) -> FloatAr
     -------
     ndarray, (..., 4)
         Planes in the target frame, with normals of the same length.
+
+    Raises
+    ------
+    InputError
+        If the poses are not (..., 4, 4) or (..., 3, 4), the planes not (..., 4), or their leading axes do not
+        broadcast.
 
     Examples
     --------

@@ -14,7 +14,7 @@ from dqreg._arrays import FloatArray, as_float
 from dqreg.errors import InputError
 from dqreg.rigid._algebra import canonical, conjugate, multiply
 from dqreg.rigid._operands import as_directions, as_triples, as_unit_quaternions
-from dqreg.rigid._powers import polar, power
+from dqreg.rigid._powers import from_axis_angle, polar, power
 
 # Where |u1 x u2| is rounding, its direction is not that of the plane of the two axes.
 _PARALLEL = 1e-14
@@ -34,6 +34,13 @@ def rotate(q: ArrayLike, v: ArrayLike) -> FloatArray:
     -------
     ndarray, (..., 3)
         v rotated by theta about u, for ``q = cos(theta / 2) + u sin(theta / 2)``.
+
+    Raises
+    ------
+    InputError
+        If q is not of norm 1 to 1e-5, or v does not hold three numbers in the last axis.
+    ValueError
+        If leading axes do not broadcast.
 
     Examples
     --------
@@ -65,6 +72,13 @@ def rotate_frame(q: ArrayLike, v: ArrayLike) -> FloatArray:
     ndarray, (..., 3)
         Coordinates of the resting v in the frame rotated by q: v rotated by -theta about u.
 
+    Raises
+    ------
+    InputError
+        If q is not of norm 1 to 1e-5, or v does not hold three numbers in the last axis.
+    ValueError
+        If leading axes do not broadcast.
+
     Examples
     --------
     >>> rotate_frame([0.5, 0.5, 0.5, 0.5], [1, 0, 0]).tolist()
@@ -85,6 +99,13 @@ def compose(*rotations: ArrayLike) -> FloatArray:
     -------
     ndarray, (..., 4)
         The last times ... times the first.
+
+    Raises
+    ------
+    InputError
+        If none is given, or one is not of norm 1 to 1e-5.
+    ValueError
+        If leading axes do not broadcast.
 
     Examples
     --------
@@ -109,63 +130,19 @@ def compose_frames(*rotations: ArrayLike) -> FloatArray:
     ndarray, (..., 4)
         The first times ... times the last.
 
+    Raises
+    ------
+    InputError
+        If none is given, or one is not of norm 1 to 1e-5.
+    ValueError
+        If leading axes do not broadcast.
+
     Examples
     --------
     >>> compose_frames([0, 1, 0, 0], [0, 0, 1, 0]).tolist()
     [0.0, 0.0, 0.0, 1.0]
     """
     return functools.reduce(multiply, _sequence(rotations))
-
-
-def from_axis_angle(axis: ArrayLike, angle_rad: ArrayLike) -> FloatArray:
-    """Quaternion of a rotation about an axis: cos(theta / 2) + u sin(theta / 2) (eq. 6; Walker eqs. 3 and 11).
-
-    Parameters
-    ----------
-    axis : array_like, (..., 3)
-        Axes; only their direction counts.
-    angle_rad : array_like, (...)
-        Right-handed angles.
-
-    Returns
-    -------
-    ndarray, (..., 4)
-        Unit quaternions, scalar first.
-
-    Examples
-    --------
-    >>> from_axis_angle([1, 1, 1], 2 * np.pi / 3).round(12).tolist()
-    [0.5, 0.5, 0.5, 0.5]
-    """
-    half = as_float(angle_rad, "angle_rad")[..., np.newaxis] / 2.0
-    vector = as_directions(axis, "axis") * np.sin(half)
-    scalar = np.broadcast_to(np.cos(half), (*vector.shape[:-1], 1))
-    return np.concatenate([scalar, vector], axis=-1)
-
-
-def to_axis_angle(q: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Axis and angle of a unit quaternion, by eq. 6 read backwards.
-
-    Parameters
-    ----------
-    q : array_like, (..., 4)
-        Unit quaternions, scalar first.
-
-    Returns
-    -------
-    axis : ndarray, (..., 3)
-        Unit vectors; x where there is no rotation and every axis would do.
-    angle_rad : ndarray, (...)
-        In [0, 2 pi]; at most pi for a quaternion in canonical sign.
-
-    Examples
-    --------
-    >>> axis, angle_rad = to_axis_angle([0, 0, 1, 0])
-    >>> axis.tolist(), float(angle_rad)
-    ([0.0, 1.0, 0.0], 3.141592653589793)
-    """
-    _, axis, half_rad = polar(as_unit_quaternions(q, "q"))
-    return axis, np.asarray(2.0 * half_rad)
 
 
 def _sequence(rotations: tuple[ArrayLike, ...]) -> list[FloatArray]:
@@ -194,6 +171,13 @@ def slerp(r1: ArrayLike, r2: ArrayLike, fraction: ArrayLike, *, shorter_turn: bo
     ndarray, (..., 4)
         Unit quaternions.
 
+    Raises
+    ------
+    InputError
+        If r1 or r2 is not of norm 1 to 1e-5, or a fraction no real number.
+    ValueError
+        If leading axes do not broadcast.
+
     Examples
     --------
     >>> slerp([1, 0, 0, 0], [0, 0, 0, 1], [0, 0.5, 1]).round(6).tolist()
@@ -221,6 +205,13 @@ def interpolate_axis_angle(r1: ArrayLike, r2: ArrayLike, fraction: ArrayLike) ->
     -------
     ndarray, (..., 4)
         Unit quaternions.
+
+    Raises
+    ------
+    InputError
+        If r1 or r2 is not of norm 1 to 1e-5, or a fraction no real number.
+    ValueError
+        If leading axes do not broadcast.
 
     Examples
     --------
@@ -258,6 +249,13 @@ def interpolate_axis(u1: ArrayLike, u2: ArrayLike, fraction: ArrayLike) -> Float
     -------
     ndarray, (..., 3)
         Unit vectors.
+
+    Raises
+    ------
+    InputError
+        If an axis is zero, not finite, or not of three numbers; if a fraction is no real number.
+    ValueError
+        If leading axes do not broadcast.
 
     Examples
     --------

@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import FloatArray, as_float, as_pose, pose_of
+from dqreg._arrays import as_float, as_pose, pose_of
 from dqreg.rigid import _dual_parts, quaternion
 from dqreg.rigid._dual_action import DualAction
 from dqreg.rigid._matrices import of_rotations
 from dqreg.rigid._operands import as_rigid_poses, require_meeting
-from dqreg.rigid.screw import Screw
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import RigidTransform
@@ -66,6 +65,14 @@ class DualQuaternion(DualAction):
     >>> q = DualQuaternion([0, 0, 0, 1], [0, 0, -1, 0])
     >>> q.apply([[0, 0, 0], [1, 0, 5]]).tolist()
     [[2.0, 0.0, 0.0], [1.0, 0.0, 5.0]]
+    >>> q.as_array().tolist()
+    [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0, 0.0]
+    >>> (2 * q).norm(), (q * q.inverse()).constraint_residuals()
+    (DualNumber(real=2.0, dual=0.0), (0.0, 0.0))
+    >>> (-q).canonical() == q, q.quaternion_conjugate() == q.inverse()
+    (True, True)
+    >>> q.combined_conjugate() == q.quaternion_conjugate().dual_conjugate()
+    True
     """
 
     @classmethod
@@ -81,6 +88,11 @@ class DualQuaternion(DualAction):
         -------
         DualQuaternion
             1 + eps 0.
+
+        Examples
+        --------
+        >>> DualQuaternion.identity((2,)).as_array().tolist()
+        [[1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]]
         """
         return cls._of(np.tile([1.0, 0.0, 0.0, 0.0], (*shape, 1)), np.zeros((*shape, 4)))
 
@@ -97,6 +109,18 @@ class DualQuaternion(DualAction):
         -------
         DualQuaternion
             The same motions, in canonical sign.
+
+        Raises
+        ------
+        InputError
+            If a pose is not (4, 4) or (3, 4), not finite, or not rigid: off by more than 0.01, or a mirror image.
+
+        Examples
+        --------
+        >>> T = np.eye(4)
+        >>> T[:3, 3] = 1, 2, 3
+        >>> DualQuaternion.from_matrix(T).dual.tolist()
+        [0.0, 0.5, 1.0, 1.5]
         """
         T = pose_of(T_target_source)
         single = np.ndim(T) == 2
@@ -125,6 +149,13 @@ class DualQuaternion(DualAction):
         DualQuaternion
             The screw motions.
 
+        Raises
+        ------
+        InputError
+            If an axis is zero or not finite, or another number not finite.
+        ValueError
+            If leading axes do not broadcast.
+
         Examples
         --------
         >>> q = DualQuaternion.from_screw([0, 0, 1], np.pi, 3.0, [1, 0, 0])
@@ -132,22 +163,6 @@ class DualQuaternion(DualAction):
         [2.0, -0.0, 3.0]
         """
         return cls._of(*_dual_parts.onto_constraints(*_dual_parts.from_screw(axis, angle, distance, point)))
-
-    def as_screw(self) -> Screw:
-        """Read off the line, the rotation about it and the translation along it (eqs. 70-75, corrected).
-
-        Returns
-        -------
-        Screw
-            Axis, angle in [0, pi], distance, and the point of the line nearest the origin. A pure translation
-            has angle 0, its own direction as axis and the origin as point; the identity also has distance 0.
-
-        Examples
-        --------
-        >>> DualQuaternion([1, 0, 0, 0], [0, 0, 0, 1.5]).as_screw().axis.tolist()
-        [0.0, 0.0, 1.0]
-        """
-        return _dual_parts.as_screw(self._motion().real, self.dual)
 
     @classmethod
     def exp(cls, twist: ArrayLike) -> DualQuaternion:
@@ -163,23 +178,18 @@ class DualQuaternion(DualAction):
         -------
         DualQuaternion
             The screw motions.
-        """
-        return cls._of(*_dual_parts.exp(twist))
 
-    def log(self) -> FloatArray:
-        """Twist of the smaller rotation: the inverse of `exp`.
-
-        Returns
-        -------
-        ndarray, (..., 6)
-            Rotation vector, at most pi long, then translation part. ``exp`` of it is the canonical form.
+        Raises
+        ------
+        InputError
+            If the twist does not hold six finite numbers in the last axis.
 
         Examples
         --------
-        >>> DualQuaternion.exp([0.1, 0.2, 0.3, 4, 5, 6]).log().round(12).tolist()
-        [0.1, 0.2, 0.3, 4.0, 5.0, 6.0]
+        >>> DualQuaternion.exp([0, 0, np.pi, 2, 0, 0]).as_screw().point.round(3).tolist()
+        [0.0, 0.637, 0.0]
         """
-        return _dual_parts.log(self._motion().real, self.dual)
+        return cls._of(*_dual_parts.exp(twist))
 
     def power(self, exponent: ArrayLike, *, shorter_turn: bool = True) -> DualQuaternion:
         """Real power: the same screw, angle and distance times the exponent. ``q ** exponent`` is the same.
@@ -195,6 +205,11 @@ class DualQuaternion(DualAction):
         -------
         DualQuaternion
             ``exp(exponent * log(q))``.
+
+        Raises
+        ------
+        InputError
+            If an exponent is not finite, they do not broadcast, or it is no motion but a sum.
 
         Examples
         --------
@@ -225,6 +240,11 @@ class DualQuaternion(DualAction):
         DualQuaternion
             ``self * (self^-1 * other) ** fraction``.
 
+        Raises
+        ------
+        InputError
+            If a fraction is not finite, the shapes do not broadcast, or one is no motion but a sum.
+
         Examples
         --------
         >>> end = DualQuaternion.from_screw([0, 0, 1], 1.0, 4.0)
@@ -249,6 +269,11 @@ class DualQuaternion(DualAction):
         -------
         bool or ndarray of bool, (...)
             One for each pair.
+
+        Raises
+        ------
+        InputError
+            If the shapes do not broadcast, or one is no motion but a sum.
 
         Examples
         --------

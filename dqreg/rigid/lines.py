@@ -36,6 +36,13 @@ def through(point: ArrayLike, direction: ArrayLike) -> FloatArray:
     ndarray, (..., 6)
         Direction n and moment p x n.
 
+    Raises
+    ------
+    InputError
+        If a direction is zero or not finite, or one of the two not of three numbers.
+    ValueError
+        If leading axes do not broadcast.
+
     Examples
     --------
     >>> through([1, 0, 0], [0, 0, 2]).tolist()
@@ -57,6 +64,13 @@ def joining(first: ArrayLike, second: ArrayLike) -> FloatArray:
     -------
     ndarray, (..., 6)
         Direction from the first to the second, and moment.
+
+    Raises
+    ------
+    InputError
+        If both points are the same, not finite, or not of three numbers.
+    ValueError
+        If leading axes do not broadcast.
 
     Examples
     --------
@@ -81,6 +95,13 @@ def nearest_point(lines: ArrayLike, to: ArrayLike = (0.0, 0.0, 0.0)) -> FloatArr
     -------
     ndarray, (..., 3)
         Points on the lines.
+
+    Raises
+    ------
+    InputError
+        If a line is not of six numbers, or its direction zero; if a point is not of three.
+    ValueError
+        If leading axes do not broadcast.
 
     Examples
     --------
@@ -108,6 +129,13 @@ def dual_angle(a: ArrayLike, b: ArrayLike) -> DualNumber:
         theta in [0, pi] and d, (...) each. d is signed: positive where the rotation from a to b about the common
         perpendicular that leads from a to b is right-handed; of parallel lines it is their distance.
 
+    Raises
+    ------
+    InputError
+        If a line is not of six numbers, or its direction zero.
+    ValueError
+        If leading axes do not broadcast.
+
     Examples
     --------
     Lines along x and, two above it, along y:
@@ -133,6 +161,13 @@ def common_perpendicular(a: ArrayLike, b: ArrayLike) -> FloatArray:
     ndarray, (..., 6)
         Direction and moment.
 
+    Raises
+    ------
+    InputError
+        If a line is not of six numbers, or its direction zero.
+    ValueError
+        If leading axes do not broadcast.
+
     Examples
     --------
     >>> line = common_perpendicular(through([0, 0, 0], [1, 0, 0]), through([5, 0, 2], [0, 1, 0]))
@@ -155,6 +190,13 @@ def screw_between(a: ArrayLike, b: ArrayLike) -> DualQuaternion:
     -------
     DualQuaternion
         Rotation by theta and translation by d. For parallel lines a translation, for opposite ones a half-turn.
+
+    Raises
+    ------
+    InputError
+        If a line is not of six numbers, or its direction zero.
+    ValueError
+        If leading axes do not broadcast.
 
     Examples
     --------

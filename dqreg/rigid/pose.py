@@ -61,6 +61,13 @@ def from_parts(R: ArrayLike, t: ArrayLike) -> FloatArray:
     ndarray, (..., 4, 4)
         Poses.
 
+    Raises
+    ------
+    InputError
+        If R is not (..., 3, 3), or t not (..., 3). That R is a rotation is not checked.
+    ValueError
+        If leading axes do not broadcast.
+
     Examples
     --------
     >>> from_parts(np.eye(3), [1, 2, 3])[:3].tolist()
@@ -114,6 +121,11 @@ def inverse(T_target_source: ArrayLike) -> FloatArray:
     ndarray, (..., 4, 4)
         T_source_target.
 
+    Raises
+    ------
+    InputError
+        If T_target_source is not (..., 4, 4) or (..., 3, 4). That it is rigid is not checked.
+
     Examples
     --------
     >>> inverse(from_parts(np.eye(3), [1, 2, 3]))[:3, 3].tolist()
@@ -139,6 +151,13 @@ def angle_between(T_a: ArrayLike, T_b: ArrayLike) -> FloatArray:
     -------
     ndarray, (...)
         Radians in [0, pi]; a single number for two single poses.
+
+    Raises
+    ------
+    InputError
+        If T_a or T_b is not (..., 4, 4) or (..., 3, 4).
+    ValueError
+        If leading axes do not broadcast.
 
     Examples
     --------
@@ -169,6 +188,13 @@ def offset_between(T_a: ArrayLike, T_b: ArrayLike, at: ArrayLike | None = None) 
     ndarray, (...)
         Distances in the unit of the poses.
 
+    Raises
+    ------
+    InputError
+        If T_a or T_b is not (..., 4, 4) or (..., 3, 4), or the points not (..., 3).
+    ValueError
+        If leading axes do not broadcast.
+
     Examples
     --------
     >>> round(float(offset_between(np.eye(4), exp([0, 0, np.pi, 0, 0, 0]), at=[1, 0, 0])), 12)
@@ -196,6 +222,13 @@ def about(T: ArrayLike, centre: ArrayLike) -> FloatArray:
     -------
     ndarray, (..., 4, 4)
         Poses.
+
+    Raises
+    ------
+    InputError
+        If T is not (..., 4, 4) or (..., 3, 4), or the centre not (..., 3).
+    ValueError
+        If leading axes do not broadcast.
 
     Examples
     --------

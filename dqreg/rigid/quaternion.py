@@ -25,12 +25,8 @@ from dqreg.rigid._jacobians import (
     d_qv_d_q,
     d_qv_d_v,
     d_rotate_d_q,
-    d_rotate_d_v,
-    d_rotate_frame_d_v,
     d_vq_d_q,
     d_vq_d_v,
-    left_matrix,
-    right_matrix,
 )
 from dqreg.rigid._kinematics import (
     angular_acceleration,
@@ -39,19 +35,25 @@ from dqreg.rigid._kinematics import (
     integrate,
     second_derivative,
 )
-from dqreg.rigid._matrices import from_matrix, to_matrix, to_rotation
+from dqreg.rigid._matrices import (
+    d_rotate_d_v,
+    d_rotate_frame_d_v,
+    from_matrix,
+    left_matrix,
+    right_matrix,
+    to_matrix,
+    to_rotation,
+)
 from dqreg.rigid._mean import mean
-from dqreg.rigid._powers import exp, log, polar, power
+from dqreg.rigid._powers import exp, from_axis_angle, log, polar, power, to_axis_angle
 from dqreg.rigid._rotation import (
     compose,
     compose_frames,
-    from_axis_angle,
     interpolate_axis,
     interpolate_axis_angle,
     rotate,
     rotate_frame,
     slerp,
-    to_axis_angle,
 )
 
 __all__ = [

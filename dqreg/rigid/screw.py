@@ -31,6 +31,11 @@ class DualNumber:
     dual : float or ndarray
         Dual part b.
 
+    Raises
+    ------
+    InputError
+        In a division, if the real part of the divisor is 0 (eq. 53).
+
     Examples
     --------
     >>> DualNumber(2.0, 3.0) * DualNumber(5.0, 7.0)
@@ -217,6 +222,11 @@ class DualNumber:
         -------
         DualNumber
             theta in (-pi, pi] and d.
+
+        Raises
+        ------
+        InputError
+            If the real parts of sine and cosine are both 0.
 
         Examples
         --------

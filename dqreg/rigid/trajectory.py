@@ -89,6 +89,17 @@ class Trajectory:
         -------
         ndarray, (..., 4, 4)
             T_world_body.
+
+        Raises
+        ------
+        InputError
+            If a time lies outside, or the method is no known word.
+
+        Examples
+        --------
+        >>> path = Trajectory([0, 2], pose.exp([[0, 0, 0, 0, 0, 0], [0, 0, 1, 4, 0, 0]]))
+        >>> pose.log(path.at(0.5))[2:4].round(12).tolist()
+        [0.25, 1.0]
         """
         i, s, _ = self._places(times)
         if len(self) == 1:
@@ -117,6 +128,17 @@ class Trajectory:
         -------
         ndarray, (..., 6)
             Angular velocity in radians, then velocity, per unit of time.
+
+        Raises
+        ------
+        InputError
+            If a time lies outside, there is one pose only, or ``frame`` or ``method`` is no known word.
+
+        Examples
+        --------
+        >>> path = Trajectory([0, 2], pose.exp([[0, 0, 0, 0, 0, 0], [0, 0, 1, 4, 0, 0]]))
+        >>> path.velocities(0.5)[2:4].round(12).tolist()
+        [0.5, 2.0]
         """
         if frame not in ("body", "world"):
             raise InputError(f'frame must be "body" or "world"; got {frame!r}')
@@ -145,6 +167,17 @@ class Trajectory:
         -------
         Trajectory
             Of m poses.
+
+        Raises
+        ------
+        InputError
+            If the times do not increase, or one lies outside; if the method is no known word.
+
+        Examples
+        --------
+        >>> path = Trajectory([0, 2], pose.exp([[0, 0, 0, 0, 0, 0], [0, 0, 0, 4, 0, 0]]))
+        >>> path.resample([0, 0.5, 1]).poses[:, 0, 3].tolist()
+        [0.0, 1.0, 2.0]
         """
         return Trajectory(as_float(times, "times"), self.at(times, method=method))
 
@@ -160,6 +193,17 @@ class Trajectory:
         -------
         ndarray, (n - step, 4, 4)
             ``poses[i]^-1 @ poses[i + step]``; the same whatever the world frame.
+
+        Raises
+        ------
+        InputError
+            If the step is not at least 1.
+
+        Examples
+        --------
+        >>> path = Trajectory([0, 1, 2], pose.exp([[0, 0, 0, x, 0, 0] for x in (0, 1, 4)]))
+        >>> path.relative()[:, 0, 3].tolist(), path.relative(2)[:, 0, 3].tolist()
+        ([1.0, 3.0], [4.0])
         """
         if step < 1:
             raise InputError(f"step must be at least 1; got {step}")
@@ -177,6 +221,17 @@ class Trajectory:
         -------
         Trajectory
             ``T_new_world @ poses``.
+
+        Raises
+        ------
+        InputError
+            If the pose is not (4, 4) or (3, 4), or not rigid.
+
+        Examples
+        --------
+        >>> path = Trajectory([0, 1], pose.exp([[0, 0, 0, 7, 0, 0], [0, 0, 0, 9, 0, 0]]))
+        >>> path.moved(pose.inverse(path.poses[0])).poses[:, 0, 3].tolist()
+        [0.0, 2.0]
         """
         return Trajectory(self.times, as_rigid_poses(T_new_world, "T_new_world") @ self.poses)
 

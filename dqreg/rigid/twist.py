@@ -48,6 +48,11 @@ def exp(twist: ArrayLike) -> FloatArray:
         Rotation ``I + sin(a)/a [w x] + (1 - cos(a))/a^2 [w x]^2`` with ``a = |w|``, translation
         ``left_jacobian(w) @ v``.
 
+    Raises
+    ------
+    InputError
+        If the twist does not hold six numbers in the last axis.
+
     Examples
     --------
     >>> exp([0, 0, np.pi / 2, 1, 2, 3]).round(6)[:3, 3].tolist()
@@ -77,6 +82,12 @@ def log(T: ArrayLike) -> FloatArray:
         Rotation vector in radians, then translation part. Of the two twists of a half-turn: the one whose
         rotation vector has a positive first non-zero component.
 
+    Raises
+    ------
+    InputError
+        If T is not (..., 4, 4) or (..., 3, 4), or its rotation departs from orthonormal by more than 0.01 or is a
+        mirror image.
+
     Examples
     --------
     >>> log(exp([0.1, 0.2, 0.3, 4, 5, 6])).round(12).tolist()
@@ -104,6 +115,11 @@ def adjoint(T: ArrayLike) -> FloatArray:
     -------
     ndarray, (..., 6, 6)
         ``[[R, 0], [[t x] R, R]]``.
+
+    Raises
+    ------
+    InputError
+        If T is not (..., 4, 4) or (..., 3, 4). That it is rigid is not checked.
 
     Examples
     --------
@@ -133,6 +149,11 @@ def left_jacobian(twist: ArrayLike) -> FloatArray:
     ndarray, (..., 6, 6)
         ``[[J3, 0], [Q, J3]]`` with the left Jacobian J3 of the rotation.
 
+    Raises
+    ------
+    InputError
+        If the twist does not hold six numbers in the last axis.
+
     Examples
     --------
     >>> bool(np.allclose(left_jacobian([0, 0, 0, 4, 5, 6])[3:, :3], cross_matrix([2, 2.5, 3])))
@@ -159,6 +180,11 @@ def left_jacobian_inverse(twist: ArrayLike) -> FloatArray:
     -------
     ndarray, (..., 6, 6)
         J^-1 of ``log(exp(d) exp(x)) = x + J^-1 d`` to first order.
+
+    Raises
+    ------
+    InputError
+        If the twist does not hold six numbers in the last axis.
 
     Examples
     --------
