@@ -31,8 +31,7 @@ class Freedom:
     need not be allowed), and the definition still says what is meant: ``"rx ry"`` tilts about any axis in the xy
     plane and never twists about z.
 
-    Made by `only`, `locked` or `parse`. Words that are not known, poses that are not rigid and numbers that are not
-    finite raise `InputError`.
+    Made by `only`, `locked` or `parse`.
 
     Attributes
     ----------
@@ -41,6 +40,11 @@ class Freedom:
     frame : ndarray, (4, 4)
         T_target_frame: origin and axes of the frame, in the target's coordinates.
 
+    Raises
+    ------
+    InputError
+        By its methods, where a word is not known, a pose not rigid, a number not finite, or a locked one not zero.
+
     Examples
     --------
     >>> table = Freedom.only("rz", "tx", "ty")
@@ -48,6 +52,8 @@ class Freedom:
     ('rz tx ty', 'rz tx ty')
     >>> Freedom.parse("-rx -ry").count
     4
+    >>> Freedom.only("rz", frame=[0, 0, 9]).brought_to(np.array([1, 2, 3])).frame[:3, 3].tolist()
+    [0.0, 0.0, 3.0]
     """
 
     __repr__ = one_line

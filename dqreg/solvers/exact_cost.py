@@ -28,6 +28,11 @@ def cost_of_pose(T_target_source: FloatArray, matches: Matches) -> tuple[float, 
     point_cost, direction_cost : float
         Sums of squares, never negative; their sum is the cost.
 
+    Raises
+    ------
+    InputError
+        If the pose is not an ndarray of float64, (4, 4), and not rigid either; the matches are trusted.
+
     Examples
     --------
     >>> from dqreg.solvers.matches import read_matches

@@ -23,6 +23,11 @@ def P(p: ArrayLike) -> FloatArray:
     ndarray, (n, 4, 4)
         Matrices for quaternions w, x, y, z.
 
+    Raises
+    ------
+    InputError
+        If the vectors are not (n, 3), or not finite.
+
     Examples
     --------
     >>> (P([[1, 0, 0]])[0] @ [0, 0, 1, 0]).tolist()
@@ -46,6 +51,11 @@ def Q(q: ArrayLike) -> FloatArray:
     -------
     ndarray, (n, 4, 4)
         Matrices for quaternions w, x, y, z.
+
+    Raises
+    ------
+    InputError
+        If the vectors are not (n, 3), or not finite.
 
     Examples
     --------
@@ -72,6 +82,13 @@ def M(p: ArrayLike, q: ArrayLike, weights: ArrayLike | None = None) -> FloatArra
     -------
     ndarray, (4, 4)
         Symmetric; for a unit quaternion r, ``r^T M r`` is the sum (15) of ``(R p_i) . q_i``.
+
+    Raises
+    ------
+    InputError
+        If vectors are not (n, 3), or not finite; if weights are not n, finite and 0 or more.
+    ValueError
+        If the numbers of rows differ.
 
     Examples
     --------

@@ -45,8 +45,15 @@ class PoseCost:
     >>> cost = PoseCost.planes(p, q, [[0, 0, 1], [0, 0, 1], [0, 0, 1], [1, 0, 0]]) + PoseCost.points(p, q, weights=0.1)
     >>> cost.minimise().T_target_source[:3, 3].round(9).tolist()
     [1.0, 2.0, 3.0]
+    >>> cost.recentred([0, 0, 0], [1, 2, 3]).value(np.eye(4)) < 1e-12
+    True
     >>> PoseCost.lines([[0, 0, 0]], [[3, 4, 0]], [[0, 2, 0]]).value(np.eye(4))
     9.0
+    >>> known = PoseCost.prior(np.eye(4), [0.01] * 3 + [4] * 3) + PoseCost.directions([[1, 0, 0]], [[0, 1, 0]])
+    >>> [round(float(x[2, 2])) for x in (known.information(np.eye(4)), known.hessian(np.eye(4)))]
+    [101, 200]
+    >>> known.gradient(np.eye(4)).round(9)[2].item()
+    -2.0
     """
 
     form: QuadraticForm
@@ -66,11 +73,6 @@ class PoseCost:
         -------
         PoseCost
             Zero where there are no rows.
-
-        Examples
-        --------
-        >>> PoseCost.points([[0, 0, 0]], [[3, 4, 0]]).value(np.eye(4))
-        25.0
         """
         rows = {"p": p, "q": q}
         return cls(form_of(rows, weights, lambda x, w, o: point_form(x[0], x[1], w, o), isotropic=True))
@@ -133,9 +135,8 @@ class PoseCost:
     def prior(cls, T: ArrayLike, covariance: ArrayLike, frame: ArrayLike | None = None) -> PoseCost:
         """``e^T C^-1 e`` for a pose known beforehand, e its left increment; least, and zero, at that pose alone.
 
-        To stay a quadratic form of (vec R, t), and so exact under `+`, the rotation enters by ``2 sin(a/2)`` in place
-        of its angle a, and the translation as that of the frame's origin: the same to second order, and no second
-        minimum.
+        To stay a quadratic form of (vec R, t), exact under `+`, the rotation enters by ``2 sin(a/2)`` in place of its
+        angle a, the translation as that of the frame's origin: the same to second order, and no second minimum.
 
         Parameters
         ----------
@@ -251,9 +252,8 @@ class PoseCost:
         ----------
         near : array_like, (4, 4), optional
             Initial pose of Newton's method; unconstrained degrees of freedom keep its values. Default: the global
-            minimum. For points and directions alone that is the closed form; else Newton's method starts from the best
-            of a fixed grid of rotations, each with its best translation. Of equal minima the one with the smallest
-            rotation is returned: from the reference, or from the identity where there is none.
+            minimum, in closed form for points and directions alone, else by Newton's method from the best of a fixed
+            grid of rotations; of equal minima the one of the smallest rotation from the reference, or the identity.
         dof : Freedom or str, optional
             Degrees of freedom away from the reference, `Freedom` or its words: ``"rz tx ty"``. Default: all.
         reference : array_like, (4, 4), optional

@@ -95,7 +95,6 @@ def walker1991(
 
     Examples
     --------
-    >>> import numpy as np
     >>> points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 2, 0]])
     >>> walker1991(points, points + [1, 2, 3]).T_target_source[:3, 3].round(12).tolist()
     [1.0, 2.0, 3.0]
@@ -187,6 +186,11 @@ def E(
     -------
     float
         ``sum alpha |n~ - R n^0|^2 + sum beta |p~ - (R p^0 + t)|^2 / 4``: a position quaternion is half the point.
+
+    Raises
+    ------
+    InputError
+        If the pose is not rigid, or the matches are none of `walker1991`.
 
     Examples
     --------
