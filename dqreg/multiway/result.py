@@ -50,6 +50,25 @@ class Multiway:
         Seconds per stage.
     views : tuple of View or None
         The scans themselves, for `merged` and the report; not saved.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from dqreg.geometry import Mesh, sample_mesh
+    >>> from dqreg.multiway import register_many
+    >>> from dqreg.synth.parts import bracket
+    >>> part, rng = Mesh(*bracket()), np.random.default_rng(0)
+    >>> scans = [sample_mesh(part, 1000, rng).points + [shift, 0, 0] for shift in (0.0, 0.5)]
+    >>> result = register_many(scans, target=part, starts=[np.eye(4)] * 2, effort="fast", workers=1)
+    >>> result.placed, len(result.merged(voxel=0).points), result.joint_covariance(0, 1).shape
+    ((0, 1), 2000, (12, 12))
+    >>> result.factors().sources.tolist()  # of the pairs (part, 0), (part, 1) and (0, 1)
+    [0, 1, 1]
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     result.save(f"{folder}/scans.json")
+    ...     loaded = Multiway.load(f"{folder}/scans.json")
+    >>> loaded.to_dict() == result.to_dict(), len(loaded.attached(scans).merged(voxel=0).points)
+    (True, 2000)
     """
 
     __repr__ = one_line
@@ -120,6 +139,11 @@ class Multiway:
         PointCloud
             World frame. With unit normals where it is known on which side of each placed scan the outside is: from
             normals that the scans hold, from their viewpoints, or from the line of sight that was found for all.
+
+        Raises
+        ------
+        InputError
+            If the result holds no scans (`attached` brings them back), none was placed, or the voxel is negative.
         """
         return merge.merged(self._views(), self.T_world_scan, voxel)
 
@@ -140,6 +164,11 @@ class Multiway:
         -------
         Multiway
             With ``views``.
+
+        Raises
+        ------
+        InputError
+            If a scan cannot be read, or there are more or fewer than were registered.
         """
         from dqreg.multiway.scans import read_views
 
@@ -169,6 +198,11 @@ class Multiway:
         ----------
         path : str or Path
             File to write.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be written, or a trajectory is asked for and no scan was placed.
         """
         suffix = Path(path).suffix.lower()
         if suffix == ".g2o":
@@ -191,6 +225,11 @@ class Multiway:
         -------
         Multiway
             Equal to the saved one, without the scans.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be read, or is no result that dqreg saved.
         """
         return Multiway(**result_json.read_fields(path, LoopError))
 
@@ -216,6 +255,11 @@ class Multiway:
         -------
         Path
             The file.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be written, or its name does not end in .html or .pdf.
         """
         from dqreg.multiway.page import write_report
 

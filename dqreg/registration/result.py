@@ -67,6 +67,22 @@ class Registration(UncertainPose, ShownResult):
         `attached` brings them back.
     partial_information : ndarray, (6, 6), or None
         Inverse of the covariance where motions are free, 0 along those; None where none is. See `information`.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from dqreg.geometry import Mesh
+    >>> from dqreg.registration.register import register
+    >>> from dqreg.synth.parts import bracket
+    >>> part = Mesh(*bracket())
+    >>> result = register(part, part, "identity", effort="fast")
+    >>> result.verdict.level, result.observability[0].is_free
+    ('accepted', False)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     result.save(f"{folder}/pose.json")
+    ...     loaded = Registration.load(f"{folder}/pose.json")
+    >>> loaded.inputs, loaded.to_dict() == result.to_dict(), loaded.attached(part, part).inputs is None
+    (None, True, False)
     """
 
     T_target_source: FloatArray
@@ -111,6 +127,13 @@ class Registration(UncertainPose, ShownResult):
         -------
         Registration
             With ``inputs``.
+
+        Raises
+        ------
+        InputError
+            If one of the two cannot be read.
+        DegenerateGeometryError
+            If all points of one lie on a line.
         """
         known = self.settings
         units = known.get("source_units"), known.get("target_units")
@@ -210,6 +233,11 @@ class Registration(UncertainPose, ShownResult):
             With the pose after the step, its covariance (of motions that the step locked: as before), and a verdict
             that says so where the step did not come to rest. ``rms`` and ``history`` are the registration's own.
 
+        Raises
+        ------
+        InputError
+            If no pose was found, or the name is empty.
+
         Examples
         --------
         >>> from dqreg.inspection import align_surface
@@ -242,6 +270,11 @@ class Registration(UncertainPose, ShownResult):
         ----------
         path : str or Path
             File to write.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be written.
         """
         write_atomically(Path(path), as_text(self))
 
@@ -258,5 +291,10 @@ class Registration(UncertainPose, ShownResult):
         -------
         Registration
             Equal to the saved one.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be read, or is no result that dqreg saved.
         """
         return Registration(**read_fields(path, Registration))

@@ -29,6 +29,19 @@ class Target:
         Geometry in a frame of its own, and its surface.
     seconds : float
         Time that preparing it, or loading it, took.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from dqreg.geometry import Mesh
+    >>> from dqreg.synth.parts import bracket
+    >>> part = Mesh(*bracket())
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     prepare_target(part).save(f"{folder}/part.npz")
+    ...     target = Target.load(f"{folder}/part.npz")
+    >>> found = target.register(Mesh(part.vertices + [0.5, 0, 0], part.faces), "identity", effort="fast")
+    >>> (found.T_target_source[:3, 3].round(6) + 0.0).tolist()
+    [-0.5, 0.0, 0.0]
     """
 
     indexed: TargetIndex
@@ -74,6 +87,11 @@ class Target:
         ----------
         path : str or Path
             File to write, as it is named.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be written.
         """
         save_target(self.indexed, path)
 
@@ -90,6 +108,11 @@ class Target:
         -------
         Target
             Ready, with the trees built again.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be read, is damaged, or was written by another version.
         """
         began = time.perf_counter()
         return Target(load_target(path).build(), time.perf_counter() - began)
@@ -122,6 +145,15 @@ class Target:
         -------
         Registration
             The answer.
+
+        Raises
+        ------
+        InputError
+            If the scan or an option cannot be used.
+        DegenerateGeometryError
+            If all points of the scan lie on a line.
+        UnitsError
+            If the sizes look like a mistake of units.
         """
         time_limit = renamed("max_time", max_time, "time_limit", time_limit, None)
         return register(scan, self, start, time_limit=time_limit, **options)
@@ -139,6 +171,13 @@ def prepare_target(target: Any) -> Target:
     -------
     Target
         Pass it to `register` as the target, or call its own ``register``.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or is no mesh and no cloud.
+    DegenerateGeometryError
+        If all of its points lie on a line.
 
     Examples
     --------

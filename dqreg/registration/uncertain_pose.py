@@ -56,6 +56,23 @@ class UncertainPose:
         ndarray, (..., 3)
             Target coordinates, in the target's unit. A point with a coordinate that is NaN or infinite, which
             `register` leaves out, is NaN in all three: rows and pixels keep their places.
+
+        Raises
+        ------
+        InputError
+            If the points are not (..., 3), or no pose was found.
+
+        Examples
+        --------
+        >>> from dqreg.geometry import Mesh
+        >>> from dqreg.registration.register import register
+        >>> from dqreg.synth.parts import bracket
+        >>> part = Mesh(*bracket())
+        >>> result = register(Mesh(part.vertices + [1, 0, 0], part.faces), part, "identity", effort="fast")
+        >>> (result.apply([[1, 2, 3], [np.nan, 0, 0]]).round(6) + 0.0).tolist()
+        [[0.0, 2.0, 3.0], [nan, nan, nan]]
+        >>> bool(np.allclose(result.inverse() @ result.T_target_source, np.eye(4)))
+        True
         """
         array = as_float(points, "points")
         rows = as_vectors(array.reshape(-1, 3) if array.shape[-1:] == (3,) else array, "points", finite=False)
@@ -71,6 +88,11 @@ class UncertainPose:
         -------
         ndarray, (4, 4)
             Inverse pose.
+
+        Raises
+        ------
+        InputError
+            If no pose was found.
         """
         return pose.inverse(self._found())
 
