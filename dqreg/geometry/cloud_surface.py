@@ -42,6 +42,11 @@ class CloudSurface:
         Whether the cloud was derived from another, as its cells or moved to its middle: it is asked by the compiled
         tree that its planes are fitted with, in half the time, and Open3D's is not built.
 
+    Raises
+    ------
+    InputError
+        If ``fitted`` is not one row for each distinct point.
+
     Examples
     --------
     >>> surface = CloudSurface(PointCloud([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]))
@@ -187,6 +192,13 @@ class CloudSurface:
         -------
         ndarray of bool, (n,)
             True on the boundary.
+
+        Examples
+        --------
+        >>> grid = np.mgrid[0:9.0, 0:9.0, 0:1].reshape(3, -1).T
+        >>> surface = CloudSurface(PointCloud(grid))
+        >>> surface.on_rim(surface.closest(np.array([[4.0, 4, 1], [8, 8, 1]]))).tolist()
+        [False, True]
         """
         return self._boundary.at(self._ranks[closest.elements], closest.normals)
 

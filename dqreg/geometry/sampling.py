@@ -29,6 +29,11 @@ def sample_mesh(mesh: Mesh, count: int, rng: np.random.Generator) -> PointCloud:
     PointCloud
         Oriented points in the frame of the mesh.
 
+    Raises
+    ------
+    InputError
+        If the count is not a whole number above 0.
+
     Examples
     --------
     >>> triangle = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])

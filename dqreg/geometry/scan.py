@@ -65,6 +65,12 @@ class Scan:
     parts : ndarray of uint8, (n,), or None
         Which of up to eight parts of the cloud, in its own order, each point stands in (views of a scan follow each
         other); eight for the mean of points of several.
+
+    Examples
+    --------
+    >>> scan = prepare_scan(PointCloud(np.random.default_rng(0).uniform(size=(400, 3)) * [1, 1, 0]))
+    >>> len(scan), len(scan.thinned(100)), scan.taken(scan.even_rows(10)).total, scan.noise < 1e-12
+    (400, 100, 400, True)
     """
 
     __repr__ = one_line
@@ -104,7 +110,7 @@ class Scan:
         return len(self.points)
 
     def thinned(self, count: int) -> Scan:
-        """The same scan with fewer points, evenly taken along the Morton curve.
+        """The same scan with fewer points, evenly taken along the Morton curve; itself where it has no more.
 
         Parameters
         ----------
@@ -114,12 +120,11 @@ class Scan:
         Returns
         -------
         Scan
-            This one, if it has no more points.
         """
         return self if count >= len(self) else self.taken(self.even_rows(count))
 
     def even_rows(self, count: int) -> IntArray:
-        """Rows that `thinned` takes.
+        """Rows that `thinned` takes, ascending.
 
         Parameters
         ----------
@@ -129,14 +134,13 @@ class Scan:
         Returns
         -------
         ndarray of int
-            Ascending.
         """
         if self.fitted is not None and count <= len(self.fitted):
             return self.fitted if count == len(self.fitted) else self.fitted[sample_rows(len(self.fitted), count)]
         return sample_rows(len(self), count)
 
     def taken(self, rows: IntArray) -> Scan:
-        """The same scan with some of its rows alone.
+        """Some of its rows alone, with the spacing, noise and total of the whole scan.
 
         Parameters
         ----------
@@ -146,7 +150,6 @@ class Scan:
         Returns
         -------
         Scan
-            With the spacing, noise and total of the whole.
         """
         points, parts = np.take(self.points, rows, axis=0), None if self.parts is None else self.parts[rows]
         if (planes := vars(self).get("_planes")) is not None:

@@ -30,7 +30,7 @@ class Deviations:
     ----------
     values : ndarray, (n,)
         Distance of every point of the scan, in the order of the scan, target units; positive outside the part and
-        negative inside where ``signed``, else never negative.
+        negative inside where ``signed``, else never negative. Rows dropped when the scan was read have no value.
     points, closest : ndarray, (n, 3)
         The scan under its pose, and the closest place of the target, in the caller's target frame.
     faces : ndarray of int, (n,)
@@ -69,10 +69,23 @@ class Deviations:
     origin : ndarray, (3,)
         Middle of the target in the caller's frame: differences from it keep all digits.
 
-    Notes
-    -----
-    Rows of the scan without a measurement (NaN, a missing normal) were dropped when it was read, and have no value;
-    ``settings["source_dropped"]`` of the registration counts them.
+    Raises
+    ------
+    InputError
+        If the tolerance or the reach is no length above 0; of `summary` and `worst` as well.
+
+    Examples
+    --------
+    >>> from dqreg.geometry import MeshSurface
+    >>> from dqreg.inspection import measure_deviations
+    >>> from dqreg.synth.parts import box
+    >>> part = Mesh(*box((2.0, 2.0, 2.0)))
+    >>> scan = np.random.default_rng(0).uniform(-1, 1, (400, 3)) * [1, 1, 0] + [0, 0, 1.02]
+    >>> found = measure_deviations(scan, part, MeshSurface(part), tolerance=0.05)
+    >>> round(found.summary().p95, 3), found.bands().passed, len(found.worst(1)), found.pose_sigma([0]).item()
+    (0.02, True, 1, 0.0)
+    >>> found.normals([0]).tolist()
+    [[0.0, 0.0, 1.0]]
     """
 
     __repr__ = one_line
@@ -138,7 +151,7 @@ class Deviations:
         return target.normals[self.faces[rows]]
 
     def pose_sigma(self, rows: IntArray) -> FloatArray:
-        """Standard deviation of some deviations that comes from the pose.
+        """Standard deviation of some deviations that comes from the pose, target units.
 
         A motion that is unconstrained slides the scan along the part and changes no deviation: it adds nothing.
 
@@ -150,7 +163,6 @@ class Deviations:
         Returns
         -------
         ndarray, (m,)
-            Target units.
         """
         rows = np.asarray(rows)
         normals = self.normals(rows)
@@ -171,11 +183,6 @@ class Deviations:
         -------
         Summary
             Percentiles are of the absolute deviation.
-
-        Raises
-        ------
-        InputError
-            If the tolerance is no length above 0.
         """
         return summary_of(self.values[self.counted], len(self), self._allowed(tolerance), overwrite_input=True)
 
@@ -221,11 +228,6 @@ class Deviations:
         -------
         tuple of Place
             The largest absolute deviation first.
-
-        Raises
-        ------
-        InputError
-            If the distance is no length above 0.
         """
         if apart is not None:
             require_length(apart, "apart")
@@ -289,12 +291,10 @@ class Deviations:
         return exports.to_pyvista(self.points, None, {"deviation": self.values, "flags": self.flags})
 
     def _colour_limit(self) -> float:
-        # The tolerance, else the 95 % of the absolute deviations that count.
         limit = self.tolerance or self.summary().p95
         return limit if 0.0 < limit < np.inf else 1.0
 
     def _allowed(self, given: float | None) -> float | None:
-        # A tolerance that was asked for, else the record's own.
         if given is not None:
             require_length(given, "tolerance")
         return self.tolerance if given is None else float(given)

@@ -91,6 +91,12 @@ def measure_deviations(
     Deviations
         In the order of ``points``.
 
+    Raises
+    ------
+    InputError
+        If there are no points, one is not finite, tolerance or reach is no length above 0, or a box to exclude not six
+        coordinates.
+
     Examples
     --------
     >>> from dqreg.geometry import MeshSurface

@@ -116,6 +116,13 @@ def nearest_face(mesh: Mesh, faces: tuple[Face, ...], point: ArrayLike) -> Face:
     ------
     InputError
         If the point is no finite place.
+
+    Examples
+    --------
+    >>> from dqreg.synth.parts import box
+    >>> part = Mesh(*box((3.0, 2.0, 1.0)))
+    >>> nearest_face(part, part_faces(part), [0.2, 0.1, 0.6]).centre.tolist()
+    [0.0, 0.0, 0.5]
     """
     from dqreg.geometry import MeshSurface
 

@@ -49,6 +49,20 @@ class Section:
         Standard deviation of that median.
     points : ndarray of int, (m,)
         Scan points at each place.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from dqreg.geometry import MeshSurface
+    >>> from dqreg.inspection import measure_deviations
+    >>> from dqreg.synth.parts import box
+    >>> part = Mesh(*box((2.0, 2.0, 2.0)))
+    >>> scan = np.random.default_rng(0).uniform(-1, 1, (2000, 3)) * [1, 1, 0] + [0, 0, 1.02]
+    >>> cut = section_of(measure_deviations(scan, part, MeshSurface(part)), [0, 0, 0], [1, 0, 0])
+    >>> round(float(np.nanmedian(cut.values)), 3), 0.2 < cut.coverage < 0.3, cut.table.shape[1]
+    (0.02, True, 11)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     cut.save(f"{folder}/cut.csv", "middle", units="mm")
     """
 
     point: FloatArray
@@ -84,6 +98,11 @@ class Section:
             The first column.
         units : str, optional
             Length unit, for the head of the columns.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be written.
         """
         save_sections(path, [(name, self)], units)
 

@@ -28,6 +28,16 @@ class Tolerance:
         Smallest and largest signed deviation allowed: -0.05 and 0.1 for +0.1/-0.05, 0 and 0.2 for a one-sided one.
     required_share : float or None
         Share of the points that must be within; None: that of the whole part.
+
+    Raises
+    ------
+    InputError
+        If low is not below high, one is not finite, or the share not above 0 and at most 1.
+
+    Examples
+    --------
+    >>> Tolerance(-0.05, 0.1).size, Tolerance(-0.1, 0.1).equal
+    (0.1, True)
     """
 
     low: float

@@ -64,6 +64,17 @@ class OdometrySettings:
         Threads of KISS-ICP's parts; 0 takes all cores.
     history : int, optional
         Frames that ``poses`` and ``trajectory`` keep, for programs that never end. Default: all, 128 bytes a frame.
+
+    Raises
+    ------
+    InputError
+        If a value is out of range, or the method unknown.
+
+    Examples
+    --------
+    >>> settings = OdometrySettings(voxel_size=0.5, min_range=1.0)
+    >>> settings.resolve(np.array([[8.0, 0, 0], [0, 4, 0], [0, 0, 20]])).max_range  # twice the farthest point
+    40.0
     """
 
     voxel_size: float | None = None

@@ -119,6 +119,15 @@ def read_trajectory(path: str | Path, *, gaps: Gaps = "refuse") -> tuple[FloatAr
     ------
     InputError
         If it is missing or holds something else.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = (Path(folder) / "a.tum").write_text("0.5 1 2 3 0 0 0 1")  # t x y z qx qy qz qw
+    ...     poses, times = read_trajectory(f"{folder}/a.tum")
+    >>> poses[:, :3, 3].tolist(), times.tolist()
+    ([[1.0, 2.0, 3.0]], [0.5])
     """
     if gaps not in get_args(Gaps):
         raise InputError(f'gaps must be "refuse" or "keep"; got {gaps!r:.60}')
@@ -142,6 +151,15 @@ def load_trajectory(path: str | Path) -> Trajectory:
     ------
     InputError
         If the file is missing or holds something else, or TUM's times do not increase.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = (Path(folder) / "a.txt").write_text("1 0 0 5 0 1 0 6 0 0 1 7")  # KITTI: three rows of a pose
+    ...     path = load_trajectory(f"{folder}/a.txt")
+    >>> path.times.tolist(), path.poses[0, :3, 3].tolist()
+    ([0.0], [5.0, 6.0, 7.0])
     """
     poses, times = read_poses(path, "keep")
     found = found_rows(poses)

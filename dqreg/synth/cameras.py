@@ -199,6 +199,11 @@ class Scanner(Stands):
         ndarray, (k, pixels, pixels, 3)
             One image a view, rows from bottom to top.
 
+        Raises
+        ------
+        ValueError
+            If the shifts have another shape.
+
         Examples
         --------
         >>> Scanner(views=((0, 0, 2),), pixels=1).ray_directions()[0, 0, 0].tolist()

@@ -126,6 +126,11 @@ class Noise:
         PixelErrors
             One entry a pixel, in the order of ``ranges.ravel()``.
 
+        Raises
+        ------
+        ValueError
+            If ranges and cosines differ in shape, or are no images (k, rows, columns).
+
         Examples
         --------
         >>> errors = Noise().draw(np.ones((1, 2, 2)), np.ones((1, 2, 2)), 1.0, np.random.default_rng(0))

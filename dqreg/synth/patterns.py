@@ -157,6 +157,11 @@ class Lidar(Stands):
         ndarray, (k, rings, azimuths, 3)
             Rings from bottom to top.
 
+        Raises
+        ------
+        ValueError
+            If the shifts have another shape.
+
         Examples
         --------
         >>> Lidar(views=((1, 0, 0),), rings=1, azimuths=1).ray_directions().round(9).tolist()

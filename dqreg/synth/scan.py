@@ -108,6 +108,11 @@ class Scan:
             Points, rays and normals as of a scene at rest, ``exp((reference - time) twist) p``. The sensors stay:
             no one place is where all rays of a view begin any more.
 
+        Raises
+        ------
+        InputError
+            If the twist does not hold six numbers.
+
         Examples
         --------
         >>> from dqreg.synth import Motion, Scanner, scan_mesh

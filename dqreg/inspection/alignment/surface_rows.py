@@ -35,6 +35,16 @@ class FaceTerms:
         Of each of its points, above 0.
     low, high : float
         Its tolerance band: signed deviations allowed, positive outside the part, target units.
+
+    Raises
+    ------
+    InputError
+        If the weight is not above 0, or low not below high.
+
+    Examples
+    --------
+    >>> FaceTerms(weight=2.0, low=0.0).high
+    inf
     """
 
     weight: float = 1.0

@@ -49,6 +49,17 @@ class Feature:
         Columns are the local axes; the third is ``axis``, the first of a slot points along it.
     half_length : float
         Of a slot: half the distance between the axes of its round ends. NaN for other shapes.
+
+    Examples
+    --------
+    >>> from dqreg.inspection import fit_feature
+    >>> angle = np.linspace(0, 2 * np.pi, 40, endpoint=False)
+    >>> hole = fit_feature(np.column_stack([2 * np.cos(angle), 2 * np.sin(angle), np.zeros(40)]), "circle")
+    >>> round(hole.diameter, 6), hole.form < 1e-12, hole.sigma("radius") < 1e-12, hole.parameters[-1]
+    (4.0, True, True, 'radius')
+    >>> shifted = hole.moved(pose.from_parts(np.eye(3), [5, 0, 0])).nudged(np.eye(len(hole.parameters))[-1])
+    >>> (shifted.point.round(6) + 0.0).tolist(), round(shifted.radius, 6), bool((hole.reversed().axis == -hole.axis).all())
+    ([5.0, 0.0, 0.0], 3.0, True)
     """
 
     kind: FeatureKind
@@ -123,6 +134,11 @@ class Feature:
         -------
         Feature
             With the same size and covariance, which are in its own frame.
+
+        Raises
+        ------
+        InputError
+            If the pose is not (4, 4) or (3, 4), or not rigid.
         """
         T = as_pose(T, "T")
         turn = T[:3, :3]
@@ -161,6 +177,11 @@ class Feature:
         -------
         Feature
             With the same covariance.
+
+        Raises
+        ------
+        ValueError
+            If there are fewer numbers than parameters.
         """
         shape = self.shape.moved(self.kind, step)
         axis = self.axis if self.kind == "sphere" else shape.axis

@@ -91,7 +91,7 @@ class Plan:
 
 
 def read_plan(path: str | os.PathLike[str]) -> Plan:
-    """Read a plan.
+    r"""Read a plan.
 
     Parameters
     ----------
@@ -108,6 +108,15 @@ def read_plan(path: str | os.PathLike[str]) -> Plan:
     ------
     InputError
         If the file cannot be read, or an entry is wrong: the message names it.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = Path(folder, "plan.toml").write_text('units = "mm"\ntolerance = 0.15\n[[face]]\nface = 2\nplus = 0.3\n')
+    ...     plan = read_plan(f"{folder}/plan.toml")
+    >>> plan.units, plan.tolerance.high, plan.face_tolerances[0].tolerance.high
+    ('mm', 0.15, 0.3)
     """
     try:
         values = tomllib.loads(Path(path).read_text(encoding="utf-8"))

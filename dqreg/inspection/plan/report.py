@@ -47,6 +47,11 @@ class PlannedReport:
         -------
         bool
             True where no cuts are chosen.
+
+        Examples
+        --------
+        >>> PlannedReport().draws("A-A"), PlannedReport(cuts=("B-B",)).draws("A-A")
+        (True, False)
         """
         return self.cuts is None or name in self.cuts
 

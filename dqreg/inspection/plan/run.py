@@ -112,7 +112,7 @@ class Inspection:
 
 
 def inspect(deviations: Deviations, plan: Plan) -> Inspection:
-    """Carry out a plan on a registered scan.
+    r"""Carry out a plan on a registered scan.
 
     Parameters
     ----------
@@ -132,6 +132,23 @@ def inspect(deviations: Deviations, plan: Plan) -> Inspection:
         If the target is no mesh, or an entry names a face that the part has not or that has no such characteristic.
     DegenerateGeometryError
         If a datum has too few scan points, or the datums leave a degree of freedom unconstrained.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from dqreg.geometry import Mesh, MeshSurface
+    >>> from dqreg.inspection import measure_deviations, read_plan
+    >>> from dqreg.synth.parts import box
+    >>> part = Mesh(*box((2.0, 2.0, 2.0)))
+    >>> scan = np.random.default_rng(0).uniform(-1, 1, (2000, 3)) * [1, 1, 0] + [0, 0, 1.02]
+    >>> rows = '[[characteristic]]\nname = "top"\nkind = "form"\nnear = [0, 0, 1]\ntolerance = 0.01\n'
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = Path(folder, "plan.toml").write_text("tolerance = 0.05\n" + rows)
+    ...     plan = read_plan(f"{folder}/plan.toml")
+    >>> found = inspect(measure_deviations(scan, part, MeshSurface(part)), plan)
+    >>> found.characteristics[0].outcome, found.decision.outcome
+    ('pass', 'pass')
     """
     aligned = aligned_part(deviations, plan)
     part = aligned.part
