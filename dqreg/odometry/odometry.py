@@ -43,7 +43,7 @@ class Odometry(Tracker):
     Raises
     ------
     InputError
-        If a setting is out of range.
+        If a setting is out of range, or the pose not rigid.
     MissingDependencyError
         If ``kiss-icp`` is not installed.
 
@@ -57,6 +57,18 @@ class Odometry(Tracker):
     ...     result = odometry.register_frame(walls - [0.1 * step, 0, 0])
     >>> result.verdict.level, (odometry.poses[-1][:3, 3].round(2) + 0.0).tolist()
     ('accepted', [0.2, 0.0, 0.0])
+
+    Later, in the same map, which stays as it is:
+
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     odometry.save(f"{folder}/room.npz")
+    ...     again = Odometry.load(f"{folder}/room.npz")
+    >>> again.register_frame(walls - [0.25, 0, 0], insert=False).T_target_source[0, 3].round(2).item()
+    0.25
+    >>> again.reset()
+    >>> len(again.poses), len(again.local_map)
+    (0, 0)
     """
 
     def __init__(
@@ -83,6 +95,11 @@ class Odometry(Tracker):
         ----------
         start : (4, 4) array_like, optional
             Pose of the next frame, T_map_frame. Default: the identity.
+
+        Raises
+        ------
+        InputError
+            If the pose is not (4, 4) or (3, 4), or not rigid.
         """
         self._begin(start)
 

@@ -44,7 +44,7 @@ class ShownResult:
         Raises
         ------
         InputError
-            If the file cannot be written, or the tolerance is no length above zero.
+            If the file cannot be written or does not end in .html or .pdf, or the tolerance is no length above zero.
         """
         from dqreg.report.page import write_report
 

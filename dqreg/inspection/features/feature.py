@@ -58,7 +58,7 @@ class Feature:
     >>> round(hole.diameter, 6), hole.form < 1e-12, hole.sigma("radius") < 1e-12, hole.parameters[-1]
     (4.0, True, True, 'radius')
     >>> shifted = hole.moved(pose.from_parts(np.eye(3), [5, 0, 0])).nudged(np.eye(len(hole.parameters))[-1])
-    >>> (shifted.point.round(6) + 0.0).tolist(), round(shifted.radius, 6), bool((hole.reversed().axis == -hole.axis).all())
+    >>> (shifted.point.round(6) + 0.0).tolist(), round(shifted.radius, 6), bool(hole.reversed().axis @ hole.axis < 0)
     ([5.0, 0.0, 0.0], 3.0, True)
     """
 
