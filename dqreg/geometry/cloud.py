@@ -62,6 +62,8 @@ class PointCloud:
     >>> cloud = PointCloud([[0, 0, 0], [1, 0, 0], [float("nan"), 0, 0]])
     >>> len(cloud), cloud.dropped
     (2, 1)
+    >>> len(cloud.to_open3d().points), cloud.to_trimesh().vertices.shape
+    (2, (2, 3))
     """
 
     __repr__ = one_line

@@ -49,6 +49,8 @@ class Mesh:
     >>> mesh = Mesh([[0, 0, 0], [2, 0, 0], [0, 2, 0]], [[0, 1, 2]])
     >>> mesh.face_normals.tolist(), mesh.diagonal
     ([[0.0, 0.0, 1.0]], 2.8284271247461903)
+    >>> len(mesh.to_open3d().triangles), float(mesh.to_trimesh().area)
+    (1, 2.0)
     """
 
     __repr__ = one_line
@@ -240,22 +242,20 @@ class Mesh:
         return exports.mesh_to_open3d(self.vertices, self.faces)
 
     def to_trimesh(self) -> Any:
-        """The mesh as trimesh's Trimesh, with its unit.
+        """The mesh as trimesh's Trimesh, with its unit: nothing is merged or repaired.
 
         Returns
         -------
         trimesh.Trimesh
-            As it is: nothing is merged or repaired.
         """
         return exports.to_trimesh(self.vertices, self.faces, self.units)
 
     def to_pyvista(self) -> Any:
-        """The mesh as PyVista's PolyData.
+        """The mesh as PyVista's PolyData, a copy.
 
         Returns
         -------
         pyvista.PolyData
-            A copy.
 
         Raises
         ------

@@ -86,6 +86,9 @@ class Deviations:
     (0.02, True, 1, 0.0)
     >>> found.normals([0]).tolist()
     [[0.0, 0.0, 1.0]]
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     found.save(f"{folder}/deviations.csv")
     """
 
     __repr__ = one_line
@@ -131,7 +134,7 @@ class Deviations:
         return counts_of(self.flags)
 
     def normals(self, rows: IntArray) -> FloatArray:
-        """Unit normals of the target at the closest places of some points; 0 where it has none.
+        """Unit normals of the target, in its frame, at the closest places of some points; 0 where it has none.
 
         Parameters
         ----------
@@ -141,7 +144,6 @@ class Deviations:
         Returns
         -------
         ndarray, (m, 3)
-            In the target's frame.
         """
         target, rows = self.target, np.asarray(rows)
         if isinstance(target, Mesh):
@@ -182,7 +184,6 @@ class Deviations:
         Returns
         -------
         Summary
-            Percentiles are of the absolute deviation.
         """
         return summary_of(self.values[self.counted], len(self), self._allowed(tolerance), overwrite_input=True)
 
@@ -214,7 +215,7 @@ class Deviations:
         return bands_of(self.values[self.counted], allowed, required_share, self.signed)
 
     def worst(self, count: int = 5, apart: float | None = None) -> tuple[Place, ...]:
-        """The worst places, each a patch of the scan and none a single outlier; see `worst_places`.
+        """The worst places, the worst first: each a patch of the scan and none a single outlier; see `worst_places`.
 
         Parameters
         ----------
@@ -227,7 +228,6 @@ class Deviations:
         Returns
         -------
         tuple of Place
-            The largest absolute deviation first.
         """
         if apart is not None:
             require_length(apart, "apart")

@@ -45,6 +45,19 @@ class ShownResult:
         ------
         InputError
             If the file cannot be written or does not end in .html or .pdf, or the tolerance is no length above zero.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> from dqreg.geometry import Mesh
+        >>> from dqreg.registration.register import register
+        >>> from dqreg.synth.parts import bracket
+        >>> part = Mesh(*bracket())
+        >>> result = register(part, part, "identity", effort="fast", keep_inputs=False)  # no view, no pictures
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = result.report(f"{folder}/pose.html")
+        ...     path.name, "accepted" in path.read_text("utf-8")
+        ('pose.html', True)
         """
         from dqreg.report.page import write_report
 

@@ -39,6 +39,7 @@ class Target:
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     prepare_target(part).save(f"{folder}/part.npz")
     ...     target = Target.load(f"{folder}/part.npz")
+    >>> target.build_beside().join()  # beside what the caller does meanwhile
     >>> found = target.register(Mesh(part.vertices + [0.5, 0, 0], part.faces), "identity", effort="fast")
     >>> (found.T_target_source[:3, 3].round(6) + 0.0).tolist()
     [-0.5, 0.0, 0.0]

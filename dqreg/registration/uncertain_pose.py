@@ -93,6 +93,16 @@ class UncertainPose:
         ------
         InputError
             If no pose was found.
+
+        Examples
+        --------
+        >>> from dqreg.geometry import Mesh
+        >>> from dqreg.registration.register import register
+        >>> from dqreg.synth.parts import bracket
+        >>> part = Mesh(*bracket())
+        >>> result = register(Mesh(part.vertices + [1, 0, 0], part.faces), part, "identity", effort="fast")
+        >>> (result.inverse()[:3, 3].round(6) + 0.0).tolist()
+        [1.0, 0.0, 0.0]
         """
         return pose.inverse(self._found())
 

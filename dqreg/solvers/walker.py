@@ -7,6 +7,7 @@ comes last. Superscript 0 is the model, our source; the tilde is the measurement
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass, replace
 
@@ -135,6 +136,11 @@ def position_quaternions(points: ArrayLike) -> FloatArray:
     ndarray, (..., 4)
         In the paper's order, the scalar last.
 
+    Raises
+    ------
+    InputError
+        If the last axis does not hold three numbers.
+
     Examples
     --------
     >>> position_quaternions([1, 2, 3]).tolist()
@@ -155,6 +161,11 @@ def direction_quaternions(directions: ArrayLike) -> FloatArray:
     -------
     ndarray, (..., 4)
         In the paper's order, the scalar last.
+
+    Raises
+    ------
+    InputError
+        If the last axis does not hold three numbers.
 
     Examples
     --------
@@ -218,6 +229,11 @@ def Q(a: ArrayLike) -> FloatArray:
     ndarray, (..., 4, 4)
         Matrices for that order; `quaternion.left_matrix` is the one for ours.
 
+    Raises
+    ------
+    InputError
+        If the last axis does not hold four numbers.
+
     Examples
     --------
     >>> (Q([1, 0, 0, 0]) @ [0, 1, 0, 0]).tolist()
@@ -238,6 +254,11 @@ def W(a: ArrayLike) -> FloatArray:
     -------
     ndarray, (..., 4, 4)
         Matrices for that order; `quaternion.right_matrix` is the one for ours.
+
+    Raises
+    ------
+    InputError
+        If the last axis does not hold four numbers.
 
     Examples
     --------
@@ -264,37 +285,16 @@ def _with_zero(vectors: FloatArray) -> FloatArray:
 
 
 def _as_fit(
-    r: FloatArray,
-    s: FloatArray,
-    values: FloatArray,
-    constant: float,
-    matches: Matches,
-    matrices: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+    r: FloatArray, s: FloatArray, values: FloatArray, constant: float, matches: Matches, sums: tuple[FloatArray, ...]
 ) -> WalkerFit:
     # A is 2 N plus a multiple of the identity; lambda_1 of N, which the gap relates to, needs that multiple taken out.
     centre = values.mean()
-    gap = require_determined(
-        float(values[3] - centre),
-        float(values[3] - values[2]),
-        reach=constant,
-        why=lambda words: undetermined(words, matches=matches, centred=False),
-    )
+    why = functools.partial(undetermined, matches=matches, centred=False)
+    gap = require_determined(float(values[3] - centre), float(values[3] - values[2]), reach=constant, why=why)
     T = np.eye(4)
     T[:3, :3] = (W(r).T @ Q(r))[:3, :3]  # (18)
     T[:3, 3] = 2.0 * (W(r).T @ s)[:3]  # (19), (20)
     point_cost, direction_cost = cost_of_pose(T, matches)
     beta = weights_of(matches)[0]
-    return WalkerFit(
-        T,
-        cost=0.25 * point_cost + direction_cost,  # (31)
-        rms=math.sqrt(point_cost / beta.sum()),
-        eigenvalue_gap=gap,
-        r=r,
-        s=s,
-        lambda_1=float(values[3]),
-        constant=constant,
-        C1=matrices[0],
-        C2=matrices[1],
-        C3=matrices[2],
-        A=matrices[3],
-    )
+    cost, rms = 0.25 * point_cost + direction_cost, math.sqrt(point_cost / beta.sum())  # (31)
+    return WalkerFit(T, cost, rms, gap, r, s, float(values[3]), constant, *sums)

@@ -118,6 +118,12 @@ class Evidence:
         Share of the scan's own points that stand behind others, seen from the viewpoint that was given; NaN without.
     is_scene : bool
         Whether the scan is so large that it shows more than a closed target; True where that is not known.
+
+    Examples
+    --------
+    >>> nothing = Evidence("no correspondences", False, 0.0, 0.0, 0.5, 0, 0, 0, 0, 0, 0, 20.0, (), (), units="mm")
+    >>> nothing.length(nothing.max_distance)
+    '20 mm'
     """
 
     status: Status

@@ -31,6 +31,12 @@ def judge(evidence: Evidence) -> Verdict:
     -------
     Verdict
         "failed" where there is no pose, "suspect" where something speaks against it, else "accepted".
+
+    Examples
+    --------
+    >>> nothing = Evidence("no correspondences", False, 0.0, 0.0, 0.5, 0, 0, 0, 0, 0, 0, 20.0, (), (), units="mm")
+    >>> judge(nothing).level, judge(nothing).codes
+    ('failed', ('no_correspondences',))
     """
     if not evidence.found:
         return Verdict("failed", (_why_nothing(evidence),))
