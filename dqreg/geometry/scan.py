@@ -25,9 +25,9 @@ FEWEST_POINTS = 3
 # What planes tell of points, and what some of these have in common with all.
 COLUMNS = "normals", "levers", "residuals"
 OF_ALL = "oriented", "spacing", "noise", "total", "quiet"
-# Where the residuals of all planes but for this share are more than that share of their levers' lengths, neighbours
-# stand on different faces: some scans of 20 to 120 points came to 1.05, denser ones of all kinds to 0.64 at most.
-FLAT, NOT_FLAT = 0.1, 0.65
+# Planes whose residual is more than this share of their lever's length are of neighbours on different faces: of two
+# that meet at a right angle, each with half of them, it is 0.5.
+MAX_FLAT_RESIDUAL = 0.45
 # Points for each of the queries, from which on building a tree costs more than asking it.
 FEW_QUERIES = 4
 
@@ -196,15 +196,15 @@ class Scan:
 
     @cached_property
     def _gating(self) -> FloatArray:
-        """Normals that may reject a correspondence, (n, 3): those that were given, or of neighbours in planes."""
+        """Normals that may reject a correspondence, (n, 3): those that were given, or of neighbours on one face."""
         # Of those that have a plane, where the others are known to have none.
         fits = vars(self).get("_planes", self)
-        known = fits.levers > 0.0
-        if self.oriented or not known.any():
+        rough = np.flatnonzero((fits.levers > 0.0) & (fits.residuals > MAX_FLAT_RESIDUAL * np.sqrt(fits.levers)))
+        if self.oriented or not len(rough):
             return self.normals
-        # Counted: a quantile of all points would cost each stage of the loop more than its pose step.
-        flat = np.count_nonzero(known & (fits.residuals <= NOT_FLAT * np.sqrt(fits.levers)))
-        return self.normals if flat >= FLAT * np.count_nonzero(known) else np.zeros_like(self.normals)
+        normals = self.normals.copy()
+        normals[rough if fits is self else fits.rows[rough]] = 0.0
+        return normals
 
     @cached_property
     def tree(self) -> NeighbourTree:
