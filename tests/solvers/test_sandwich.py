@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 
 from dqreg._arrays import FloatArray
+from dqreg.geometry import Mesh
 from dqreg.geometry.morton import morton_order
+from dqreg.geometry.sampling import sample_mesh
 from dqreg.rigid import pose, twist
 from dqreg.solvers.sandwich import BLOCK, LEAST_LEFT, _Patches, scatter_of
+from dqreg.synth import parts
 from dqreg.trust import Information, without_free_motion
 from tests.trust.shapes import box, judged, plane
 
@@ -47,6 +50,26 @@ def test_independent_noise_is_seen_as_it_is(uneven: bool) -> None:
     # 80 draws with a variance of 12 and more: the mean is good to 0.4; faces may scatter differently.
     spread = np.where(shape()[1].sum(axis=1) > 0.0, 1.0, 0.2) if uneven else 1.0
     assert errors_of(80, None, spread).mean() == pytest.approx(6.0, abs=1.5)
+
+
+@pytest.mark.parametrize("count", [240, 600])
+def test_few_points_are_not_claimed_to_be_surer_than_they_are(count: int) -> None:
+    """A plate, whose sides few points show: 30 and 75 patches, of which some alone hold a motion."""
+    claimed = []
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        scan = sample_mesh(Mesh(*parts.box((1.0, 0.8, 0.1))), count, rng)
+        assert scan.normals is not None
+        order = morton_order(scan.points)
+        points, normals = scan.points[order], scan.normals[order]
+        rows, noise = np.vstack([np.cross(points, normals).T, normals.T]), rng.normal(size=count)
+        fit = noise @ np.linalg.pinv(rows)
+        left = noise - fit @ rows
+        C = scatter_of(rows, points, normals, left, np.ones(count), np.zeros((6, 6)), left @ left / (count - 6.0))
+        assert C is not None
+        claimed.append(fit @ np.linalg.solve(C, fit))
+    # Six on average of a covariance that is right, good to 0.25 of 200 draws; patches alone came to 10 of 240 points.
+    assert 4.5 < np.mean(claimed) < 6.7
 
 
 def test_noise_that_hundreds_of_neighbours_share_is_seen() -> None:
