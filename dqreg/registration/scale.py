@@ -19,6 +19,7 @@ from dqreg.geometry import Mesh, PointCloud, sample_mesh
 from dqreg.geometry.opening import describe, open_geometry
 from dqreg.geometry.unit_check import principal_spreads
 from dqreg.icp import Correspondences, InlierMixture
+from dqreg.icp.noise_by_face import without_creases
 from dqreg.icp.rejectors import boundary_rejectors
 from dqreg.icp.stopwatch import Stopwatch
 from dqreg.registration.initial_pose import GlobalSearch
@@ -151,7 +152,8 @@ def _last_step(task: ScaleProblem, result: Registration, scale: float) -> ScaleS
         weights = mixture.weight(pairs.distances)
         for gate in boundary_rejectors(surface, settings["width"]):
             weights = weights * gate(pairs)
-        return weights
+        # As for the last step of the pose: noise carries points over an edge onto the face behind it, to one side.
+        return without_creases(pairs, weights, settings["width"])
 
     used = scan.taken(scan.even_rows(EFFORTS[settings["effort"]] or len(scan)))
     return joint_step(used, surface, scale, _centred(result), weigh)
