@@ -13,7 +13,7 @@ from dqreg.geometry.boundary import ONE_SIDED
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.cloud_surface import CloudSurface
 from dqreg.geometry.morton import LONG, CodeArray, Ends, edge_of_cells, morton_codes, sorted_codes
-from dqreg.geometry.normals import NEIGHBOURS, PlaneFits, fit_planes, fit_planes_around
+from dqreg.geometry.normals import NEIGHBOURS, PlaneFits, fit_planes, fit_planes_around, fit_wide_planes
 from dqreg.geometry.surface import Closest
 from dqreg.kernels.threads import unlocked_property
 
@@ -25,6 +25,9 @@ MOST = 8.0
 # Points without which neighbouring cells make no plane, and the same of the ratio of their smaller to their larger
 # variance: rings of a LiDAR that stand apart. Their nearest cells are searched for.
 FEWEST, LINE = 8.0, 0.02
+# In rings a plane of neighbours that leaves so many times the usual residual is of two faces; one that most neighbours
+# lie in holds them within so many times of it.
+MIXED, WITHIN = 3.0, 2.5
 # Blocks of eight cells that one thread goes over at a time.
 BLOCKS = 256
 # Edges, each twice the one before, of the cells that are asked for planes. With a third a road took 4 % less time, and
@@ -116,8 +119,12 @@ class Cells:
 class CellSurface(CloudSurface):
     """Means of cells, in the order of these, as a surface."""
 
-    def __init__(self, means: PointCloud, cells: Cells, in_rings: Callable[[], bool] = bool) -> None:
-        self.cells, self._look_at_rings = cells, in_rings
+    def __init__(
+        self, means: PointCloud, cells: Cells, in_rings: Callable[[], bool] = bool, *, widened: bool = False
+    ) -> None:
+        # Whether planes are sought among more neighbours where the next ones make none; and where some were found.
+        self.cells, self._look_at_rings, self.widened = cells, in_rings, widened
+        self.wide = np.zeros(len(cells.codes), dtype=bool)
         super().__init__(means, derived=True)
 
     @unlocked_property
@@ -133,7 +140,25 @@ class CellSurface(CloudSurface):
     def _of_cells(self) -> tuple[PlaneFits, BoolArray, BoolArray]:
         """Planes where neighbouring cells make one, which of these lie on a rim, and where there is none, (m,)."""
         fits, rims = self.cells.planes()
+        if self.widened:
+            self._widen(fits)
         return fits, rims, ~fits.known
+
+    def _widen(self, fits: PlaneFits) -> None:
+        """Replace planes across two faces, and of cells along a line, by those that most of many neighbours lie in.
+
+        Where a ring of a LiDAR meets a floor its neighbours are on that ring or on the wall beyond: the plane through
+        both stands across them, and few as they are, nothing else may hold a motion.
+        """
+        known = fits.known
+        if not known.any():
+            return
+        noise = float(np.median(fits.residuals[known]))
+        rows = np.flatnonzero(~known | (fits.residuals > MIXED * noise))
+        wide = fit_wide_planes(self._tree, self._points, rows, noise, WITHIN * noise)
+        found = np.flatnonzero(wide.known)
+        fits.replace(rows[found], wide.taken(found))
+        self.wide[rows[found]] = True
 
     def fit_cells(self) -> None:
         """Fit the planes of the cells, which whoever asks for matches needs."""

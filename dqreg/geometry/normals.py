@@ -19,6 +19,10 @@ FEWEST = 4
 NEAREST, SIN = 8, 0.4
 # Neighbours in the plane, the point among them, without which there is none; rounds of the fit to those.
 FEWEST_HELD, ROUNDS = 6, 3
+# Where a plane is sought among more neighbours: so many, every which of them planes are tried through, and the times of
+# the usual residual's square that the second variance of those it holds has at least. Noise alone has one: of a ring
+# whose points scatter along the beams, what seems the plane is that of the beams.
+WIDE, EVERY, CLEAR = 40, 3, 9.0
 # Points, and points by an edge, that one thread goes over at a time.
 PLANES, EDGES = 512, 256
 # Bounds the memory of one step: 16 neighbours of 65,536 points are 25 MB.
@@ -128,11 +132,41 @@ def _fit_chunk(cloud: FloatArray, indices: IntArray) -> tuple[FloatArray, FloatA
     return normals, residuals, lever
 
 
-def fit_edge_planes(cloud: FloatArray, indices: IntArray, within: float) -> tuple[FloatArray, FloatArray, BoolArray]:
+def fit_wide_planes(tree: NeighbourTree, cloud: FloatArray, rows: IntArray, noise: float, within: float) -> PlaneFits:
+    """Fit the planes that most of many neighbours of some points of the tree, (m,) rows, lie in within a distance.
+
+    There is none where what it holds lies along a line, but for noise.
+    """
+    neighbours, _ = tree.nearest_to(rows, WIDE)
+    tried = np.arange(0, neighbours.shape[1], EVERY)
+    neighbours = np.hstack([neighbours[:, tried], np.delete(neighbours, tried, axis=1)])
+    normals, _, found = fit_edge_planes(cloud, neighbours, within, len(tried) - 1)
+    arms = np.take(cloud, neighbours, axis=0) - cloud[rows, None]
+    heights = np.einsum("ijk,ik->ij", arms, normals)
+    held = np.abs(heights) <= within
+    middles = (held * heights).sum(axis=1) / np.maximum(held.sum(axis=1), 1)
+    held = np.abs(heights - middles[:, None]) <= within
+    count = held.sum(axis=1)
+    arms -= (np.einsum("ij,ijk->ik", held, arms) / np.maximum(count, 1)[:, None])[:, None]
+    scatters = np.einsum("ij,ijk,ijl->ikl", held, arms, arms)
+    squares, axes = np.linalg.eigh(scatters)
+    least, small, large = squares.T
+    known = found & held[:, 0] & (count >= FEWEST_HELD) & (small > CLEAR * noise**2 * count)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # Of as many neighbours as others are of, that hold their normals as well.
+        levers = np.where(known, 1.0 / (1.0 / small + 1.0 / large) / NEIGHBOURS, 0.0)
+    residuals = np.sqrt(np.maximum(least, 0.0) / np.maximum(count - 3, 1))
+    return PlaneFits(np.where(known[:, None], axes[:, :, 0], np.nan), residuals, levers, NEIGHBOURS)
+
+
+def fit_edge_planes(
+    cloud: FloatArray, indices: IntArray, within: float, nearest: int = NEAREST
+) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Unit normals and residuals (see `PlaneFits`) of the planes that most of the neighbours lie in; and which are any.
 
     Where neighbours are of several faces a least-squares plane is of none: it lies across the edge. Here those within a
-    distance of a plane through the point are counted, and the rest costs no more the farther it is away.
+    distance of a plane through the point and two of the nearest are counted, and the rest costs no more the farther it
+    is away.
 
     Shapes: indices (n, k) rows of the cloud, the point itself first; returns (n, 3), (n,), (n,).
     """
@@ -141,7 +175,7 @@ def fit_edge_planes(cloud: FloatArray, indices: IntArray, within: float) -> tupl
 
     total = len(indices)
     normals, residuals, found = np.zeros((total, 3)), np.zeros(total), np.zeros(total, dtype=bool)
-    limits = NEAREST, SIN, float(within), ROUNDS, FEWEST_HELD
+    limits = nearest, SIN, float(within), ROUNDS, FEWEST_HELD
     over_chunks(edge_plane_rows, total, as_plain(cloud), indices, *limits, normals, residuals, found, chunk=EDGES)
     return normals, residuals, found
 

@@ -45,13 +45,23 @@ class VoxelCloud:
     # The same as a surface; None where the cloud is whole, for whoever has it has its surface
     surface: CellSurface | None
 
+    @property
+    def widened(self) -> bool:
+        """See `CellSurface`."""
+        return self.surface is not None and self.surface.widened
+
     def in_rings(self) -> bool:
         """Whether the cloud that was downsampled lies in rings; not asked of one that was left as it is."""
         return self.surface is not None and self.surface.in_rings
 
     @staticmethod
     def of(
-        cloud: PointCloud, size: float, *, cells: Cells | None = None, in_rings: Callable[[], bool] = bool
+        cloud: PointCloud,
+        size: float,
+        *,
+        cells: Cells | None = None,
+        in_rings: Callable[[], bool] = bool,
+        widened: bool = False,
     ) -> VoxelCloud:
         """Downsample a cloud, of which its cells may be known, and what tells whether it lies in rings."""
         if cells is None and size > 0.0:
@@ -59,21 +69,26 @@ class VoxelCloud:
         if cells is None or len(cells.counts) >= WHOLE * len(cloud):
             return VoxelCloud(size, cloud, None)
         even = means_of(cloud, cells)
-        return VoxelCloud(size, even, CellSurface(even, cells, in_rings))
+        return VoxelCloud(size, even, CellSurface(even, cells, in_rings, widened=widened))
 
     @staticmethod
     def across_lines(
-        cloud: PointCloud, size: float, *, cells: Cells | None = None, in_rings: Callable[[], bool] = bool
+        cloud: PointCloud,
+        size: float,
+        *,
+        cells: Cells | None = None,
+        in_rings: Callable[[], bool] = bool,
+        widened: bool = False,
     ) -> VoxelCloud:
         """Downsample a cloud, with wider voxels where its points stay in lines: all neighbours are on their own then.
 
         There is no plane through a line, and fits to one would turn any way.
         """
-        found = VoxelCloud.of(cloud, size, cells=cells, in_rings=in_rings)
+        found = VoxelCloud.of(cloud, size, cells=cells, in_rings=in_rings, widened=widened)
         for _ in range(MAX_WIDENINGS):
             if found.surface is None or len(found.cloud) < MIN_VOXEL_POINTS or not found.surface._in_lines:
                 break
-            found = VoxelCloud.of(cloud, WIDENING_FACTOR * found.size, in_rings=in_rings)
+            found = VoxelCloud.of(cloud, WIDENING_FACTOR * found.size, in_rings=in_rings, widened=widened)
         return found
 
     @staticmethod
@@ -90,7 +105,7 @@ class VoxelCloud:
         in_rings = partial(lie_in_rings, points, cells.order)
         if not is_dense and len(points) >= RINGED * MIN_VOXEL_POINTS and in_rings():
             size = first_size(points, count, cloud._ends, RINGED)
-            return VoxelCloud.across_lines(cloud, size, in_rings=partial(bool, 1))
+            return VoxelCloud.across_lines(cloud, size, in_rings=partial(bool, 1), widened=True)
         found = VoxelCloud.across_lines(cloud, size, cells=cells, in_rings=in_rings)
         if is_dense or found.size > size or cells.unevenness > UNEVEN:
             return found

@@ -182,13 +182,19 @@ def weights_by_distance(pairs: Correspondences, weights: FloatArray) -> FloatArr
 
     A surface bends away from its plane by the square of the way along it, so that the variance of the height grows with
     its fourth power. Where the rings of a LiDAR are metres apart on the ground, cells have their partners at the next
-    ring: few as they are, their long levers would decide on roll and pitch.
+    ring: few as they are, their long levers would decide on roll and pitch. A plane that was found flat far around does
+    not bend, and leans by the error of its normal: the variance grows with the square, and what it holds alone it does.
     """
     kept = np.flatnonzero(weights)
     if not isinstance(pairs.surface, CellSurface) or not len(kept):
         return weights
     scale = FAR * median(pairs.distances[kept])
-    return weights / (1.0 + (pairs.distances / scale) ** 4) if scale > 0.0 else weights
+    if not scale > 0.0:
+        return weights
+    squares = (pairs.distances / scale) ** 2
+    if not pairs.surface.wide.any():
+        return weights / (1.0 + squares**2)
+    return weights / (1.0 + np.where(pairs.surface.wide[pairs.closest.elements], squares, squares**2))
 
 
 def both_planes(pairs: Correspondences, weights: FloatArray, moments: FloatArray) -> QuadraticForm:

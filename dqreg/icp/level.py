@@ -10,6 +10,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg._records import replaced
+from dqreg.geometry.cells import CellSurface
 from dqreg.geometry.mesh_surface import MeshSurface
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.scan import Scan
@@ -189,7 +190,10 @@ class Level:
 
     def _convergence(self, mixture: InlierMixture) -> float:
         width = mixture.scale / self.surface.diagonal
-        # How well so many points of this width can place the part at all: no use in going on far below it.
+        # How well so many points of this width can place the part at all: no use in going on far below it. Between the
+        # rings of a LiDAR distances are those of the rings, and heights over the planes are what places it.
+        if isinstance(self.surface, CellSurface) and self.surface.widened:
+            width = min(width, max(self.scan.noise, self.floor) / self.surface.diagonal)
         placed = width / float(np.sqrt(self.scan.represented))
         if self.last:
             return max(self.plan.stopping.convergence, PLACED * placed)

@@ -61,14 +61,16 @@ class Prepared:
         if not stands.size or not isinstance(geometry, PointCloud):
             moves = VoxelCloud.of(cloud, voxel_size(cloud.points, count))
         else:
-            is_there = meanwhile is not None and stands.size == edge
-            moves = meanwhile if meanwhile and is_there else VoxelCloud.across_lines(cloud, stands.size)
+            is_there = meanwhile is not None and stands.size == edge and not stands.widened
+            if meanwhile is None or not is_there:
+                meanwhile = VoxelCloud.across_lines(cloud, stands.size, widened=stands.widened)
+            moves = meanwhile
             size, wanted = moves.size, min(count, len(stands.cloud))
             if len(moves.cloud) < SMALL * wanted:
                 size = min(size, cell_size(cloud.points, min(count, int(WHOLE * len(cloud.points)))))
-                moves = VoxelCloud.of(cloud, size)
+                moves = VoxelCloud.of(cloud, size, widened=stands.widened)
             if size != stands.size:
-                stands = VoxelCloud.of(geometry, size, in_rings=stands.in_rings)
+                stands = VoxelCloud.of(geometry, size, in_rings=stands.in_rings, widened=stands.widened)
         thinned = stands.surface is not None or moves.surface is not None
         planes = Later(stands.surface.fit_cells, beside=moves.surface is not None) if stands.surface else None
         if stands.surface is not None and moves.surface is not None:

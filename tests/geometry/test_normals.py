@@ -16,6 +16,7 @@ from dqreg.geometry.normals import (
     fit_edge_planes,
     fit_planes,
     fit_planes_around,
+    fit_wide_planes,
     orient_towards,
     sample_rows,
 )
@@ -244,3 +245,41 @@ def test_planes_of_some_rows_are_theirs_however_many_are_asked_for(wanted: int) 
     np.testing.assert_array_equal(found.whole("normals"), planes.whole("normals")[asked])
     np.testing.assert_array_equal(found.whole("residuals"), planes.whole("residuals")[asked])
     np.testing.assert_array_equal(asked[found.rows], np.intersect1d(asked, rows))
+
+
+def corner_of_rings(rng: np.random.Generator, noise: float) -> FloatArray:
+    """A ring on a floor, z = 0, that runs round a place 1 above it, and rings on the wall x = 1.5 beyond."""
+    around = np.arange(-0.8, 0.8, 0.04)
+    floor = np.column_stack([np.cos(around), np.sin(around), np.zeros(len(around))])
+    wide = np.arange(-1.0, 1.0, 0.04)
+    wall = [np.column_stack([np.full(len(wide), 1.5), wide, np.full(len(wide), z)]) for z in (0.1, 0.3, 0.5)]
+    return np.concatenate([floor, *wall]) + rng.normal(scale=noise, size=(len(floor) + 3 * len(wide), 3))
+
+
+def test_the_plane_of_a_ring_by_a_wall_is_the_floor() -> None:
+    noise, points = 0.003, corner_of_rings(np.random.default_rng(0), 0.003)
+    tree, middle = NeighbourTree(points), np.flatnonzero(np.abs(points[:40, 1]) < 0.3)
+    wide = fit_wide_planes(tree, points, middle, noise, 2.5 * noise)
+    assert wide.known.all()
+    # Of forty neighbours the ring bends by a tenth, thirty times the noise: a degree or two, more where they are fewer.
+    assert np.median(np.abs(wide.normals[:, 2])) > np.cos(np.deg2rad(2.0))
+    assert np.abs(wide.normals[:, 2]).min() > np.cos(np.deg2rad(15.0))
+    assert np.median(wide.residuals) < 1.5 * noise
+    # The plane of all forty lies across the wall.
+    near = fit_planes(tree, points, points[middle], 40)
+    assert np.median(np.abs(near.normals[:, 2])) < np.cos(np.deg2rad(8.0))
+
+
+def test_what_scatters_about_a_line_has_no_wide_plane() -> None:
+    rng, noise = np.random.default_rng(1), 0.01
+    points = np.column_stack([np.linspace(0.0, 4.0, 120), *rng.normal(scale=noise, size=(2, 120))])
+    assert not fit_wide_planes(NeighbourTree(points), points, np.arange(120), noise, 2.5 * noise).known.any()
+
+
+def test_few_points_have_no_wide_plane_and_an_exact_plane_has_its_normal() -> None:
+    points = flat(60, np.random.default_rng(2))
+    exact = fit_wide_planes(NeighbourTree(points), points, np.arange(60), 0.0, 1e-9)
+    np.testing.assert_allclose(np.abs(exact.normals), np.tile([0.0, 0.0, 1.0], (60, 1)), atol=1e-9)
+    few = points[:4]
+    assert not fit_wide_planes(NeighbourTree(few), few, np.arange(4), 0.01, 0.1).known.any()
+    assert len(fit_wide_planes(NeighbourTree(points), points, np.arange(0), 0.01, 0.1).normals) == 0

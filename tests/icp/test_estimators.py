@@ -306,6 +306,10 @@ def test_cells_that_stand_far_apart_count_by_how_far_a_bend_would_lift_them() ->
     # By hand: the middle one is at 1. A bend lifts by the square of the way, its variance adds to that of noise, and
     # both are equal at the scale.
     np.testing.assert_allclose(1.0 / found, 1.0 + (ways[:, 0] / FAR) ** 4, rtol=1e-12)
+    # A plane that was found flat far around leans, by the way.
+    cells.wide[::2] = True
+    found = weights_by_distance(Correspondences(scan, np.eye(4), closest, False, cells), weights) / weights
+    np.testing.assert_allclose(1.0 / found, 1.0 + (ways[:, 0] / FAR) ** np.where(cells.wide, 2, 4), rtol=1e-12)
     of_points = Correspondences(scan, np.eye(4), closest, False, CloudSurface(means))
     np.testing.assert_array_equal(weights_by_distance(of_points, weights), weights)
 
