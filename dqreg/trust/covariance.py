@@ -20,6 +20,8 @@ TOUCHED = 1e-4
 TILTED = 5.0
 # A free motion is a rotation if that much of its unit vector is one: an axis ten levers away counts, rounding does not.
 FREE_ROTATION = 0.1
+# One whose axis is so far away that it turns no displacement on the part by more than this is told as a translation.
+TOLD_ROTATION_RAD = math.radians(10.0)
 # One that is constrained is a rotation if more than half of it is.
 CONSTRAINED_ROTATION = 0.5**0.5
 # A motion constrained by fewer than this fraction of the points depends on a detail.
@@ -108,7 +110,7 @@ def observe_directions(information: Information, units: str | None = None) -> tu
         share = FREE_ROTATION if is_free else CONSTRAINED_ROTATION
         kind: Kind = "rotation" if math.hypot(*vector[:3].tolist()) >= share else "translation"
         motion = Motion.of(vector[:3] / information.lever, vector[3:], information.centre, kind)
-        told = motion.words_in(units)
+        told = _told(motion, vector, information).words_in(units) if is_free else motion.words_in(units)
         sigma, words = np.nan, f"unconstrained: {told}"
         if is_free and math.isfinite(information.by_rims):
             sigma, words = information.by_rims, f"{told} is constrained by the rims of the target only"
@@ -119,6 +121,14 @@ def observe_directions(information: Information, units: str | None = None) -> tu
             sigma, words = _sigma(information, value, vector), f"{told}{only}"
         directions.append(Direction(float(value), sigma, words, motion.kind, motion.axis, motion.point))
     return tuple(directions)
+
+
+def _told(motion: Motion, vector: FloatArray, information: Information) -> Motion:
+    """A free motion as it displaces the part: the decisions on a rotation about a far axis stay those on a rotation."""
+    turned = math.atan2(math.hypot(*vector[:3].tolist()), math.hypot(*vector[3:].tolist()))
+    if motion.kind == "rotation" and turned <= TOLD_ROTATION_RAD:
+        return Motion.of(vector[:3], vector[3:], information.centre, "translation")
+    return motion
 
 
 def _sigma(information: Information, value: float, vector: FloatArray) -> float:

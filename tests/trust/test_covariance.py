@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dqreg.rigid import pose
-from dqreg.trust import covariance_of, information_of, observe_directions
+from dqreg.trust import Information, covariance_of, information_of, observe_directions
+from dqreg.trust.records import Direction
 from tests.strategies import FloatArray, rotations, unit_vectors
 from tests.trust.shapes import box, cylinder, judged, plane, sphere
 
@@ -22,6 +23,29 @@ def split(words: str, pattern: re.Pattern[str]) -> FloatArray:
     found = pattern.search(words)
     assert found, words
     return np.array([float(number) for number in found.groups()]).reshape(-1, 3)
+
+
+def free_along(turned: float) -> Direction:
+    """The free motion along x that turns by so many radians at the end of the lever, 100."""
+    vectors = np.eye(6)[[3, 2, 0, 1, 4, 5]].T
+    c, s = np.cos(turned), np.sin(turned)
+    vectors[[2, 3], :2] = [[s, c], [c, -s]]
+    information = Information(np.array([0.0, 1, 1, 1, 1, 1]), vectors, 100.0, 0.1, 100.0, np.zeros(3))
+    return observe_directions(information)[0]
+
+
+@pytest.mark.parametrize("degrees", [6.0, 9.0])
+def test_a_free_rotation_about_an_axis_far_away_is_told_as_a_translation(degrees: float) -> None:
+    found = free_along(np.deg2rad(degrees))
+    assert found.is_free
+    np.testing.assert_allclose(split(found.words, SHIFT), [[1.0, 0.0, 0.0]], atol=0.005)
+    # What is decided by the kind still knows it as a rotation about its axis, ten and six levers away.
+    assert found.kind == "rotation"
+    assert np.linalg.norm(found.point) == pytest.approx(100.0 / np.tan(np.deg2rad(degrees)))
+
+
+def test_a_free_rotation_about_an_axis_beside_the_part_is_told_as_one() -> None:
+    assert TURN.search(free_along(np.deg2rad(12.0)).words)
 
 
 def free_words(points: FloatArray, normals: FloatArray, centre: FloatArray, lever: float = 1.5) -> list[str]:
