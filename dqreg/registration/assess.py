@@ -22,7 +22,7 @@ from dqreg.registration.free_space import begin_free_space, looked_through_at, v
 from dqreg.registration.loop_status import status_of
 from dqreg.registration.prepared import Prepared
 from dqreg.registration.problem import Problem
-from dqreg.registration.rivals import is_scene
+from dqreg.registration.rivals import gain_if_freed, is_scene
 from dqreg.registration.slides import SLIDE, slide_of
 from dqreg.rigid import pose
 from dqreg.solvers.motion_words import Vector
@@ -35,7 +35,7 @@ from dqreg.trust import (
     without_free_motion,
 )
 from dqreg.trust.covariance import partial_information_of
-from dqreg.trust.limits import CONSTRAINT_LOG_LIKELIHOOD
+from dqreg.trust.limits import CONSTRAINT_LOG_LIKELIHOOD, MIRROR_GAIN, is_rough
 from dqreg.trust.neighbourhoods import is_flat
 from dqreg.trust.patch_tests import INLIER_SIGMAS
 from dqreg.trust.records import Alternative, Direction, Verdict
@@ -106,6 +106,9 @@ def evidence_of(
 ) -> Evidence:
     """All that the verdict on a fit is made of; see `Evidence` for the meaning of each number."""
     measured = fit.derived.once(MEASURED, lambda: _measured(fit, uncertainty.covariance))
+    if fit.constraints.any and (mirror_gain > MIRROR_GAIN or is_rough(measured)):
+        gain, rad, shift = gain_if_freed(fit)
+        measured = replaced(measured, freed_gain=gain, freed_rad=rad, freed_shift=shift)
     return replaced(
         measured,
         directions=uncertainty.directions,

@@ -46,9 +46,13 @@ APART_SHARE = 0.005
 BELOW_MEDIAN_SIGMAS = 0.6
 # Share of a scan off the part from which on any mirror image may hide.
 MIRROR_OFF_PART_SHARE = 0.05
+# Points, steps and first kernel scale that lead from a pose to the one that it would have without its constraints.
+FREEING_POINTS, FREEING_STEPS = 2_000, 15
+FREEING_DIAGONALS = 0.05
 
 APART_FROM_TARGET: Key[bool] = Key()
 MIRROR_GAIN: Key[float] = Key()
+FREED: Key[tuple[float, float, float]] = Key()
 NO_POSES: FloatArray = np.zeros((0, 4, 4))
 
 
@@ -225,6 +229,27 @@ def mirror_gain(fit: Fit, *, always: bool = False) -> float:
         return gain_of_mirror(fit.T_target_source, mirrors, *asked)
 
     return fit.derived.once(MIRROR_GAIN, gain)
+
+
+def gain_if_freed(fit: Fit) -> tuple[float, float, float]:
+    """Mean log-likelihood that the scan gains without locked motions and prior; rotation and shift to that pose.
+
+    The gain is 0 where it is not significant, and NaN where there is no time to ask.
+    """
+    if not fit.found or fit.problem.watch.is_over:
+        return np.nan, np.nan, np.nan
+
+    def freed() -> tuple[float, float, float]:
+        sample = OrientedPoints.on_faces(fit.prepared.scan.thinned(FREEING_POINTS).points)
+        widths = np.geomspace(FREEING_DIAGONALS * fit.prepared.surface.diagonal, fit.floor, FREEING_STEPS)
+        here = fit.T_target_source
+        there = refine(Poses.of(here[None]), sample, fit.prepared.surface, widths).matrices[0]
+        scores = scores_of(fit, np.stack([here, there]))
+        gain, error = float(scores.means[1] - scores.means[0]), float(scores.deficit(1)[1][0])
+        shift = float(np.linalg.norm((there @ pose.inverse(here))[:3, 3]))
+        return gain if gain > MIN_GAIN_SIGMAS * error else 0.0, float(pose.angle_between(here, there)), shift
+
+    return fit.derived.once(FREED, freed)
 
 
 def _much_is_off(fit: Fit) -> bool:

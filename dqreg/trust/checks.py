@@ -114,6 +114,12 @@ QUESTIONS: dict[Code, tuple[str, Relation, Unit, Figures]] = {
         "1",
         lambda e: (e.share_near if math.isfinite(e.usual) else math.nan, limits.MIN_RATIO_TO_EARLIER * e.usual),
     ),
+    "forbidden_motion": (
+        "Log-likelihood that a motion gains which dof= or prior= forbids",
+        "at most",
+        "",
+        lambda e: (e.freed_gain, limits.FREED_GAIN),
+    ),
     "stretched": (f"Strain against the target{UNLESS}", "at most", "1", _stretch),
     "mirrored": (
         "Log-likelihood that mirroring the scan gains",

@@ -10,6 +10,7 @@ from dqreg.trust.evidence import Evidence
 from dqreg.trust.limits import (
     CONSTRAINT_LOG_LIKELIHOOD,
     DISAGREEING_NORMAL_SHARE,
+    FREED_GAIN,
     MAX_SIGMA_DIAGONALS,
     MAX_SIGMA_RAD,
     MIN_FRACTION_OF_ALL,
@@ -18,10 +19,10 @@ from dqreg.trust.limits import (
     MIN_RATIO_TO_EARLIER,
     MIRROR_GAIN,
     OFF_FACE_SHARE,
-    RESIDUAL_NOISE_RATIO,
     chance_limit,
     counts_all,
     fewest_carriers,
+    is_rough,
     most_clutter,
     most_patches_off,
     outlier_share,
@@ -95,8 +96,17 @@ def _falling_inlier_fraction(evidence: Evidence) -> Iterator[str]:
         )
 
 
+def _forbidden_motion(evidence: Evidence) -> Iterator[str]:
+    if evidence.freed_gain > FREED_GAIN:
+        yield (
+            f"the scan fits better after a rotation by {math.degrees(evidence.freed_rad):.2g} degrees and a shift by "
+            f"{evidence.length(evidence.freed_shift)} of the middle, which dof= or prior= forbids"
+        )
+
+
 def _mirrored(evidence: Evidence) -> Iterator[str]:
-    if evidence.mirror_gain > MIRROR_GAIN:
+    # A pose that is held away from its own may gain as much in the mirror.
+    if evidence.mirror_gain > MIRROR_GAIN and not evidence.freed_gain >= evidence.mirror_gain:
         # At a wrong scale neither image fits, and either may gain.
         scaled = evidence.stretch and not any(evidence.stretched_along)
         also = "; at another scale this may be otherwise" if scaled else ""
@@ -148,8 +158,8 @@ def _outliers(evidence: Evidence) -> Iterator[str]:
 
 
 def _large_residuals(evidence: Evidence) -> Iterator[str]:
-    noise = own_noise(evidence)
-    if noise > 0.0 and not evidence.width <= RESIDUAL_NOISE_RATIO * noise:
+    if is_rough(evidence):
+        noise = own_noise(evidence)
         yield (
             f"the residuals are {evidence.length(evidence.width)} (one sigma), "
             f"{evidence.width / noise:.0f} times the scan's own noise "
@@ -225,6 +235,8 @@ DOUBTS: tuple[tuple[Code, Callable[[Evidence], Iterator[str]]], ...] = (
     ("few_inliers", _few_inliers),
     ("low_inlier_fraction", _low_inlier_fraction),
     ("falling_inlier_fraction", _falling_inlier_fraction),
+    # Before what the shape seems to be at a pose that is held where the scan does not fit.
+    ("forbidden_motion", _forbidden_motion),
     # Before the mirror image: a part that shrank feigns one.
     ("stretched", stretched),
     ("mirrored", _mirrored),

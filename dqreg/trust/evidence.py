@@ -45,6 +45,11 @@ class Evidence:
         Of all lengths, where known.
     mirror_gain : float
         Mean log-likelihood that the scan gains when it is mirrored; minus infinity where that was not tested.
+    freed_gain : float
+        Mean log-likelihood that the scan gains where locked motions and a prior are left out; NaN where there are none,
+        or that was not asked.
+    freed_rad, freed_shift : float
+        Rotation, and displacement of the middle of the target, to the pose that gains it.
     stretch, stretched_along : float, tuple of 3 floats
         Significant strain of the scan against the target along an axis, below 0 where it is shorter; the axis is zero
         for a scale.
@@ -146,6 +151,9 @@ class Evidence:
     stretch: float = 0.0
     stretched_along: tuple[float, float, float] = (0.0, 0.0, 0.0)
     mirror_gain: float = -math.inf
+    freed_gain: float = math.nan
+    freed_rad: float = math.nan
+    freed_shift: float = math.nan
     usual: float = math.nan
     random_ratio: float = 0.0
     size: float = math.nan

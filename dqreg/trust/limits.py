@@ -33,6 +33,8 @@ RESIDUAL_NOISE_RATIO = 5.0
 MIN_NOISE_DIAGONALS = 4e-4
 # Mean log-likelihood that mirroring the scan may gain: good scans lose 0.25 and more, mirrored ones gain as much.
 MIRROR_GAIN = 0.015
+# The same of a motion that is locked, or held by a prior, asked where the residuals or that gain are too large.
+FREED_GAIN = 0.02
 # Residuals over those at random poses: scans come to 0.09 at most, noise that was accepted to 0.4 and more.
 CHANCE_RATIO = 0.25
 # Share of the scan on the target below which that ratio is to be less, in proportion.
@@ -116,6 +118,12 @@ def own_noise(evidence: Evidence) -> float:
     """The scan's own noise, by its neighbourhoods or from point to point: curved faces look noisy to the former."""
     local = max(evidence.local_noise, MIN_NOISE_DIAGONALS * evidence.size)
     return min(evidence.expected, local) if math.isfinite(evidence.local_noise * evidence.size) else evidence.expected
+
+
+def is_rough(evidence: Evidence) -> bool:
+    """Whether the residuals are far beyond the scan's own noise."""
+    noise = own_noise(evidence)
+    return noise > 0.0 and not evidence.width <= RESIDUAL_NOISE_RATIO * noise
 
 
 def fewest_carriers(inliers: float, *, of_both: bool = False) -> float:

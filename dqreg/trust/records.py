@@ -30,6 +30,7 @@ Code = Literal[
     "few_inliers",
     "low_inlier_fraction",
     "falling_inlier_fraction",
+    "forbidden_motion",
     "stretched",
     "mirrored",
     "deviating_patches",

@@ -123,3 +123,34 @@ def test_a_search_cut_short_says_so() -> None:
     result = dqreg.register(POINTS, PART, time_limit=1e-6)
     assert result.verdict.level != "accepted"
     assert {"search_time_limit", "not_converged"} & set(result.verdict.codes)
+
+
+TILT_DEG = 3.0
+
+
+def tilted(points: np.ndarray) -> np.ndarray:
+    """Points tilted about x, which "rz tx ty" locks."""
+    return pose.apply(pose.about(pose.exp(np.r_[np.deg2rad(TILT_DEG), np.zeros(5)]), PART.centre), points)
+
+
+@pytest.mark.parametrize("held", [{"dof": "rz tx ty tz"}, {"prior": (np.eye(4), 1e-12 * np.eye(6))}])
+def test_a_motion_that_is_forbidden_and_asked_for_is_named_with_its_size(held: dict[str, object]) -> None:
+    verdict = dqreg.register(tilted(POINTS), PART, "identity", **held).verdict
+    assert verdict.level == "suspect"
+    assert verdict.codes[0] == "forbidden_motion"
+    assert "a rotation by 3 degrees" in str(verdict.reasons[0])
+    # The part is the right one, and so is its hand.
+    assert "mirrored" not in verdict.codes
+
+
+def test_a_mirrored_scan_is_one_where_motions_are_locked_too() -> None:
+    for points in (POINTS, tilted(POINTS)):
+        mirrored = points * [1.0, -1.0, 1.0] + [0.0, 2.0 * PART.centre[1], 0.0]
+        assert "mirrored" in dqreg.register(mirrored, PART, "identity", dof="rz tx ty tz").verdict.codes
+
+
+def test_of_a_scan_that_fits_no_forbidden_motion_is_asked() -> None:
+    found = dqreg.register(tilted(POINTS), PART, "identity", dof="rx rz tx ty tz")
+    assert found.verdict.level == "accepted"
+    (check,) = [check for check in found.verdict.checks if check.code == "forbidden_motion"]
+    assert check.passed is None

@@ -241,6 +241,11 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
         "weakly_constrained",
     ),
     "mirrored": ({"mirror_gain": 0.1}, "the scan fits better when mirrored", "mirrored"),
+    "held away": (
+        {"mirror_gain": 0.1, "freed_gain": 0.3, "freed_rad": 0.05, "freed_shift": 1.25},
+        "after a rotation by 2.9 degrees and a shift by 1.25 of the middle, which dof= or prior= forbids",
+        "forbidden_motion",
+    ),
     "too short": (
         {"stretch": -0.1, "stretched_along": (0.0, 0.0, 1.0)},
         "10 % too short along (0.00, 0.00, 1.00)",
