@@ -67,13 +67,13 @@ class _Places:
 def near_maps(fit: Fit, *, of_any: bool = False) -> FloatArray:
     """Those that leave most of the target in place, and that put the scan's planes into others of its, (k, 4, 4).
 
-    A cloud is asked where the scan shows hardly more than planes, or in any case: only planes are found again so easily
-    elsewhere that it is worth a tenth of a registration.
+    A cloud is asked for more than its flips where the scan shows hardly more than planes, or in any case: only planes
+    are found again so easily elsewhere that it is worth a tenth of a registration.
     """
     surface = fit.prepared.surface
     scan = _planes_of_scan(fit) if isinstance(surface, CloudSurface) else None
-    if scan is not None and scan.flat < MIN_FLAT_SHARE and not of_any:
-        return _half_screws(fit)
+    if isinstance(surface, CloudSurface) and scan is not None and scan.flat < MIN_FLAT_SHARE and not of_any:
+        return np.concatenate([_flips_of_cloud(fit, surface), _half_screws(fit)])
     found = _places(fit)
     # All of a part fits in its own place, or after what leaves the part in place.
     if scan is None and not _reaches_over(fit, found.reach):
@@ -197,16 +197,25 @@ def _of_mesh(fit: Fit) -> _Places:
 
 def _of_cloud(fit: Fit, surface: CloudSurface) -> _Places:
     rows = sample_rows(len(surface._points), PLANE_POINTS)
-    tangent = _tangent(fit, surface)
-    facets = tangent.facets()
-    flips = near_flips(facets, tangent)
-    if len(flips):
-        # Moments of what was seen of a part are not the part's: its axes are off by a degree.
-        sample = OrientedPoints.on_faces(surface._points[sample_rows(len(surface._points), REFINING_POINTS)])
-        widths = np.geomspace(FIRST_SCALE_DIAGONALS, LAST_SCALE_DIAGONALS, REFINEMENT_STEPS) * surface.diagonal
-        flips = refine(Poses.of(flips), sample, surface, widths).matrices
-    maps = np.concatenate([flips, near_periods(facets, tangent, PERIOD_POINTS_OF_CLOUD)])
+    tangent, flips = _tangent(fit, surface), _flips_of_cloud(fit, surface)
+    maps = np.concatenate([flips, near_periods(tangent.facets(), tangent, PERIOD_POINTS_OF_CLOUD)])
     return _Places(maps, surface._points[rows], surface._planes_at(rows)[0], surface.diagonal)
+
+
+def _flips_of_cloud(fit: Fit, surface: CloudSurface) -> FloatArray:
+    """Rotations that leave most of a target cloud in place, (k, 4, 4)."""
+    derived, name = fit.problem.target.derived, f"flips {_counted(surface)}"
+    if name not in derived:
+        tangent = _tangent(fit, surface)
+        flips = near_flips(tangent.facets(), tangent)
+        if len(flips):
+            # Moments of what was seen of a part are not the part's: its axes are off by a degree.
+            sample = OrientedPoints.on_faces(surface._points[sample_rows(len(surface._points), REFINING_POINTS)])
+            widths = np.geomspace(FIRST_SCALE_DIAGONALS, LAST_SCALE_DIAGONALS, REFINEMENT_STEPS) * surface.diagonal
+            flips = refine(Poses.of(flips), sample, surface, widths).matrices
+        derived[name] = flips
+    found: FloatArray = derived[name]
+    return found
 
 
 def _tangent(fit: Fit, surface: CloudSurface) -> TangentPlanes:

@@ -28,25 +28,30 @@ from dqreg.search.symmetry import NEAR_SYMMETRY_DIAGONALS, NEAR_SYMMETRY_FRACTIO
 SYMMETRY_FRACTION, EXACT_DIAGONALS = 0.998, 1e-4
 # Points that check a motion.
 CHECKING_POINTS = 2_000
-# Those of them that screen it, and the fraction that these may lack.
-SCREENING_POINTS, SCREENING_SLACK = 100, 0.2
+# Those of them that screen it, few first, and the fraction that these may lack.
+SCREENING = ((25, 0.4), (100, 0.2))
 # A quarter of them is enough where it says this much more or less than is asked: two and a half standard deviations.
 EARLY_DIVISOR, EARLY_MARGIN = 4, 0.05
 # Axes of the faces that are this near to the principal ones are the same.
 SAME_FRAME_RAD = np.deg2rad(1.0)
 # Maps that differ by less are one: the refinement on the scan leads to the same pose from both.
 SAME_MAP_RAD = np.deg2rad(5.0)
+# Shifts of a rotation that differ by less, in sizes, are one.
+SAME_SHIFT_DIAGONALS = 0.5 * NEAR_SYMMETRY_DIAGONALS
+# Points and edge of the bins of heights that find them.
+PROFILE_POINTS, BIN_DIAGONALS = 1_000, 0.5 * NEAR_SYMMETRY_DIAGONALS
 
 
 def near_flips(mesh: Mesh, surface: Surface) -> FloatArray:
     """Rotations about the principal axes that leave most of a part in place, but not all of it; by a tooth, of a ring.
 
-    Shapes: returns (k, 4, 4). Some are `is_symmetry`: little noise may tell what they change.
+    About the centre, or where they lay its ends or its largest planes into each other: what is on one side alone moves
+    the centre. Shapes: returns (k, 4, 4). Some are `is_symmetry`: little noise may tell what they change.
     """
     ring = Ring.of(mesh, surface)
-    return _near_maps(
-        mesh, surface, _about(mesh, cube_rotations(), [*ring_steps(ring), *ring_flips(ring)]), EXACT_DIAGONALS
-    )
+    turns = _about(mesh, cube_rotations(), [*ring_steps(ring), *ring_flips(ring)])
+    laid = [T for axes in _frames(mesh) for T in _laid_into_itself(mesh, axes, surface.diagonal)]
+    return _near_maps(mesh, surface, [*_about_centre(mesh, turns), *laid], EXACT_DIAGONALS)
 
 
 def near_mirrors(mesh: Mesh, surface: Surface) -> FloatArray:
@@ -54,13 +59,13 @@ def near_mirrors(mesh: Mesh, surface: Surface) -> FloatArray:
 
     Shapes: returns (k, 4, 4).
     """
-    return _near_maps(mesh, surface, _about(mesh, [-R for R in cube_rotations()]), ON_PART_DIAGONALS)
+    mirrors = _about(mesh, [-R for R in cube_rotations()])
+    return _near_maps(mesh, surface, _about_centre(mesh, mirrors), ON_PART_DIAGONALS)
 
 
 def mirrors_about(mesh: Mesh) -> FloatArray:
     """All improper rotations about the centre of a part by its principal axes and its faces', (k, 4, 4)."""
-    centre = moments(mesh)[0]
-    return np.array([pose.from_parts(R, centre - R @ centre) for R in _about(mesh, [-R for R in cube_rotations()])])
+    return np.array(_about_centre(mesh, _about(mesh, [-R for R in cube_rotations()])))
 
 
 def is_symmetry(T: FloatArray, mesh: Mesh, surface: Surface, same: float = ON_PART_DIAGONALS) -> bool:
@@ -73,20 +78,84 @@ def is_symmetry(T: FloatArray, mesh: Mesh, surface: Surface, same: float = ON_PA
 
 def _about(mesh: Mesh, turns: Sequence[FloatArray], ring: Sequence[FloatArray] = ()) -> list[FloatArray]:
     """Orthogonal matrices in the frame of the principal axes and in that of the faces, as those of the part's frame."""
-    frames = [principal_axes(*moments(mesh))[1]]
-    faces = face_axes(mesh)
-    if faces is not None and np.abs(faces.T @ frames[0]).max(axis=0).min() < np.cos(SAME_FRAME_RAD):
-        frames.append(faces)
+    frames = _frames(mesh)
     # The identity and the inversion are the same in every frame.
     maps = [axes @ turn @ axes.T for axes in frames for turn in turns if axes is frames[0] or abs(np.trace(turn)) < 3.0]
     return maps + [frames[0] @ R @ frames[0].T for R in ring]
 
 
-def _near_maps(mesh: Mesh, surface: Surface, turns: list[FloatArray], same: float) -> FloatArray:
-    """Those of some orthogonal matrices that, about the centre, leave most of a part in place, but not all exactly."""
+def _frames(mesh: Mesh) -> list[FloatArray]:
+    """Axes of a part, one a column: the principal ones, and those of its faces where these are others."""
+    frames = [principal_axes(*moments(mesh))[1]]
+    faces = face_axes(mesh)
+    if faces is not None and np.abs(faces.T @ frames[0]).max(axis=0).min() < np.cos(SAME_FRAME_RAD):
+        frames.append(faces)
+    return frames
+
+
+def _about_centre(mesh: Mesh, turns: Sequence[FloatArray]) -> list[FloatArray]:
+    """Orthogonal matrices as motions about the centre of a part's surface."""
     centre = moments(mesh)[0]
+    return [pose.from_parts(R, centre - R @ centre) for R in turns]
+
+
+def _laid_into_itself(mesh: Mesh, axes: FloatArray, size: float) -> list[FloatArray]:
+    """Rotations along some axes with shifts that lay most of a part into itself, where they are not about its centre.
+
+    Along each axis the shift is that of its centre, of its ends or of its planes.
+    """
+    profile, centre = _Profile(mesh, axes, BIN_DIAGONALS * size), moments(mesh)[0] @ axes
+    laid = []
+    for turn in cube_rotations():
+        shift = np.array([profile.shift(int(k), j, turn[j, k]) for j, k in enumerate(np.abs(turn).argmax(axis=1))])
+        if np.abs(shift - (centre - turn @ centre)).max() > SAME_SHIFT_DIAGONALS * size:
+            laid.append(pose.from_parts(axes @ turn @ axes.T, axes @ shift))
+    return laid
+
+
+class _Profile:
+    """How much of a part lies at which height along each of its axes."""
+
+    def __init__(self, mesh: Mesh, axes: FloatArray, edge: float) -> None:
+        corners = mesh.vertices @ axes
+        self._middles = moments(mesh)[0] @ axes, 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+        self._heights = places_on(mesh, PROFILE_POINTS, np.random.default_rng(0))[0] @ axes
+        self._edge, self._low = edge, self._heights.min(axis=0)
+        self._bins = int(np.ptp(self._heights, axis=0).max() / edge) + 2
+        self._full = [self._counts(self._heights[:, k], k) for k in range(3)]
+        self._shifts: dict[tuple[int, int, float], float] = {}
+
+    def shift(self, one: int, other: int, sign: float) -> float:
+        """Shift after which most of the heights along one axis, of a sign, lie at heights along another."""
+        if one == other and sign > 0.0:
+            return 0.0
+        if (one, other, sign) not in self._shifts:
+            of_middles = [float(middle[other] - sign * middle[one]) for middle in self._middles]
+            shifts, moved = [*of_middles, *self._of_planes(one, other, sign)], sign * self._heights[:, one]
+            alike = [np.minimum(self._counts(moved + shift, other), self._full[other]).sum() for shift in shifts]
+            self._shifts[one, other, sign] = shifts[int(np.argmax(alike))]
+        return self._shifts[one, other, sign]
+
+    def _counts(self, heights: FloatArray, axis: int) -> FloatArray:
+        """Points in every two bins that follow each other, from the lowest of an axis on."""
+        rows = np.floor((heights - self._low[axis]) / self._edge).astype(np.int64)
+        counts = np.bincount(rows[(rows >= 0) & (rows < self._bins)], minlength=self._bins)
+        # A plane may lie where two bins meet.
+        return np.asarray(counts[1:] + counts[:-1], dtype=np.float64)
+
+    def _of_planes(self, one: int, other: int, sign: float) -> list[float]:
+        """Shifts with the largest sum of products of the counts, and of their squares: the largest planes decide."""
+        there, here = self._full[other], self._full[one][:: int(sign)]
+        # The lower end of the first bin of what is moved.
+        first = self._low[one] if sign > 0.0 else -(self._low[one] + self._bins * self._edge)
+        steps = [int(np.correlate(there**p, here**p, "full").argmax()) - len(here) + 1 for p in (1, 2)]
+        return [float(self._low[other] - first + step * self._edge) for step in steps]
+
+
+def _near_maps(mesh: Mesh, surface: Surface, motions: list[FloatArray], same: float) -> FloatArray:
+    """Those of some motions, proper or not, that leave most of a part in place, but not all exactly."""
     points = places_on(mesh, CHECKING_POINTS, np.random.default_rng(0))[0]
-    maps = np.array([pose.from_parts(R, centre - R @ centre) for R in turns])
+    maps = np.array(motions)
     away, asked = np.zeros((len(maps), len(points))), np.zeros(len(points), dtype=bool)
 
     def shares(rows: IntArray, every: int) -> tuple[FloatArray, FloatArray]:
@@ -101,17 +170,18 @@ def _near_maps(mesh: Mesh, surface: Surface, turns: list[FloatArray], same: floa
         known = away[rows, ::every]
         return (known <= NEAR_SYMMETRY_DIAGONALS).mean(axis=1), (known <= same).mean(axis=1)
 
-    # Few points of all rotations in one query; most rotations move most of the part far away.
-    rows = np.flatnonzero(
-        shares(np.arange(len(maps)), CHECKING_POINTS // SCREENING_POINTS)[0] >= NEAR_SYMMETRY_FRACTION - SCREENING_SLACK
-    )
+    # Few points of all motions in one query; most move most of the part far away.
+    rows = np.arange(len(maps))
+    for count, slack in SCREENING:
+        rows = rows[shares(rows, CHECKING_POINTS // count)[0] >= NEAR_SYMMETRY_FRACTION - slack]
     nearly, exactly = shares(rows, EARLY_DIVISOR)
     unclear = (np.abs(nearly - NEAR_SYMMETRY_FRACTION) <= EARLY_MARGIN) | (exactly >= SYMMETRY_FRACTION - EARLY_MARGIN)
     nearly[unclear], exactly[unclear] = shares(rows[unclear], 1)
     fits = np.flatnonzero((nearly >= NEAR_SYMMETRY_FRACTION) & (exactly < SYMMETRY_FRACTION))
+    exact = list(maps[rows[exactly >= SYMMETRY_FRACTION]])
     kept: list[FloatArray] = []
     for T in maps[rows[fits[np.argsort(-nearly[fits], kind="stable")]]]:
-        # Both frames may come near to one symmetry.
-        if all(angle_of(T[:3, :3] @ other[:3, :3].T) > SAME_MAP_RAD for other in kept):
+        # Both frames, and both shifts, may come near to one symmetry.
+        if all(angle_of(T[:3, :3] @ other[:3, :3].T) > SAME_MAP_RAD for other in [*exact, *kept]):
             kept.append(T)
     return np.array(kept).reshape(-1, 4, 4)

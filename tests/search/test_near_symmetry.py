@@ -165,3 +165,36 @@ def test_a_pose_that_is_one_tooth_off_is_told() -> None:
     assert min(pose.angle_between(T, np.eye(4)) for T, _ in found) <= 2e-3
     # And from the truth none of the others is as good.
     assert flipped_poses(np.eye(4), flips, scan, surface, limit, floor) == []
+
+
+def maps_onto(maps: np.ndarray, R: np.ndarray, mesh: Mesh) -> float:
+    """Largest share of a part that one of some motions with a rotation leaves in place to a hundredth of its size."""
+    points = sample_mesh(mesh, 2_000, np.random.default_rng(5)).points
+    alike = [T for T in maps if angle_of(T[:3, :3] @ R.T) < np.deg2rad(3.0)]
+    surface = MeshSurface(mesh)
+    away = [surface.closest(pose.apply(T, points)).distances for T in alike]
+    return max((float(np.mean(each < 5e-3 * mesh.diagonal)) for each in away), default=0.0)
+
+
+def test_a_plate_with_a_block_on_one_side_has_its_half_turns() -> None:
+    # The block moves the centre of the surface by 3 % of the size, and a half-turn about that moves all of the plate.
+    x, y, z = np.array([0.0, 80.0, 100.0]), np.array([0.0, 40.0, 60.0]), np.array([0.0, 5.0, 25.0])
+    filled = np.ones((2, 2, 2), dtype=bool)
+    filled[:, :, 1] = [[False, False], [False, True]]
+    mesh = Mesh(*weld(cells([x, y, z], filled)))
+    assert np.linalg.norm(mesh._moments[0][:2] - [50.0, 30.0]) > 0.03 * mesh.diagonal
+    flips = near_flips(mesh, MeshSurface(mesh))
+    for signs in ([1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]):
+        assert maps_onto(flips, np.diag(signs), mesh) > 0.75
+
+
+def test_a_sheet_with_unequal_legs_to_either_side_has_the_half_turn_about_its_web() -> None:
+    # A Z whose legs are 30 and 60 long: its planes come to lie in each other, its ends do not.
+    x, z = np.array([0.0, 2.0, 32.0, 60.0, 62.0, 120.0]), np.array([0.0, 2.0, 60.0, 62.0])
+    filled = np.zeros((5, 1, 3), dtype=bool)
+    filled[2:4, :, 0] = True
+    filled[3, :, :] = True
+    filled[3:, :, 2] = True
+    mesh = Mesh(*weld(cells([x, np.array([0.0, 80.0]), z], filled)))
+    flips = near_flips(mesh, MeshSurface(mesh))
+    assert maps_onto(flips, np.diag([-1.0, 1.0, -1.0]), mesh) > 0.75
