@@ -117,35 +117,55 @@ def _or_narrow(
     moves two views that have little in common on top of each other. A narrow one falls at once, and finds one side of
     the plate, or is held until the pose rests, which walls that few points show may need.
     """
-    plan, planes = level.plan, _near(level, None)
-    before = find_correspondences(planes.scan, planes.surface, start)
-    widest = NEAR_WIDTH * level.surface.diagonal
-    narrow, narrower = (
-        InlierMixture.starting(max(scale, level.floor), plan.max_distance)
-        for scale in (widest, min(widest, float(np.quantile(before.distances, IN_COMMON))))
-    )
     history, best = run.history, run
+    narrow = _Narrow.at(_near(level, None), start, level.floor)
     for is_held in (False, True):
-        mixture, pairs = narrower, before
-        if is_held:
-            held = planes.once(narrow, FINE, observe, history[-1].number + 1, before)
-            history, pairs = history + held.history, held.pairs
-            if held.status == STOPPED:
-                return replaced(best, status=STOPPED, history=history), near
-            within = pairs.distances[pairs.distances <= plan.max_distance]
-            mixture = narrow.fit(within, floor=planes.floor, rounds=PATIENT.rounds)
-        other = planes.descend(mixture, pairs.T_target_source, TRACKING, observe, history[-1].number + 1, before=pairs)
-        history += other.history
-        if other.status == STOPPED:
+        found = narrow.descend(observe, history[-1].number + 1, is_held=is_held)
+        history += found.history
+        if found.status == STOPPED:
             return replaced(best, status=STOPPED, history=history), near
-        other_near = _near(level, other)
-        apart = level.scan._spread.motion(best.T_target_source, other.T_target_source)
+        apart = level.scan._spread.motion(best.T_target_source, found.T_target_source)
         if _is_near(level, best.mixture) and apart <= TOGETHER * best.mixture.scale:
             # Both ways lead to one place.
             break
-        if not other.ended_early and _is_likelier((other_near, other), (near, best)):
-            best, near = other, other_near
+        found_near = _near(level, found)
+        if not found.ended_early and _is_likelier((found_near, found), (near, best)):
+            best, near = found, found_near
     return replaced(best, history=history), near
+
+
+@dataclasses.dataclass(frozen=True)
+class _Narrow:
+    """What leads between two clouds by planes alone from a start, at a narrow kernel."""
+
+    level: Level
+    before: Correspondences  # At the start
+    widest: InlierMixture  # Of the kernels that are narrow
+    closest: InlierMixture  # As narrow as what both views have in common is close, where that is less
+
+    @staticmethod
+    def at(level: Level, start: FloatArray, floor: float) -> _Narrow:
+        """From a start, on a level of planes; no kernel is narrower than the floor."""
+        before = find_correspondences(level.scan, level.surface, start)
+        widest = NEAR_WIDTH * level.surface.diagonal
+        closest = min(widest, float(np.quantile(before.distances, IN_COMMON)))
+        kernels = [InlierMixture.starting(max(scale, floor), level.plan.max_distance) for scale in (widest, closest)]
+        return _Narrow(level, before, *kernels)
+
+    def descend(self, observe: Observer | None, first: int, *, is_held: bool) -> Alignment:
+        """The end where the kernel falls at once, or is held until the pose rests; with the history of both."""
+        if not is_held:
+            return self._fall(self.closest, self.before, observe, first)
+        held = self.level.once(self.widest, FINE, observe, first, self.before)
+        if held.status == STOPPED:
+            return held
+        within = held.pairs.distances[held.pairs.distances <= self.level.plan.max_distance]
+        learned = self.widest.fit(within, floor=self.level.floor, rounds=PATIENT.rounds)
+        fallen = self._fall(learned, held.pairs, observe, first + len(held.history))
+        return replaced(fallen, history=held.history + fallen.history)
+
+    def _fall(self, mixture: InlierMixture, pairs: Correspondences, observe: Observer | None, first: int) -> Alignment:
+        return self.level.descend(mixture, pairs.T_target_source, TRACKING, observe, first, before=pairs)
 
 
 def _is_likelier(one: tuple[Level, Alignment], other: tuple[Level, Alignment]) -> bool:

@@ -195,49 +195,76 @@ def _best(fits: list[Fit], start: FloatArray | None) -> Known:
     found = [fit for fit in fits if fit.found]
     if not found:
         return Known(fits[0], NO_POSES, searched=True)
-    scores = scores_of(found[0], np.stack([fit.T_target_source for fit in found]))
-    means = scores.means
-    order = np.argsort(-means, kind="stable")
-    deficit, error = scores.deficit(int(order[0]))
-    as_likely = np.minimum(EQUAL_LOG_LIKELIHOOD, EQUAL_SIGMAS * error + REFINEMENT_ROUNDING)
-    worse = scores.distinguishable(int(order[0])) | (deficit > as_likely)
-    # Among equals the pose that the start leads to goes first, then the one nearest to the start.
-    likely = [int(k) for k in order if not worse[k]]
-    offsets = [offset_from_start(one, one.T_target_source, start) for one in found]
-    likely.sort(key=lambda k: (found[k] is not fits[0], offsets[k]))
+    candidates = _Candidates(found, start, has_first=found[0] is fits[0])
+    best = candidates.best()
+    others = np.array([found[k].T_target_source for k in candidates.equals_of(best)]).reshape(-1, 4, 4)
+    return Known(found[best], others, searched=True)
 
-    @functools.cache
-    def sound(k: int) -> bool:
+
+class _Candidates:
+    """Fits of one scan, of which one is the answer; the first may be that to which the start leads."""
+
+    def __init__(self, fits: list[Fit], start: FloatArray | None, *, has_first: bool) -> None:
+        self._fits, self._has_first = fits, has_first
+        self._scores = scores_of(fits[0], np.stack([fit.T_target_source for fit in fits]))
+        self._offsets = [offset_from_start(fit, fit.T_target_source, start) for fit in fits]
+        # The most likely one first.
+        self._order = [int(k) for k in np.argsort(-self._scores.means, kind="stable")]
+        deficit, error = self._scores.deficit(self._order[0])
+        as_likely = np.minimum(EQUAL_LOG_LIKELIHOOD, EQUAL_SIGMAS * error + REFINEMENT_ROUNDING)
+        worse = self._scores.distinguishable(self._order[0]) | (deficit > as_likely)
+        # Among equals that to which the start leads goes first, then the one nearest to the start.
+        self._likely = [k for k in self._order if not worse[k]]
+        self._likely.sort(key=lambda k: (not has_first or k > 0, self._offsets[k]))
         # Asked as late as can be: a verdict takes about as long as a registration.
-        return is_sound(found[k], ask_mirror=True)
+        self._is_sound = functools.cache(lambda k: is_sound(fits[k], ask_mirror=True))
 
-    best = next((k for k in likely if sound(k) and not is_doubtful(found[k], ask_mirror=True)), None)
-    if best and found[0] is fits[0] and fits[0].target.kind == "cloud" and not is_doubtful(found[0], ask_mirror=True):
+    def best(self) -> int:
+        """The answer: what the first rule that finds one says."""
+        for rule in (self._undoubted, self._sound_first, self._sound_and_better, self._sound_in_scene):
+            if (best := rule()) is not None:
+                return best
+        return self._likeliest()
+
+    def equals_of(self, best: int) -> list[int]:
+        """Others that explain the scan about as well, without those that the verdict refuses where the best passes."""
+        apart = self._scores.distinguishable(best) | (self._scores.deficit(best)[0] > EQUAL_LOG_LIKELIHOOD)
+        others = [k for k in range(len(self._fits)) if k != best and not apart[k]]
+        return [k for k in others if self._is_sound(k) or not self._is_sound(best)]
+
+    def _undoubted(self) -> int | None:
+        best = next((k for k in self._likely if self._is_sound(k) and not self._is_doubtful(k)), None)
         # How much two clouds have in common differs from place to place: where nothing speaks against either pose, the
         # one that the start leads to is meant.
-        gain, sigma = float(means[best] - means[0]), float(scores.deficit(best)[1][0])
-        best = best if gain > max(MIN_LOG_GAIN, MIN_GAIN_SIGMAS * sigma) else 0
-    if best is None and found[0] is fits[0] and sound(0) and not _is_beside(found[0]):
+        if best and self._has_first and self._fits[0].target.kind == "cloud" and not self._is_doubtful(0):
+            return best if self._gains(best, MIN_GAIN_SIGMAS) else 0
+        return best
+
+    def _sound_first(self) -> int | None:
         # In doubt, but no other pose is free of it: what the verdict refuses displaces nothing.
-        best = 0
-    if best is None:
-        # What the verdict has nothing against goes before what it refuses, where it explains the scan better too: among
-        # equals of a scan that lies off the part, the one that happens to pass would be chosen.
-        gains = [float(means[k] - means[0]) for k in range(len(found))]
-        errors = [float(scores.deficit(k)[1][0]) for k in range(len(found))]
-        best = next((k for k in likely if gains[k] > max(MIN_LOG_GAIN, EQUAL_SIGMAS * errors[k]) and sound(k)), None)
-    if best is None and is_scene(fits[0]):
+        return 0 if self._has_first and self._is_sound(0) and not _is_beside(self._fits[0]) else None
+
+    def _sound_and_better(self) -> int | None:
+        # Among equals of a scan that lies off the part, the one that happens to pass would be chosen.
+        return next((k for k in self._likely if self._gains(k, EQUAL_SIGMAS) and self._is_sound(k)), None)
+
+    def _sound_in_scene(self) -> int | None:
         # A face of the part on the table explains more of a scene than the part does; the verdict is not deceived.
-        best = next((int(k) for k in order if sound(int(k))), None)
-    if best is None:
-        best = likely[0]
-        gain, sigma = float(means[best] - means[0]), float(scores.deficit(best)[1][0])
+        return next((k for k in self._order if self._is_sound(k)), None) if is_scene(self._fits[0]) else None
+
+    def _likeliest(self) -> int:
+        best = self._likely[0]
         # A rough initial pose is meant all the same: a pose far from it has to be significantly better.
-        is_better = gain > MIN_LOG_GAIN and (offsets[best] <= 1.0 or gain > MIN_GAIN_SIGMAS * sigma)
-        best = best if is_better or found[0] is not fits[0] else 0
-    apart = scores.distinguishable(best) | (scores.deficit(best)[0] > EQUAL_LOG_LIKELIHOOD)
-    others = [k for k in range(len(found)) if k != best and not apart[k] and (sound(k) or not sound(best))]
-    return Known(found[best], np.array([found[k].T_target_source for k in others]).reshape(-1, 4, 4), searched=True)
+        is_better = self._gains(best, 0.0 if self._offsets[best] <= 1.0 else MIN_GAIN_SIGMAS)
+        return best if is_better or not self._has_first else 0
+
+    def _is_doubtful(self, k: int) -> bool:
+        return is_doubtful(self._fits[k], ask_mirror=True)
+
+    def _gains(self, k: int, sigmas: float) -> bool:
+        """Whether one explains the scan better than the first, by so many standard errors at least."""
+        gain = float(self._scores.means[k] - self._scores.means[0])
+        return gain > max(MIN_LOG_GAIN, sigmas * float(self._scores.deficit(k)[1][0]))
 
 
 def meant_copy(fit: Fit, start: FloatArray, kernel_scale: float) -> tuple[Fit, FloatArray]:

@@ -145,35 +145,40 @@ def not_judged(fit: Fit) -> Registration:
 
 
 def second_try(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
-    """The best of a fit, its near symmetries and, where that is in doubt, of a search; of what there is time for."""
-    is_given = fit.problem.start is not None
-    known, near = Known(fit, start.others), NO_POSES
+    """The best of a fit, its near symmetries and, where that is in doubt, of a search; of what there is time for.
+
+    Each step may be the last one, where the time is up: what is known after it is the answer.
+    """
+    is_given, kernel_scale = fit.problem.start is not None, search.kernel_scale
+    T_given = start.T_target_source if is_given else None
+    known, equals = Known(fit, start.others), NO_POSES
     with suppress(TimeUpError), until(fit.problem.watch.deadline):
         fit, _ = without_slide(down_to_noise(fit))
         known = Known(fit, start.others)
-        if is_given:
+        if T_given is not None:
             begin_judging(fit)
-            fit, near = best_near_symmetric(fit, search.kernel_scale)
+            fit, equals = best_near_symmetric(fit, kernel_scale)
             # What is asked of a pose is asked of the answer, with its unconstrained motions as they were given.
-            fit = without_drift(fit, start.T_target_source)
+            fit = without_drift(fit, T_given)
             known = Known(fit, start.others)
         fit = in_doubt_on_all_points(fit)
         known = best_known(fit, start, search)
         if is_doubtful(known.fit):
             known = replaced(known, fit=without_slide(known.fit, MAY_HOLD)[0])
-        if known.fit is not fit or (not is_given and isinstance(fit.prepared.surface, MeshSurface)):
+        is_other = known.fit is not fit
+        if is_other or (not is_given and isinstance(fit.prepared.surface, MeshSurface)):
             # A search sees a sample: few points may tell its pose from a nearly symmetric one that it missed.
-            best, near = best_near_symmetric(known.fit, search.kernel_scale)
+            best, equals = best_near_symmetric(known.fit, kernel_scale)
             known = replaced(known, fit=best)
-        best, turned = best_on_ring(known.fit, start.T_target_source if is_given else None, search.kernel_scale)
+        best, turned = best_on_ring(known.fit, T_given, kernel_scale)
         known = replaced(known, fit=on_best_sides(best), turned=turned)
-        if is_given:
-            meant, copies = meant_copy(known.fit, start.T_target_source, search.kernel_scale)
-            known, near = replaced(known, fit=meant), np.concatenate([near, copies])
-        near = but_on_the_way(known.fit, near, search.kernel_scale if fit.problem.options.method == "auto" else None)
-    if is_given:
-        known = replaced(known, fit=without_drift(known.fit, start.T_target_source))
-    return replaced(known, others=np.concatenate([known.others, near]))
+        if T_given is not None:
+            meant, copies = meant_copy(known.fit, T_given, kernel_scale)
+            known, equals = replaced(known, fit=meant), np.concatenate([equals, copies])
+        equals = but_on_the_way(known.fit, equals, kernel_scale if fit.problem.options.method == "auto" else None)
+    if T_given is not None:
+        known = replaced(known, fit=without_drift(known.fit, T_given))
+    return replaced(known, others=np.concatenate([known.others, equals]))
 
 
 def registration_of(
