@@ -63,8 +63,9 @@ def figures_of(evidence: Evidence, codes: Sequence[str]) -> dict[str, float]:
         "normals_apart": min(10.0 * evidence.normals_apart, 3.0),
         "width": _log(wide, -1.0, 1.5),
         "random_ratio": min(10.0 * evidence.random_ratio, 5.0),
-        "sigma": max((_log(sigma, -5.0, 0.0) for sigma in sigmas), default=0.0),
-        "carriers": min((_log(carriers, 0.0, 3.0) for carriers in evidence.carriers), default=0.0),
+        # Where all motions are locked none is uncertain.
+        "sigma": max((_log(sigma, -5.0, 0.0) for sigma in sigmas), default=-5.0),
+        "carriers": min((_log(carriers, 0.0, 3.0) for carriers in evidence.carriers), default=3.0),
         "rivals": float(min(sum(not other.symmetry for other in evidence.alternatives), 2)),
         "strays": evidence.strays,
         "contradicting": min(10.0 * evidence.share_contradicting, 3.0),

@@ -34,6 +34,19 @@ def test_no_pose_and_a_later_doubt_have_no_confidence():
     assert verdict == dataclasses.replace(verdict, confidence=math.nan), "a probability is no part of what is decided"
 
 
+def test_no_motion_that_is_left_is_no_uncertain_one():
+    mesh = dqreg.Mesh(*bracket())
+    part, rng = dqreg.prepare_target(mesh), np.random.default_rng(0)
+    points = dqreg.geometry.sample_mesh(mesh, 1500, rng).points + 0.02 * rng.normal(size=(1500, 3))
+    locked = part.register(points, "identity", dof="none", search="never")
+    free = part.register(points, "identity", search="never")
+    # Locked at the truth, a pose is as sure as can be; with one that is off by 1 % of the size, it is still refused.
+    assert locked.verdict.level == "accepted"
+    assert locked.verdict.confidence >= free.verdict.confidence
+    off = part.register(points, dqreg.rigid.pose.exp([0, 0, 0, 1.5, 0, 0]), dof="none", search="never")
+    assert off.verdict.level == "suspect"
+
+
 def test_the_names_of_the_weights_are_those_of_the_figures():
     part = dqreg.Mesh(*bracket())
     with figures_taken() as taken:
