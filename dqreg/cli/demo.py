@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from dqreg.cli.outputs import consoles, quiet_option, say, write_outputs
+from dqreg.cli.outputs import consoles, quiet_option, say, write_aligned
 from dqreg.cli.values import FILE
 from dqreg.kernels.second_process import start_where_nothing_is_kept
 
@@ -65,7 +65,9 @@ def demo(out: Path, quiet: bool) -> int:
     print_summary(console, result)
     if math.isfinite(result.rms):
         _print_error(console, result.T_target_source, case.T_target_source, case.part, case.units, case.truth)
-    write_outputs(result, result_path, aligned_path, console)
+    result.save(result_path)
+    say(console, f"wrote {result_path}")
+    write_aligned(result, aligned_path, console)
     result.report(report_path, tolerance=TOLERANCE_MM, start=case.T_start)
     say(console, f"wrote {report_path}: open it in a browser")
     return 0 if result.verdict.level == "accepted" else 1

@@ -9,7 +9,7 @@ import threading
 
 from dqreg.cli.signals import Signals, leave, leave_at_once, listen, say
 
-BAD_INPUT, STOPPED = 2, 130
+BAD_INPUT, BROKEN, STOPPED = 2, 4, 130
 # What is wrong with a path itself, wherever it is first used.
 UNUSABLE = (errno.ENAMETOOLONG, errno.ELOOP)
 # Codes above it say which signal ended the program.
@@ -35,7 +35,7 @@ def console() -> None:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run the command line and exit; expected errors are one line on stderr, unexpected ones keep their trace."""
+    """Run the command line and exit; expected errors are one line on stderr, unexpected ones a trace."""
     for name in ("COLUMNS", "LINES"):
         # A terminal of no width, as some services set it, would be shown nothing at all.
         if not os.environ.get(name, "1").strip("0"):
@@ -56,7 +56,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def _tell(error: BaseException) -> int:
-    """Say what went wrong; unexpected errors go on as they are."""
+    """Say what went wrong, the trace with what nobody has expected; what ends Python goes on as it is."""
     import click
 
     from dqreg.errors import DqregError
@@ -78,13 +78,17 @@ def _tell(error: BaseException) -> int:
         # What is still in the buffer would fail once more at the very end.
         sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115, PTH123
         return _bad(f"cannot write to the standard output: {error.strerror or error}")
-    raise error
+    if not isinstance(error, Exception):
+        raise error
+    # Python itself would end with the code of a pose that is not trusted.
+    sys.excepthook(type(error), error, error.__traceback__)
+    return _bad(f"unexpected {type(error).__name__}, an error of dqreg: please report it with this trace", BROKEN)
 
 
-def _bad(message: str) -> int:
+def _bad(message: str, code: int = BAD_INPUT) -> int:
     import click
 
     from dqreg.errors import printable
 
     click.echo(f"dqreg: error: {printable(' '.join(message.split()))}", err=True)
-    return BAD_INPUT
+    return code

@@ -88,11 +88,27 @@ def print_json(value: Any) -> None:
         into_the_void()
 
 
-def write_outputs(result: Registration, out: Path | None, aligned: Path | None, console: Console) -> None:
-    """Write the result and the moved scan."""
+def tell_result(
+    result: Registration, native: Registration, out: Path | None, aligned: Path | None, console: Console
+) -> None:
+    """Write the result in the target's unit, and print its summary: whatever goes wrong with one, the other is done.
+
+    And write the moved scan.
+    """
+    from dqreg.report import print_summary
+
+    try:
+        if out is not None:
+            native.save(out)
+    finally:
+        print_summary(console, result)
     if out is not None:
-        result.save(out)
         say(console, f"wrote {out}")
+    write_aligned(native, aligned, console)
+
+
+def write_aligned(result: Registration, aligned: Path | None, console: Console) -> None:
+    """Write the moved scan."""
     if aligned is None:
         return
     if not math.isfinite(result.rms):

@@ -18,7 +18,7 @@ from dqreg.cli.outputs import (
     tell_decision,
     tell_deviations,
     tell_report,
-    write_outputs,
+    tell_result,
 )
 from dqreg.cli.overwriting import require_apart
 from dqreg.cli.values import FILE, UNITS, ScaleType, ToleranceType
@@ -135,7 +135,7 @@ def register_command(
     from dqreg.inspection import decide
     from dqreg.inspection.tolerances import share_of_percent, tolerance_of
     from dqreg.registration.display_unit import shown_target
-    from dqreg.report import make_progress, print_summary
+    from dqreg.report import make_progress
 
     # Asked before the work starts, so that no result is lost after it.
     require_apart((scan, target), {"--out": out, "--report": report, "--aligned": aligned, "--deviations": deviations})
@@ -159,8 +159,7 @@ def register_command(
     result = unit.named(result, target)
     if allowed is not None:
         refuse_swapped(result, scan, target)
-    print_summary(console, result)
-    write_outputs(unit.native(result), out, aligned, console)
+    tell_result(result, unit.native(result), out, aligned, console)
     measured = decision = None
     trusted = result.verdict.level == "accepted"
     if deviations is not None or allowed is not None:

@@ -56,14 +56,19 @@ def summary_rows(result: RegistrationResult) -> list[tuple[str, str]]:
                 f"of the inliers {result.rms:.4g}{unit}",
             )
         )
-        weakest = result.observability[0]
-        noun = "part" if settings["target_kind"] == "mesh" else "scan"
-        length = f"{weakest.sigma:.2g}{unit or ' in the unit of the target'}"
-        known = (
-            f"one sigma displaces the {noun} by up to {length}" if np.isfinite(weakest.sigma) else "no sigma is known"
-        )
-        rows.append(("weakest", f"{weakest.words} ({known})"))
+        rows.append(("weakest", weakest_words(result)))
     return rows
+
+
+def weakest_words(result: RegistrationResult) -> str:
+    """The motion that is constrained least, and what one sigma of it does."""
+    if not result.observability:
+        return "none: all degrees of freedom are locked"
+    weakest, settings = result.observability[0], result.settings
+    noun = "part" if settings["target_kind"] == "mesh" else "scan"
+    length = f"{weakest.sigma:.2g}{unit_words(settings['target_units']) or ' in the unit of the target'}"
+    known = f"one sigma displaces the {noun} by up to {length}" if np.isfinite(weakest.sigma) else "no sigma is known"
+    return f"{weakest.words} ({known})"
 
 
 def confidence_words(result: RegistrationResult) -> str:

@@ -54,6 +54,38 @@ def test_locked_motions_stay_as_in_the_start(tmp_path, case, start, capsys):
     assert "dof" in capsys.readouterr().err
 
 
+def test_a_pose_that_is_locked_is_judged_where_it_is(tmp_path, case, capsys):
+    start, out = tmp_path / "right.txt", tmp_path / "result.json"
+    np.savetxt(start, case.T_target_source)
+    words = ("register", case.scan, case.part, "--start", start, "--effort", "fast", "--dof", "none", "--out", out)
+    assert run(*words) == 0
+    assert "weakest  none: all degrees of freedom are locked" in capsys.readouterr().out
+    found = Registration.load(out)
+    np.testing.assert_allclose(found.T_target_source, case.T_target_source, atol=1e-9)
+    assert (found.verdict.level, found.observability) == ("accepted", ())
+
+
+def test_an_error_of_ours_has_its_trace_and_its_exit_code_and_the_result_stays(
+    tmp_path, case, start, capsys, monkeypatch
+):
+    def broken(*_: object) -> None:
+        raise IndexError("tuple index out of range")
+
+    out = tmp_path / "result.json"
+    monkeypatch.setattr("dqreg.report.print_summary", broken)
+    assert run("register", case.scan, case.part, "--start", start, "--effort", "fast", "--out", out) == 4
+    told = capsys.readouterr().err
+    assert "Traceback" in told
+    assert told.splitlines()[-1].startswith("dqreg: error: unexpected IndexError, ")
+    assert Registration.load(out).verdict.level == "accepted"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+def test_a_result_that_cannot_be_written_is_shown(case, start, capsys):
+    assert run("register", case.scan, case.part, "--start", start, "--effort", "fast", "--out", "/dev/full") == 2
+    assert "ACCEPTED" in capsys.readouterr().out
+
+
 def test_a_time_limit_is_said(case, start, capsys):
     code = run("register", case.scan, case.part, "--start", start, "--time-limit", "1e-6")
     assert code == 1
