@@ -144,7 +144,33 @@ def test_a_command_of_a_row_runs(command: str, folder: Path, monkeypatch: pytest
         assert (folder / name).exists()
 
 
+UNMOVED = sorted({here for _, there, here in rows() if "-C2M_DIST" in there or "colour map" in there})
+
+
+@pytest.mark.parametrize("command", UNMOVED)
+def test_distances_to_a_part_are_those_of_the_scan_as_it_lies(
+    command: str, folder: Path, names: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    from dqreg.cli.main import main
+
+    monkeypatch.chdir(folder)
+    shifted = pose.apply(T_TRUE, names["source"]) + np.array([0.8, -0.5, 0.3])
+    write_cloud(folder / "shifted.ply", shifted)
+    words = shlex.split(re.sub(r" --(report|deviations) \S+", "", command).replace(" scan.ply ", " shifted.ply "))[1:]
+    with pytest.raises(SystemExit) as stop:
+        main([*words, "--quiet", "--effort", "fast", "--deviations", "shifted.npy"])
+    # It lies a shift off the part, and the verdict says so.
+    assert stop.value.code == 1
+    ours = np.load(folder / "shifted.npy")
+    _, theirs, _ = trimesh.proximity.closest_point(trimesh.load(folder / "part.stl"), shifted)
+    # Points and part are float32 in their files: 156 mm in steps of 1e-5. A shift leaves faces by up to its length.
+    np.testing.assert_allclose(np.abs(ours), theirs, atol=5e-5)
+    assert 0.8 < theirs.max() < 1.0
+
+
 def test_every_program_has_its_rows() -> None:
+    assert len(UNMOVED) == 3
     counts = {name: sum(section == name for section, _, _ in rows()) for name, _, _ in rows()}
     least = {"Open3D": 6, "small_gicp": 3, "KISS-ICP": 3, "CloudCompare": 6, "PolyWorks|Inspector": 7}
     assert counts.keys() == least.keys()
