@@ -73,7 +73,9 @@ def near_maps(fit: Fit, *, of_any: bool = False) -> FloatArray:
     surface = fit.prepared.surface
     scan = _planes_of_scan(fit) if isinstance(surface, CloudSurface) else None
     if isinstance(surface, CloudSurface) and scan is not None and scan.flat < MIN_FLAT_SHARE and not of_any:
-        return np.concatenate([_flips_of_cloud(fit, surface), _half_screws(fit)])
+        # What a sensor saw from its stand, a street or a room, is no part that may lie the other way up.
+        around = fit.prepared.is_from_a_stand
+        return _half_screws(fit) if around else np.concatenate([_flips_of_cloud(fit, surface), _half_screws(fit)])
     found = _places(fit)
     # All of a part fits in its own place, or after what leaves the part in place.
     if scan is None and not _reaches_over(fit, found.reach):
