@@ -45,9 +45,15 @@ SAME_SURFACE = 1e-7
 # Bytes of a statement that is searched for, and statements of units that are looked at.
 STATEMENT, STATEMENTS = 2_000, 100
 
+# At its start cascadio loads trimesh, three quarters of the time of a small file, and here nothing asks for it.
 TESSELLATE = """
 import sys
-import cascadio
+sys.modules["trimesh"] = None
+try:
+    import cascadio
+except ImportError:
+    del sys.modules["trimesh"]
+    import cascadio
 path, out, chord, turn = words
 sys.exit(cascadio.step_to_glb(path, out, float(chord), float(turn), include_brep=True))
 """
