@@ -71,17 +71,17 @@ def multiply(p: ArrayLike, q: ArrayLike) -> FloatArray:
     >>> multiply([3, 1, -2, 1], [2, -1, 2, 3]).tolist()
     [8.0, -9.0, -2.0, 11.0]
     """
-    p0, p1, p2, p3 = np.moveaxis(as_quaternions(p, "p"), -1, 0)
-    q0, q1, q2, q3 = np.moveaxis(as_quaternions(q, "q"), -1, 0)
-    return np.stack(
-        [
-            p0 * q0 - p1 * q1 - p2 * q2 - p3 * q3,
-            p0 * q1 + p1 * q0 + p2 * q3 - p3 * q2,
-            p0 * q2 - p1 * q3 + p2 * q0 + p3 * q1,
-            p0 * q3 + p1 * q2 - p2 * q1 + p3 * q0,
-        ],
-        axis=-1,
-    )
+    p, q = as_quaternions(p, "p"), as_quaternions(q, "q")
+    p0, p1, p2, p3 = (p[..., k] for k in range(4))
+    q0, q1, q2, q3 = (q[..., k] for k in range(4))
+    scalar = p0 * q0 - p1 * q1 - p2 * q2 - p3 * q3
+    # Filled component by component: moved axes and a stack take most of the time of few quaternions.
+    product = np.zeros((*scalar.shape, 4))
+    product[..., 0] = scalar
+    product[..., 1] = p0 * q1 + p1 * q0 + p2 * q3 - p3 * q2
+    product[..., 2] = p0 * q2 - p1 * q3 + p2 * q0 + p3 * q1
+    product[..., 3] = p0 * q3 + p1 * q2 - p2 * q1 + p3 * q0
+    return product
 
 
 def conjugate(q: ArrayLike) -> FloatArray:
@@ -226,8 +226,11 @@ def canonical_sign(q: ArrayLike) -> FloatArray:
     -1.0
     """
     array = as_quaternions(q, "q")
-    first = np.argmax(array != 0.0, axis=-1)[..., np.newaxis]
-    return np.where(np.take_along_axis(array, first, axis=-1)[..., 0] < 0.0, -1.0, 1.0)
+    below, other = array < 0.0, array != 0.0
+    flipped = below[..., 3]
+    for k in (2, 1, 0):
+        flipped = np.where(other[..., k], below[..., k], flipped)
+    return np.where(flipped, -1.0, 1.0)
 
 
 def cross_matrix(u: ArrayLike) -> FloatArray:

@@ -142,8 +142,8 @@ def of_rotations(m: FloatArray) -> FloatArray:
         columns[..., 0, i + 1] = columns[..., i + 1, 0] = skew
         columns[..., i + 1, j + 1] = columns[..., j + 1, i + 1] = mixed
     diagonal = np.diagonal(columns, axis1=-2, axis2=-1)
-    largest = np.argmax(diagonal, axis=-1)[..., np.newaxis, np.newaxis]
-    column = np.take_along_axis(columns, largest, axis=-2)[..., 0, :]
+    largest = np.argmax(diagonal, axis=-1)
+    column = columns.reshape(-1, 4, 4)[np.arange(largest.size), largest.ravel()].reshape(*largest.shape, 4)
     return canonical(column / np.linalg.norm(column, axis=-1, keepdims=True))
 
 

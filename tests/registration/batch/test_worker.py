@@ -19,8 +19,9 @@ from tests.registration.batch.hostile import behave, refuse
 GOOD, HANG, LEAVE = (partial(behave, kind) for kind in ("good", "hang", "leave"))
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def worker():
+    """One for all: it starts another process where the test before has ended its own."""
     made = Worker(threads=1)
     yield made
     made.close()
@@ -76,7 +77,7 @@ def test_what_every_process_needs_first_is_refused_here():
     worker.close()
 
 
-def test_it_is_recycled(worker):
+def test_it_is_recycled():
     recycled = Worker(threads=1, most=1)
     try:
         assert recycled.call(GOOD) != recycled.call(GOOD)
@@ -84,7 +85,8 @@ def test_it_is_recycled(worker):
         recycled.close()
 
 
-def test_closing_ends_the_task_and_is_for_good(worker):
+def test_closing_ends_the_task_and_is_for_good():
+    worker = Worker(threads=1)
     timer = threading.Timer(0.5, worker.close)
     timer.start()
     assert worker.call(HANG).kind == "crashed"
