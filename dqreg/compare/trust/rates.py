@@ -6,7 +6,7 @@ import dataclasses
 from collections import Counter
 from collections.abc import Sequence
 
-from scipy.stats import beta
+from scipy.special import betaincinv
 
 from dqreg.compare.trust.sweep import TrustSweep
 from dqreg.compare.trust.trial import Trial
@@ -48,8 +48,8 @@ def interval(count: int, total: int) -> tuple[float, float]:
     (0.0, 0.036)
     """
     tail = 0.5 * (1.0 - 0.95)
-    low = float(beta.ppf(tail, count, total - count + 1)) if count else 0.0
-    high = float(beta.ppf(1.0 - tail, count + 1, total - count)) if count < total else 1.0
+    low = float(betaincinv(count, total - count + 1, tail)) if count else 0.0
+    high = float(betaincinv(count + 1, total - count, 1.0 - tail)) if count < total else 1.0
     return low, high
 
 
