@@ -196,11 +196,13 @@ class Scan:
 
     @cached_property
     def _gating(self) -> FloatArray:
-        """Normals that may reject a correspondence, (n, 3): those that were given, or of neighbours on one face."""
+        """Normals that may reject a correspondence, (n, 3): those that were given, or of planes on one face."""
         # Of those that have a plane, where the others are known to have none.
         fits = vars(self).get("_planes", self)
-        rough = np.flatnonzero((fits.levers > 0.0) & (fits.residuals > MAX_FLAT_RESIDUAL * np.sqrt(fits.levers)))
-        if self.oriented or not len(rough):
+        known = fits.levers > 0.0
+        rough = np.flatnonzero(known & (fits.residuals > MAX_FLAT_RESIDUAL * np.sqrt(fits.levers)))
+        # Of a denser scan few are, and what they reject at the edges of two views is no overlap as a rule.
+        if self.oriented or 2 * len(rough) <= np.count_nonzero(known):
             return self.normals
         normals = self.normals.copy()
         normals[rough if fits is self else fits.rows[rough]] = 0.0
