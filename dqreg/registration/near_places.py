@@ -209,7 +209,7 @@ def _flips_of_cloud(fit: Fit, surface: CloudSurface) -> FloatArray:
     derived, name = fit.problem.target.derived, f"flips {_counted(surface)}"
     if name not in derived:
         tangent = _tangent(fit, surface)
-        flips = near_flips(tangent.facets(), tangent)
+        flips = near_flips(tangent.facets(), tangent) if tangent.has_facets else np.zeros((0, 4, 4))
         if len(flips):
             # Moments of what was seen of a part are not the part's: its axes are off by a degree.
             sample = OrientedPoints.on_faces(surface._points[sample_rows(len(surface._points), REFINING_POINTS)])

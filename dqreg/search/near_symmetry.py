@@ -117,7 +117,8 @@ class _Profile:
     """How much of a part lies at which height along each of its axes."""
 
     def __init__(self, mesh: Mesh, axes: FloatArray, edge: float) -> None:
-        corners = mesh.vertices @ axes
+        # Of faces alone: a vertex without one may be anywhere.
+        corners = mesh.corners.reshape(-1, 3) @ axes
         self._middles = moments(mesh)[0] @ axes, 0.5 * (corners.min(axis=0) + corners.max(axis=0))
         self._heights = places_on(mesh, PROFILE_POINTS, np.random.default_rng(0))[0] @ axes
         self._edge, self._low = edge, self._heights.min(axis=0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray
+from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry import Closest, CloudSurface, Mesh
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.spacing import measure_spacing
@@ -32,9 +32,17 @@ class TangentPlanes:
         self.diagonal, self.centre, self.oriented = cloud.diagonal, cloud.centre, True
         self.spacing = measure_spacing(cloud._tree, cloud._points)
 
+    @property
+    def has_facets(self) -> bool:
+        """Whether some of its points have normals: those of lines have none."""
+        return bool(self._cloud._planes_at(self._rows_of_facets())[0].any())
+
+    def _rows_of_facets(self) -> IntArray:
+        return sample_rows(len(self._cloud._points), CLOUD_POINTS)
+
     def facets(self) -> Mesh:
         """Equal triangles, too small to be seen, about some points: a mesh with the cloud's moments and normals."""
-        rows = sample_rows(len(self._cloud._points), CLOUD_POINTS)
+        rows = self._rows_of_facets()
         normals = _upward(self._cloud._planes_at(rows)[0])
         rows, normals = rows[normals.any(axis=1)], normals[normals.any(axis=1)]
         points = self._cloud._points[rows]

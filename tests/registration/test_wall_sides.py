@@ -125,11 +125,13 @@ def test_planes_along_two_directions_fit_after_a_half_turn_and_nothing_tells() -
         assert min(off(T, right) for T in poses) < 0.5 * THICKNESS
 
 
-@pytest.mark.parametrize("start", [np.eye(4), HALF_TURN])
-def test_an_initial_pose_decides_between_half_turns(start: np.ndarray) -> None:
+@pytest.mark.parametrize(("start", "other"), [(np.eye(4), HALF_TURN), (HALF_TURN, np.eye(4))])
+def test_an_initial_pose_decides_between_half_turns_and_the_other_is_named(start: np.ndarray, other: np.ndarray) -> None:
+    # All but the height of one flange, which the scan does not reach, is as it was after the half-turn.
     found = dqreg.register(scan_of_channel(25.0), CHANNEL, start)
-    assert found.verdict.level == "accepted"
     assert off(found.T_target_source, start) < 0.5 * THICKNESS
+    assert found.verdict.codes == ("alternative_poses",)
+    assert [off(each.T_target_source, other) < 0.5 * THICKNESS for each in found.alternatives] == [True]
 
 
 def test_of_equal_poses_the_one_near_the_initial_pose_is_meant() -> None:
