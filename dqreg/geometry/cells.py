@@ -25,9 +25,10 @@ MOST = 8.0
 # Points without which neighbouring cells make no plane, and the same of the ratio of their smaller to their larger
 # variance: rings of a LiDAR that stand apart. Their nearest cells are searched for.
 FEWEST, LINE = 8.0, 0.02
-# In rings a plane of neighbours that leaves so many times the usual residual is of two faces; one that most neighbours
-# lie in holds them within so many times of it.
-MIXED, WITHIN = 3.0, 2.5
+# In rings a plane of neighbours that leaves so many times the usual residual is of two faces.
+MIXED_RESIDUAL_RATIO = 3.0
+# One that most neighbours lie in holds them within so many times of it.
+HELD_RESIDUALS = 2.5
 # Blocks of eight cells that one thread goes over at a time.
 BLOCKS = 256
 # Edges, each twice the one before, of the cells that are asked for planes. With a third a road took 4 % less time, and
@@ -154,8 +155,8 @@ class CellSurface(CloudSurface):
         if not known.any():
             return
         noise = float(np.median(fits.residuals[known]))
-        rows = np.flatnonzero(~known | (fits.residuals > MIXED * noise))
-        wide = fit_wide_planes(self._tree, self._points, rows, noise, WITHIN * noise)
+        rows = np.flatnonzero(~known | (fits.residuals > MIXED_RESIDUAL_RATIO * noise))
+        wide = fit_wide_planes(self._tree, self._points, rows, noise, HELD_RESIDUALS * noise)
         found = np.flatnonzero(wide.known)
         fits.replace(rows[found], wide.taken(found))
         self.wide[rows[found]] = True

@@ -19,10 +19,11 @@ FEWEST = 4
 NEAREST, SIN = 8, 0.4
 # Neighbours in the plane, the point among them, without which there is none; rounds of the fit to those.
 FEWEST_HELD, ROUNDS = 6, 3
-# Where a plane is sought among more neighbours: so many, every which of them planes are tried through, and the times of
-# the usual residual's square that the second variance of those it holds has at least. Noise alone has one: of a ring
-# whose points scatter along the beams, what seems the plane is that of the beams.
-WIDE, EVERY, CLEAR = 40, 3, 9.0
+# Where a plane is sought among more neighbours: so many, every which of them planes are tried through.
+WIDE_NEIGHBOURS, TRIED_STEP = 40, 3
+# Times of the usual residual's square that the second variance of those it holds has at least. Noise alone has one: of
+# a ring whose points scatter along the beams, what seems the plane is that of the beams.
+MIN_SPREAD_RATIO = 9.0
 # Points, and points by an edge, that one thread goes over at a time.
 PLANES, EDGES = 512, 256
 # Bounds the memory of one step: 16 neighbours of 65,536 points are 25 MB.
@@ -137,8 +138,8 @@ def fit_wide_planes(tree: NeighbourTree, cloud: FloatArray, rows: IntArray, nois
 
     There is none where what it holds lies along a line, but for noise.
     """
-    neighbours, _ = tree.nearest_to(rows, WIDE)
-    tried = np.arange(0, neighbours.shape[1], EVERY)
+    neighbours, _ = tree.nearest_to(rows, WIDE_NEIGHBOURS)
+    tried = np.arange(0, neighbours.shape[1], TRIED_STEP)
     neighbours = np.hstack([neighbours[:, tried], np.delete(neighbours, tried, axis=1)])
     normals, _, found = fit_edge_planes(cloud, neighbours, within, len(tried) - 1)
     arms = np.take(cloud, neighbours, axis=0) - cloud[rows, None]
@@ -151,7 +152,7 @@ def fit_wide_planes(tree: NeighbourTree, cloud: FloatArray, rows: IntArray, nois
     scatters = np.einsum("ij,ijk,ijl->ikl", held, arms, arms)
     squares, axes = np.linalg.eigh(scatters)
     least, small, large = squares.T
-    known = found & held[:, 0] & (count >= FEWEST_HELD) & (small > CLEAR * noise**2 * count)
+    known = found & held[:, 0] & (count >= FEWEST_HELD) & (small > MIN_SPREAD_RATIO * noise**2 * count)
     with np.errstate(divide="ignore", invalid="ignore"):
         # Of as many neighbours as others are of, that hold their normals as well.
         levers = np.where(known, 1.0 / (1.0 / small + 1.0 / large) / NEIGHBOURS, 0.0)
@@ -176,7 +177,17 @@ def fit_edge_planes(
     total = len(indices)
     normals, residuals, found = np.zeros((total, 3)), np.zeros(total), np.zeros(total, dtype=bool)
     limits = nearest, SIN, float(within), ROUNDS, FEWEST_HELD
-    over_chunks(edge_plane_rows, total, as_plain(cloud), indices, *limits, normals, residuals, found, chunk=EDGES)
+    over_chunks(
+        edge_plane_rows,
+        total,
+        as_plain(cloud),
+        np.ascontiguousarray(indices),
+        *limits,
+        normals,
+        residuals,
+        found,
+        chunk=EDGES,
+    )
     return normals, residuals, found
 
 

@@ -25,8 +25,7 @@ FEWEST_POINTS = 3
 # What planes tell of points, and what some of these have in common with all.
 COLUMNS = "normals", "levers", "residuals"
 OF_ALL = "oriented", "spacing", "noise", "total", "quiet"
-# Planes whose residual is more than this share of their lever's length are of neighbours on different faces: of two
-# that meet at a right angle, each with half of them, it is 0.5.
+# Planes that leave more of their lever's length lie across an edge: half and half of a right angle it is 0.5.
 MAX_FLAT_RESIDUAL = 0.45
 # Points for each of the queries, from which on building a tree costs more than asking it.
 FEW_QUERIES = 4
@@ -197,7 +196,6 @@ class Scan:
     @cached_property
     def _gating(self) -> FloatArray:
         """Normals that may reject a correspondence, (n, 3): those that were given, or of planes on one face."""
-        # Of those that have a plane, where the others are known to have none.
         fits = vars(self).get("_planes", self)
         known = fits.levers > 0.0
         rough = np.flatnonzero(known & (fits.residuals > MAX_FLAT_RESIDUAL * np.sqrt(fits.levers)))

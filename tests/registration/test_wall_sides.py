@@ -126,7 +126,7 @@ def test_planes_along_two_directions_fit_after_a_half_turn_and_nothing_tells() -
 
 
 @pytest.mark.parametrize(("start", "other"), [(np.eye(4), HALF_TURN), (HALF_TURN, np.eye(4))])
-def test_an_initial_pose_decides_between_half_turns_and_the_other_is_named(start: np.ndarray, other: np.ndarray) -> None:
+def test_an_initial_pose_decides_between_half_turns_and_names_the_other(start: np.ndarray, other: np.ndarray) -> None:
     # All but the height of one flange, which the scan does not reach, is as it was after the half-turn.
     found = dqreg.register(scan_of_channel(25.0), CHANNEL, start)
     assert off(found.T_target_source, start) < 0.5 * THICKNESS
