@@ -19,7 +19,7 @@ HEADER, CHECKSUM = 48, 4
 
 
 def read_e57(path: Path) -> CloudData:
-    """Cloud of all setups of an E57 file; where they share one place, or there is one, it is the viewpoint."""
+    """Cloud of all setups of an E57 file; where they share one place that the file tells, it is the viewpoint."""
     pye57: Any = load_package("pye57", "'dqreg[scans]'", f"{path}: an E57 scan")
     _require_plain_xml(path)
     try:
@@ -40,7 +40,9 @@ def read_e57(path: Path) -> CloudData:
         raise unreadable(path, f"a damaged scan ({type(error).__name__}: {reason})", WANTED) from error
     if not parts:
         raise unreadable(path, "no points", "at least one scan with points")
-    viewpoint = places[0] if all(np.array_equal(place, places[0]) for place in places) else None
+    first = places[0]
+    alike = first is not None and all(place is not None and np.array_equal(place, first) for place in places)
+    viewpoint = first if alike else None
     return make_cloud(path, np.concatenate(parts), viewpoint=viewpoint, units="m")
 
 
@@ -48,11 +50,14 @@ def _points(columns: dict[str, Any]) -> FloatArray:
     return np.column_stack([columns[f"cartesian{axis}"] for axis in "XYZ"]).astype(np.float64)
 
 
-def _place(header: Any) -> FloatArray:
-    place = np.asarray(header.translation if header.has_pose() else np.zeros(3), dtype=np.float64)
+def _place(header: Any) -> FloatArray | None:
+    """Where a setup stood; None where nothing tells: merged and exported files carry no pose, or the identity."""
+    if not header.has_pose():
+        return None
+    place = np.asarray(header.translation, dtype=np.float64)
     if not np.isfinite(place).all():
         raise ValueError(f"a pose at {place.tolist()}")
-    return place
+    return place if place.any() or not np.array_equal(header.rotation_matrix, np.eye(3)) else None
 
 
 def _require_plain_xml(path: Path) -> None:

@@ -208,6 +208,7 @@ def resolved(fit: Fit) -> dict[str, Any]:
     source, target, scan, pairs = fit.problem.source, fit.target, fit.prepared.scan, fit.run.pairs
     max_distance, width = fit.settings.max_distance, fit.run.mixture.scale
     behind = viewpoint_behind(fit.problem)
+    place = source.viewpoint if fit.problem.viewpoints is None else None
     beyond = beyond_boundary(pairs, fit.prepared.surface, width, max_distance) if fit.found else np.zeros(0)
     return {
         "max_distance": max_distance,
@@ -222,6 +223,7 @@ def resolved(fit: Fit) -> dict[str, Any]:
         "beyond_border": int(np.count_nonzero(beyond)),
         "normals_oriented": pairs.same_sign,
         **({} if np.isnan(behind) else {"viewpoint_behind": behind}),
+        **({} if place is None else {"source_viewpoint": place.tolist()}),
         "target_kind": target.kind,
         "target_dropped": target.geometry.dropped,
         "diagonal": fit.prepared.surface.diagonal,

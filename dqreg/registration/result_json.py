@@ -86,8 +86,9 @@ def _settings(values: dict[str, Any]) -> dict[str, Any]:
     if values.get("viewpoint") is not None:
         places = np.array(values["viewpoint"], dtype=np.float64)
         require_finite(float_array(values["viewpoint"], (len(places), 3)), "viewpoint")
-    if "centre" in values:
-        require_finite(float_array(values["centre"], (3,)), "centre")
+    for name in ("centre", "source_viewpoint"):
+        if name in values:
+            require_finite(float_array(values[name], (3,)), name)
     return values
 
 

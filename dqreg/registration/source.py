@@ -46,6 +46,12 @@ class CentredSource:
         place = self.centred(viewpoints)[0]
         return dataclasses.replace(self, cloud=dataclasses.replace(self.cloud, viewpoint=place))
 
+    @property
+    def viewpoint(self) -> FloatArray | None:
+        """Where the scanner stood that the source itself tells, in the caller's frame, (3,)."""
+        place = self.cloud.viewpoint
+        return None if place is None else (place + self.origin) / self.scale
+
     def as_given(self) -> tuple[FloatArray, FloatArray | None]:
         """Points, or the vertices of a mesh, and normals as they were given, to the rounding of the coordinates."""
         if self.mesh is not None:

@@ -91,7 +91,9 @@ def scale_words(result: RegistrationResult) -> str:
 
 
 def viewpoint_words(result: RegistrationResult) -> str:
-    """What the scan itself says against the viewpoint that was given; empty where nothing."""
+    """The viewpoint that the scan brought along, or what it says against the one given; empty where neither."""
+    if (place := result.settings.get("source_viewpoint")) is not None:
+        return f"({', '.join(f'{x:.7g}' for x in np.round(place, 12) + 0.0)}), as the scan itself says"
     share = result.settings.get("viewpoint_behind", 0.0)
     if not share > MAX_HIDDEN_SHARE:
         return ""

@@ -66,6 +66,17 @@ def test_e57_of_several_setups_is_one_cloud_without_a_viewpoint(tmp_path):
     np.testing.assert_allclose(cloud.points[12:] - cloud.points[:12], np.tile([0.0, 0.0, 5.0], (12, 1)), atol=1e-6)
 
 
+@pytest.mark.parametrize("rotation", [None, (1.0, 0.0, 0.0, 0.0), (-1.0, 0.0, 0.0, 0.0)])
+def test_e57_without_a_pose_or_with_the_identity_tells_no_place(rotation, tmp_path):
+    pytest.importorskip("pye57", reason="pip install 'dqreg[scans]'")
+    path = tmp_path / "a.e57"
+    path.write_bytes(e57((0.0, 0.0, 0.0), rotation=rotation))
+    assert read_cloud(path).viewpoint is None
+    # A levelled scanner at the origin of its project has a pose.
+    path.write_bytes(e57((0.0, 0.0, 0.0)))
+    assert read_cloud(path).viewpoint.tolist() == [0.0, 0.0, 0.0]
+
+
 def test_kitti_and_pts(tmp_path):
     for name in ("kitti", "pts"):
         suffix, content = good_files()[name]

@@ -186,8 +186,12 @@ def las(extension: str) -> bytes:
     return stream.getvalue()
 
 
-def e57(translation: tuple[float, float, float] = (1.0, 2.0, 3.0), copies: int = 1) -> bytes:
-    """E57 of one setup or several, turned by a third of a circle about the diagonal."""
+def e57(
+    translation: tuple[float, float, float] = (1.0, 2.0, 3.0),
+    copies: int = 1,
+    rotation: tuple[float, float, float, float] | None = (0.5, 0.5, 0.5, 0.5),
+) -> bytes:
+    """E57 of one setup or several, turned by a third of a circle about the diagonal; without a pose for None."""
     import pye57
 
     with tempfile.TemporaryDirectory() as folder:
@@ -196,6 +200,9 @@ def e57(translation: tuple[float, float, float] = (1.0, 2.0, 3.0), copies: int =
         columns = {f"cartesian{axis}": rows.astype(np.float64) for axis, rows in zip("XYZ", POINTS.T, strict=True)}
         for number in range(copies):
             place = np.array(translation) + number * np.array([0.0, 0.0, 5.0])
-            made.write_scan_raw(columns, translation=place, rotation=np.full(4, 0.5))
+            if rotation is None:
+                made.write_scan_raw(columns)
+            else:
+                made.write_scan_raw(columns, translation=place, rotation=np.array(rotation))
         made.close()
         return path.read_bytes()

@@ -7,7 +7,7 @@ import pytest
 from rich.console import Console
 
 from dqreg import register
-from dqreg.geometry import Mesh, sample_mesh
+from dqreg.geometry import Mesh, PointCloud, sample_mesh
 from dqreg.report import print_summary, summary_rows
 from dqreg.synth.parts import box
 
@@ -42,6 +42,17 @@ def test_conversion_is_said():
     cloud = np.random.default_rng(0).normal(size=(500, 3))
     rows = dict(summary_rows(register(cloud / 1e3, cloud, "identity", source_units="m", target_units="mm")))
     assert rows["units"] == "source converted from m: x 1000"
+
+
+def test_a_viewpoint_that_the_scan_brings_along_is_said():
+    points = np.random.default_rng(0).normal(size=(500, 3))
+    scan = PointCloud(points, viewpoint=[0.0, -9.0, 0.25])
+    told = register(scan, points + 0.01, "identity", scale=2.0, search="never")
+    np.testing.assert_allclose(told.settings["source_viewpoint"], [0.0, -9.0, 0.25], atol=1e-12)
+    assert dict(summary_rows(told))["viewpoint"] == "(0, -9, 0.25), as the scan itself says"
+    given = register(scan, points + 0.01, "identity", viewpoint=[0.0, -9.0, 0.25], search="never")
+    assert "source_viewpoint" not in given.settings
+    assert "as the scan" not in dict(summary_rows(given)).get("viewpoint", "")
 
 
 @pytest.mark.parametrize(("units", "unit"), [("mm", " mm"), (None, " in the unit of the target")])
