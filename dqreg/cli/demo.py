@@ -34,14 +34,14 @@ def demo(out: Path, quiet: bool) -> int:
     """
     start_where_nothing_is_kept()
     from dqreg._open3d import load_open3d
-    from dqreg.files.atomic import require_writable
+    from dqreg.files.atomic import require_folder, require_writable
     from dqreg.registration.register import register
     from dqreg.report import make_progress, print_summary
     from dqreg.synth import demo_case, load_case
 
-    out.mkdir(parents=True, exist_ok=True)
+    folder = require_folder(out)
     result_path, aligned_path, report_path = (
-        require_writable(out / name) for name in ("result.json", "aligned.ply", "report.html")
+        require_writable(folder / name) for name in ("result.json", "aligned.ply", "report.html")
     )
     case = load_case(demo_case())
     console, _ = consoles(quiet=quiet, as_json=False)

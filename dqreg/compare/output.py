@@ -12,7 +12,7 @@ from dqreg.compare.run import Comparison
 from dqreg.compare.store import FORMAT
 from dqreg.compare.summary import SummaryRow, summarise
 from dqreg.errors import InputError
-from dqreg.files.atomic import require_writable, write_atomically
+from dqreg.files.atomic import require_folder, require_writable, write_atomically
 from dqreg.files.strict_json import plain
 from dqreg.report.html import data_uri, render
 from dqreg.report.page_file import page_content, page_path
@@ -51,10 +51,7 @@ class Goals:
         if self.out is not None and self.out == self.lines:
             raise InputError(f"--out {self.out}: give a .json file; the single runs go to {self.lines} beside it")
         if self.plots is not None:
-            try:
-                self.plots.mkdir(parents=True, exist_ok=True)
-            except OSError as error:
-                raise InputError(f"cannot make the folder {self.plots}: {error.strerror or error}") from error
+            require_folder(self.plots)
 
 
 def write(found: Comparison, made: Sequence[Table], goals: Goals, note: str, command: str) -> list[Path]:

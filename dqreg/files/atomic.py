@@ -37,6 +37,16 @@ def _require_writable(goal: Path) -> Path:
     return goal
 
 
+def require_folder(path: str | os.PathLike[str]) -> Path:
+    """Folder for files, made if it is not there."""
+    folder = _as_path(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot make the folder {folder}: {error.strerror or error}; choose another one") from error
+    return folder
+
+
 def write_atomically(path: str | os.PathLike[str], content: bytes | str) -> None:
     """Write a whole file; on any failure the old file, or none, is left."""
     goal = require_writable(path)

@@ -7,8 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dqreg.errors import InputError
-from dqreg.files.atomic import require_writable, write_atomically
+from dqreg.files.atomic import require_folder, require_writable, write_atomically
 from dqreg.files.strict_json import plain
 from dqreg.papers.document import Figure, Panel, Report, Section
 from dqreg.report.figure import PALETTE, encode, stacked
@@ -28,10 +27,7 @@ DOTS_PER_INCH = 160
 
 def prepare_folder(folder: Path, figure_keys: Sequence[str]) -> None:
     """Make the folder and check that every file can be written in it."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot make the folder {folder}: {error.strerror or error}; choose another --out") from error
+    require_folder(folder)
     for name in (RESULTS, PAGE, *(picture_name(key) for key in figure_keys)):
         require_writable(folder / name)
 

@@ -102,6 +102,15 @@ def test_demo_reports_the_true_error(tmp_path, capsys):
     assert sorted(p.name for p in (tmp_path / "demo").iterdir()) == ["aligned.ply", "report.html", "result.json"]
 
 
+@pytest.mark.parametrize("out", ["file", "file/folder"])
+def test_the_demo_refuses_a_place_where_no_folder_can_be(out, tmp_path, capsys):
+    (tmp_path / "file").write_text("in the way")
+    assert run("demo", "--out", tmp_path / out) == 2
+    captured = capsys.readouterr()
+    assert captured.err.startswith(f"dqreg: error: cannot make the folder {tmp_path / out}: ")
+    assert (captured.out, captured.err.count("\n")) == ("", 1)
+
+
 def test_synth_makes_a_case(tmp_path, case):
     assert run("synth", case.folder / case.recipe.name, "--out", tmp_path / "made", "--seed", "3", "--quiet") == 0
     assert load_case(tmp_path / "made").seed == 3
