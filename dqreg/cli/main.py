@@ -90,5 +90,9 @@ def _bad(message: str, code: int = BAD_INPUT) -> int:
 
     from dqreg.errors import printable
 
-    click.echo(f"dqreg: error: {printable(' '.join(message.split()))}", err=True)
+    try:
+        click.echo(f"dqreg: error: {printable(' '.join(message.split()))}", err=True)
+    except OSError:
+        # Nobody can be told; the exit code says it.
+        sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115, PTH123
     return code

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any, cast
 
 import click
 
@@ -32,11 +33,14 @@ def consoles(*, quiet: bool, as_json: bool, width: int | None = None, apart: boo
     >>> [console.quiet for console in consoles(quiet=False, as_json=True)][0]
     True
     """
+    from dqreg.cli.pipes import Dispensable
     from dqreg.cli.pipes import PatientConsole as Console
 
     told = Console(stderr=as_json, quiet=quiet or as_json, highlight=False)
     # A pipe gets the answer, not the iterations before it.
-    shown = Console(stderr=as_json or (apart and not told.is_terminal), quiet=quiet, highlight=False)
+    beside = as_json or (apart and not told.is_terminal)
+    stream = Dispensable(sys.stderr) if beside and sys.stderr is not None else None
+    shown = Console(file=cast("IO[str] | None", stream), stderr=beside, quiet=quiet, highlight=False)
     shown.quiet = quiet or (as_json and not shown.is_terminal)
     if width is not None:
         for console in (told, shown):
