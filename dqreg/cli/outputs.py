@@ -23,6 +23,8 @@ as_json_option = click.option("--json", "as_json", is_flag=True, help="The resul
                               "nothing else there.")  # fmt: skip
 quiet_option = click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 
+# Endings of a result's name; one without is JSON.
+RESULT_ENDINGS = ("", ".json", ".txt")
 # Places of deviations that are worth a line on the screen; the file holds them all.
 PLACES = 5
 
@@ -92,6 +94,25 @@ def print_json(value: Any) -> None:
         into_the_void()
 
 
+def require_result_name(out: Path) -> None:
+    """Refuse an ending that promises another kind of file."""
+    if out.suffix.lower() not in RESULT_ENDINGS and not (out.exists() and not out.is_file()):
+        raise InputError(
+            "--out writes the result as JSON (.json), or its matrix T_target_source alone (.txt); give a name that "
+            f"ends so, not {out.name!r:.100}"
+        )
+
+
+def write_result(result: Registration, out: Path) -> None:
+    """Write a result, or its matrix alone, as the name says; all digits are kept."""
+    if out.suffix.lower() != ".txt":
+        result.save(out)
+        return
+    from dqreg.files.atomic import write_atomically
+
+    write_atomically(out, "".join(" ".join(map(repr, row)) + "\n" for row in result.T_target_source.tolist()))
+
+
 def tell_result(
     result: Registration, native: Registration, out: Path | None, aligned: Path | None, console: Console
 ) -> None:
@@ -103,7 +124,7 @@ def tell_result(
 
     try:
         if out is not None:
-            native.save(out)
+            write_result(native, out)
     finally:
         print_summary(console, result)
     if out is not None:

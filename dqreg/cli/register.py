@@ -15,6 +15,7 @@ from dqreg.cli.outputs import (
     print_json,
     quiet_option,
     require_below_reach,
+    require_result_name,
     tell_decision,
     tell_deviations,
     tell_report,
@@ -53,7 +54,7 @@ SECTIONS = {
 @click.option("--viewpoint", type=float, nargs=3, multiple=True, metavar="X Y Z", help="Where the scanner stood, in "
               "SCAN's coordinates; may be given again. Faces hidden from the scanner are ignored; what it looked "
               "through speaks against a pose.")  # fmt: skip
-@click.option("--out", type=FILE, help="The result as JSON.")
+@click.option("--out", type=FILE, help="The result as JSON; its 4x4 matrix alone for .txt.")
 @click.option("--report", type=FILE, help="One HTML page: verdict, view, deviations; with --tolerance, pass or fail.")
 @click.option("--aligned", type=FILE, help="The scan in the target's frame as PLY.")
 @click.option("--deviations", type=FILE, help="Every point with its signed deviation: coloured .ply, .csv or .npy.")
@@ -188,6 +189,8 @@ def _check(
     from dqreg.inspection.deviation_files import require_suffix
     from dqreg.report.page_file import page_path
 
+    if out is not None:
+        require_result_name(out)
     for path in (out, aligned, deviations):
         if path is not None:
             require_writable(path)

@@ -46,7 +46,8 @@ def read_fields(path: str | Path, cls: type) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(f"{path} is no readable result file: {error}") from error
+        expected = "the JSON that dqreg register --out result.json or Registration.save wrote, not a pose alone"
+        raise InputError(f"{path} is no readable result file: expected {expected} ({error})") from error
     if not isinstance(values, dict) or values.get("format") != FORMAT:
         raise InputError(f'{path} is no dqreg result: expected the key "format" to be {FORMAT!r}')
     try:

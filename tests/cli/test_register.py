@@ -14,6 +14,7 @@ import pytest
 
 from dqreg.cli import register as room
 from dqreg.files import READERS, read_cloud, read_geometry, write_cloud
+from dqreg.files.poses import read_start
 from dqreg.icp import ESTIMATORS
 from dqreg.inspection import measure_deviations
 from dqreg.registration import scan_deviations as deviations_room
@@ -239,3 +240,21 @@ def test_the_aligned_scan_is_the_file_under_the_pose(tmp_path, case, start, kind
     assert (found.normals is None) == (kind != "cloud in inches")
     if found.normals is not None:
         np.testing.assert_allclose(found.normals, normals @ result.T_target_source[:3, :3].T, atol=1e-6)
+
+
+def test_a_text_file_gets_the_matrix_alone_with_all_digits(case, start, tmp_path, capsys):
+    out, record = tmp_path / "pose.txt", tmp_path / "result.json"
+    options = ("--start", start, "--effort", "fast", "--quiet")
+    assert run("register", case.scan, case.part, *options, "--out", out) == 0
+    assert run("register", case.scan, case.part, *options, "--out", record) == 0
+    np.testing.assert_array_equal(np.loadtxt(out), Registration.load(record).T_target_source)
+    np.testing.assert_array_equal(read_start(out), np.loadtxt(out))
+    # What needs more than a pose says so.
+    assert run("show", out, "--json") == 2
+    assert "register --out result.json" in capsys.readouterr().err
+
+
+def test_an_ending_that_promises_another_kind_of_result_is_refused(case, tmp_path, capsys):
+    assert run("register", case.scan, case.part, "--out", tmp_path / "pose.csv") == 2
+    assert "T_target_source alone (.txt)" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
