@@ -84,7 +84,7 @@ def multiway_command(scans: tuple[str, ...], quiet: bool, as_json: bool, **optio
     _check(files, options)
     # After all that can be refused: it removes the pairs of an earlier run.
     folder = _folder(options["out"], resume=options["resume"])
-    console, shown = consoles(quiet=quiet, as_json=as_json, width=WIDTH)
+    console, shown = consoles(quiet=quiet, as_json=as_json, width=WIDTH, apart=True)
     names = ("target", "edges", "order", "anchor", "effort", "seed", "workers", "time_limit")
     with _kept(folder), WorkBar(shown) as bar:
         load_open3d()

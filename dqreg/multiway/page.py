@@ -20,7 +20,7 @@ from dqreg.report.html import data_uri, render
 from dqreg.report.page_file import page_path, write_page
 from dqreg.report.page_tables import SIGNS
 from dqreg.report.raster import Dots, PartScene, frame_of
-from dqreg.report.text import text_of
+from dqreg.report.text import text_of, unit_words
 from dqreg.rigid import pose
 
 ADVICE = {
@@ -45,13 +45,13 @@ def to_html(result: ManyScans) -> str:
     level = result.verdict.level
     used = [edge for edge in result.edges if edge.used]
     loops = [loop for loop in result.loop_errors if loop.used and loop.sharp]
-    spread = tables.sigmas(result)[list(result.placed)]
+    spread, unit = tables.sigmas(result)[list(result.placed)], unit_words(tables.unit_of(result))
     tiles = [
         ("Scans placed", f"{len(result.placed)} of {len(result.names)}", "in one frame"),
         ("Pairs used", f"{len(used)} of {len(result.edges)}", f"{sum(e.level == 'accepted' for e in used)} accepted"),
         ("Loops that close", f"{sum(loop.chi2 <= 22.46 for loop in loops)} of {len(loops)}", "of three used pairs"),
         ("Sigma of rotation", f"{text_of(_most(spread[:, 0]), 2)} deg", "largest of all scans"),
-        ("Sigma of translation", text_of(_most(spread[:, 1]), 2), "largest of all scans"),
+        ("Sigma of translation", f"{text_of(_most(spread[:, 1]), 2)}{unit}", "largest of all scans"),
     ]
     return render(
         "multiway.html",

@@ -24,7 +24,7 @@ from dqreg.multiway.plan import first_edges, rescued
 from dqreg.multiway.refine import refined
 from dqreg.multiway.result import Multiway
 from dqreg.multiway.round_part import RoundPart, laid_by_angles
-from dqreg.multiway.scans import read_views, typical_size, typical_spacing
+from dqreg.multiway.scans import read_views, typical_size, typical_spacing, unit_of
 from dqreg.multiway.sides import Sides
 from dqreg.multiway.starts import contradicted_starts, read_starts
 from dqreg.multiway.turning import turnings
@@ -154,18 +154,20 @@ def register_many(
     turns = turnings(views, joint.T_world_scan, selection.edges, turned, started=started)
     remarks = tuple(contradicted_starts(views, known, joint.T_world_scan, selection.edges, size))
     asked = {"order": order, "edges": edges, "anchor": anchor, "effort": effort, "seed": seed, "time_limit": time_limit}
-    settings = _settings(asked, part, judge)
+    settings = _settings(asked, runner, judge)
     result = assembled(views, selection, joint, overlap, settings, seconds, runner.stopped, against, turns, remarks)
     log_verdict(result.verdict, f"{len(views)} scans into one frame", time.monotonic() - began)
     return result
 
 
-def _settings(asked: dict[str, Any], part: Target | None, judge: Judge) -> dict[str, Any]:
+def _settings(asked: dict[str, Any], runner: PairRunner, judge: Judge) -> dict[str, Any]:
     """What was asked for, and what came of it before any pose: for the result's file."""
+    part = runner.part
     return {
         **asked,
         "edges": asked["edges"] if isinstance(asked["edges"], str) else "given",
         "target": None if part is None else part.indexed.name,
+        "units": unit_of(runner.views) if part is None or part.indexed.units is None else part.indexed.units,
         "size": judge.size,
         "floor": judge.floor,
         "viewpoints": [None if image is None else image.eye.tolist() for image in judge.sides.free.images],

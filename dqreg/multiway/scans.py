@@ -180,6 +180,11 @@ def _require_some(views: Sequence[View]) -> None:
         raise InputError(f"all scans must have one length unit; got {listed}. Convert them first")
 
 
+def unit_of(views: Sequence[View]) -> str | None:
+    """The length unit of the scans, where one of them names it."""
+    return next((view.cloud.units for view in views if view.usable and view.cloud and view.cloud.units), None)
+
+
 def typical_size(views: Sequence[View]) -> float:
     """Median diagonal of the usable scans."""
     return float(

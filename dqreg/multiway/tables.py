@@ -27,6 +27,16 @@ def name_of(result: ManyScans, node: int) -> str:
     return "part" if node == PART else result.names[node]
 
 
+def unit_of(result: ManyScans) -> str:
+    """Length unit of the poses; empty where no file names it, and of results of old."""
+    return result.settings.get("units") or ""
+
+
+def unit_note(result: ManyScans) -> str:
+    """What a reader must know of lengths without a unit."""
+    return "" if unit_of(result) else " Lengths are in the unit of the scans, which no file names."
+
+
 def scans_table(result: ManyScans) -> Table:
     """One row a scan."""
     spread = sigmas(result)
@@ -56,10 +66,10 @@ def scans_table(result: ManyScans) -> Table:
         Column("of them accepted", align="right"),
         Column("largest overlap", "%", spec=".0f", align="right"),
         Column("sigma of rotation", "deg", spec=".2g", align="right"),
-        Column("sigma of translation", "", spec=".2g", align="right"),
+        Column("sigma of translation", unit_of(result), spec=".2g", align="right"),
     )
     home = "part" if result.settings.get("anchor") == PART else "anchor"
-    note = f"Sigmas: one standard deviation against the {home}, about the middle of all scans."
+    note = f"Sigmas: one standard deviation against the {home}, about the middle of all scans.{unit_note(result)}"
     return Table("scans", "Scans", columns, tuple(rows), note)
 
 
@@ -85,7 +95,7 @@ def pairs_table(result: ManyScans) -> Table:
         Column("in the graph", wraps=True),
         Column("overlap", "%", spec=".0f", align="right"),
         Column("chi-square of 6", spec=".3g", align="right"),
-        Column("rms", spec=".3g", align="right"),
+        Column("rms", unit_of(result), spec=".3g", align="right"),
         Column("reasons", wraps=True),
     )
     note = (
@@ -110,7 +120,7 @@ def loops_table(result: ManyScans) -> Table:
     columns = (
         Column("loop"),
         Column("rotation", "deg", spec=".2g", align="right"),
-        Column("translation", spec=".2g", align="right"),
+        Column("translation", unit_of(result), spec=".2g", align="right"),
         Column("chi-square of 6", spec=".2g", align="right"),
     )
     note = "The poses of three pairs multiplied round a loop should give the identity; the worst loops of used pairs."

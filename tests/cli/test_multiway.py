@@ -53,6 +53,23 @@ def test_one_command_makes_poses_model_graph_and_report(made: Path) -> None:
     assert "view1" in (made / "report.html").read_text()
 
 
+@pytest.mark.parametrize("unit", [None, "mm"])
+def test_lengths_have_the_unit_of_the_scans_and_progress_is_no_result(
+    unit: str | None, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for k in range(2):
+        comments = () if unit is None else (f"units {unit}",)
+        write_cloud(tmp_path / f"view{k}.ply", read_cloud(folder / f"view{k}.ply").points, comments=comments)
+    starts = ("--starts", folder / "truth.txt", "--effort", "fast", "--workers", 1)
+    run("multiway", f"{tmp_path}/view*.ply", "--report", tmp_path / "r.html", *starts)
+    told = capsys.readouterr()
+    assert ("sigma of translation [mm]" in told.out) == (unit is not None)
+    assert ("which no file names" in told.out) == (unit is None)
+    assert ("which no file names" in (tmp_path / "r.html").read_text()) == (unit is None)
+    assert "1/1  view0 - view1" in told.err
+    assert "1/1" not in told.out
+
+
 def test_a_resumed_run_takes_the_finished_pairs(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
     kept = sorted((made / "poses-pairs").glob("*.json"))
     before = [path.stat().st_mtime_ns for path in kept]
