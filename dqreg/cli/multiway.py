@@ -38,7 +38,9 @@ SECTIONS = {
 @click.option("--out", type=FILE, help="The result as JSON; poses alone for .txt (KITTI; TUM for _tum.txt) or .tum.")
 @click.option("--fused", type=FILE, help="One cloud of all placed scans as PLY, with normals "
               "where it is known from which side the scans were taken.")  # fmt: skip
-@click.option("--report", type=FILE, help="One HTML page: verdict, graph, scans together, loops, what to rescan.")
+@click.option(
+    "--report", type=FILE, help="One page, HTML or PDF: verdict, graph, scans together, loops, what to rescan."
+)
 @click.option("--graph", type=FILE, help="The pose graph as .g2o, for GTSAM and others.")
 @click.option("--voxel", type=float, metavar="LENGTH", help="Cells of --fused  [default: spacing of the points].")
 @click.option("--order", type=Choice(ORDERS), default="any", show_default=True, help="What is known of the order: "
@@ -136,9 +138,10 @@ def _place(text: str | None) -> str | list[float] | None:
 def _folder(out: Path | None, *, resume: bool) -> Path | None:
     from dqreg.errors import InputError
 
-    if out is None:
+    # Beside a device, such as /dev/null, nothing is kept.
+    if out is None or (out.exists() and not out.is_file()):
         if resume:
-            raise InputError("--resume needs --out: the finished pairs are kept beside it")
+            raise InputError("--resume needs --out and the name of a file: the finished pairs are kept beside it")
         return None
     folder = out.with_name(f"{out.stem}-pairs")
     if folder.is_dir() and not resume:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -68,6 +70,22 @@ def test_lengths_have_the_unit_of_the_scans_and_progress_is_no_result(
     assert ("which no file names" in (tmp_path / "r.html").read_text()) == (unit is None)
     assert "1/1  view0 - view1" in told.err
     assert "1/1" not in told.out
+
+
+def test_nothing_is_kept_beside_a_device(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    # A pipe of our own stands for the devices of the machine.
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    read: list[str] = []
+    reader = threading.Thread(target=lambda: read.append(pipe.read_text()), daemon=True)
+    reader.start()
+    starts = ("--starts", folder / "truth.txt", "--effort", "fast", "--workers", 1, "--quiet")
+    assert run("multiway", f"{folder}/view*.ply", "--out", pipe, *starts) in (0, 1)
+    reader.join()
+    assert len(json.loads(read[0])["T_world_scan"]) == 2
+    assert list(tmp_path.iterdir()) == [pipe]
+    assert run("multiway", f"{folder}/view*.ply", "--out", pipe, "--resume") == 2
+    assert "name of a file" in capsys.readouterr().err
 
 
 def test_a_resumed_run_takes_the_finished_pairs(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
