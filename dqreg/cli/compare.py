@@ -60,7 +60,7 @@ NOT_OF_TRUST = ("engines", "files", "start", "truth", "source_units", "target_un
               "part is displaced by more than this fraction of the part's diagonal.")  # fmt: skip
 @click.option("--out", type=FILE, help="JSON with every run; the same command resumes where it stopped  "
               "[default for sweeps: dqreg-compare-NAME.json].")  # fmt: skip
-@click.option("--report", type=FILE, help="One HTML page with tables and plots.")
+@click.option("--report", type=FILE, help="One page, HTML or PDF, with tables and plots.")
 @click.option("--markdown", type=FILE, help="Tables as Markdown.")
 @click.option("--csv", type=FILE, help="Summary at full precision.")
 @click.option("--plots", type=FILE, help="Folder for the plots as PNG.")

@@ -55,7 +55,9 @@ SECTIONS = {
               "SCAN's coordinates; may be given again. Faces hidden from the scanner are ignored; what it looked "
               "through speaks against a pose.")  # fmt: skip
 @click.option("--out", type=FILE, help="The result as JSON; its 4x4 matrix alone for .txt.")
-@click.option("--report", type=FILE, help="One HTML page: verdict, view, deviations; with --tolerance, pass or fail.")
+@click.option(
+    "--report", type=FILE, help="One page, HTML or PDF: verdict, view, deviations; with --tolerance, pass or fail."
+)
 @click.option("--aligned", type=FILE, help="The scan in the target's frame as PLY.")
 @click.option("--deviations", type=FILE, help="Every point with its signed deviation: coloured .ply, .csv or .npy.")
 @click.option("--json", "as_json", is_flag=True, help="The result as JSON on standard output, and nothing else there.")

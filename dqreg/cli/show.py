@@ -29,7 +29,7 @@ VIEWS = "best"
 @click.option("--views", default=VIEWS, show_default=True, metavar="LIST", help="Views between commas: best, iso, "
               "iso-back, front, back, left, right, top, bottom ...; the prefix before: or after: shows the scan at its "
               "initial or final pose, else its deviations. Example: before:iso,iso,top.")  # fmt: skip
-@click.option("--report", type=FILE, help="Write the HTML report.")
+@click.option("--report", type=FILE, help="Write the report: HTML or PDF.")
 @click.option("--tolerance", type=float, metavar="LENGTH", help="Largest deviation allowed, target units: the end "
               "of the colour scale.")  # fmt: skip
 @click.option("--display-units", type=UNITS, help="Length unit of all that is shown, and of --tolerance; the sentences "

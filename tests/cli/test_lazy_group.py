@@ -79,3 +79,10 @@ def test_options_stand_once_in_the_help():
     text = register_command.get_help(click.Context(register_command, info_name="dqreg register"))
     for option in ("--out ", "--json ", "--dof ", "--time-limit ", "--units ", "--quiet "):
         assert text.count(f"\n  {option}") == 1
+
+
+@pytest.mark.parametrize("name", ["register", "multiway", "compare", "show", "inspect"])
+def test_a_report_says_that_it_may_be_printed(name: str) -> None:
+    command = cli.get_command(click.Context(cli), name)
+    report = next(option for option in command.params if option.name == "report")
+    assert "PDF" in report.help.replace(".pdf", "PDF")
