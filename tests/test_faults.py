@@ -117,6 +117,15 @@ def test_a_disk_that_fills_up_leaves_what_was_there_and_no_half_file(scene, tmp_
     assert [path.name for path in tmp_path.iterdir()] == ["old.json"]
 
 
+def test_of_several_outputs_those_before_the_disk_was_full_stay_whole(scene, tmp_path, capsys):
+    pose, aligned = tmp_path / "pose.txt", tmp_path / "aligned.ply"
+    with full_disk():
+        assert run_here("register", *pair(scene), "--quiet", "--out", pose, "--aligned", aligned) == 2
+    assert capsys.readouterr().err == f"dqreg: error: cannot write {aligned}: File too large\n"
+    assert np.loadtxt(pose).shape == (4, 4)
+    assert list(tmp_path.iterdir()) == [pose]
+
+
 def test_a_disk_that_fills_up_in_a_batch_keeps_what_was_done(scene, tmp_path, capsys, monkeypatch):
     limit = contextlib.ExitStack()
 
