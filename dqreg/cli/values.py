@@ -20,7 +20,19 @@ else:
     Scale = Limits = click.ParamType
 
 FILE = click.Path(path_type=Path)
-UNITS = Choice(["mm", "cm", "m", "inch", "ft"])
+
+
+class UnitType(Choice):
+    """A length unit; usual spellings get the one that was meant."""
+
+    def get_invalid_choice_message(self, value: object, ctx: click.Context | None) -> str:
+        """What is said of a unit that is not known."""
+        from dqreg.files.units import unit_meant
+
+        return f"{str(value)!r} is not one of {', '.join(self.choices)}{unit_meant(str(value), self.choices)}"
+
+
+UNITS = UnitType(["mm", "cm", "m", "inch", "ft"])
 
 
 class ScaleType(Scale):

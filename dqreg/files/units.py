@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 from fractions import Fraction
 
-from dqreg.errors import UnitsError
+from dqreg.errors import UnitsError, did_you_mean
 
 # Exact by definition, so that their ratios are rounded once.
 METRES = {
@@ -24,7 +25,7 @@ def factor(source: str | None, target: str | None) -> float:
     """What source lengths are multiplied with to be in target units; 1 where either unit is unknown."""
     for name in (source, target):
         if name is not None and (not isinstance(name, str) or name not in METRES):
-            raise UnitsError(f"unknown length unit {name!r}; known are {', '.join(METRES)}")
+            raise UnitsError(f"unknown length unit {name!r}; known are {', '.join(METRES)}{unit_meant(name, METRES)}")
     if source is None or target is None:
         return 1.0
     return float(METRES[source] / METRES[target])
@@ -43,6 +44,18 @@ UNIT_WORDS = {
 }
 # The whole comment must say it: "units mm", "Unit: mm", "Model units = millimeters".
 STATEMENT = re.compile(r"(?:(?:file|model|length)[ _])?units?\s*[:=]?\s*([a-z]+)\.?", re.IGNORECASE)
+
+
+def unit_meant(name: object, known: Collection[str]) -> str:
+    """The end of a message about a unit that is not known: the one of those known that was meant, or nothing.
+
+    >>> unit_meant("Millimetres", METRES), unit_meant("feet", METRES), unit_meant("um", ["mm"]), unit_meant(3, METRES)
+    ('; did you mean mm?', '; did you mean ft?', '', '')
+    """
+    if not isinstance(name, str):
+        return ""
+    meant = UNIT_WORDS.get(name.strip().lower())
+    return f"; did you mean {meant}?" if meant is not None and meant in known else did_you_mean(name, known)
 
 
 def unit_of_comment(comment: str) -> str | None:

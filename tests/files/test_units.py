@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dqreg.cli.values import UNITS
 from dqreg.errors import UnitsError
 from dqreg.files import read_geometry, write_cloud
 from dqreg.files.units import METRES, MIXED, RATIOS, UNIT_WORDS, factor, unit_of_comment
@@ -45,6 +46,18 @@ def test_an_unknown_or_equal_unit_converts_nothing(source: str | None, target: s
 def test_a_unit_that_is_not_known_is_named(source: str | None, target: str | None) -> None:
     with pytest.raises(UnitsError, match=r"unknown length unit .* known are .*mm, cm, m, inch, ft"):
         factor(source, target)
+
+
+@pytest.mark.parametrize(
+    ("word", "unit"),
+    [("millimetre", "mm"), ("millimeters", "mm"), ("MM", "mm"), ("centimeter", "cm"), ("metres", "m"), ("meter", "m"),
+     ("inches", "inch"), ("in", "inch"), ("feet", "ft"), ("foot", "ft"), ("microns", "um")],
+)  # fmt: skip
+def test_usual_spellings_of_a_unit_get_the_one_that_was_meant(word: str, unit: str) -> None:
+    with pytest.raises(UnitsError, match=f"did you mean {unit}\\?$"):
+        factor(word, "mm")
+    if unit in UNITS.choices:
+        assert UNITS.get_invalid_choice_message(word, None).endswith(f"ft; did you mean {unit}?")
 
 
 def test_confused_units_are_known_ones_with_the_coarser_first() -> None:
