@@ -117,14 +117,14 @@ def root_mean_square(values: FloatArray) -> float:
     return math.sqrt(dot(values, values) / len(values))
 
 
-def as_float(value: Any, name: str) -> FloatArray:
-    """Float64 array of what was given."""
+def as_float(value: Any, name: str, kinds: str = "fiubO") -> FloatArray:
+    """Float64 array of what was given, which has to be of some kinds of NumPy's types."""
     try:
         if isinstance(value, np.ma.MaskedArray):
             # NumPy would hand out what stands behind the mask.
             value = np.ma.filled(value.astype(np.float64), np.nan)
         array = np.asarray(value)
-        if array.dtype.kind not in "fiubO":
+        if array.dtype.kind not in kinds:
             raise TypeError(f"NumPy type {array.dtype}")
         # NumPy would read None as NaN without a word.
         if array.dtype.kind == "O" and any(item is None for item in array.flat):
@@ -139,7 +139,7 @@ def as_float(value: Any, name: str) -> FloatArray:
 
 def as_vectors(value: Any, name: str, *, finite: bool = True) -> FloatArray:
     """Rows of three numbers, (n, 3)."""
-    array = as_float(value, name)
+    array = as_float(value, name, "fiuO")
     if array.ndim != 2 or array.shape[1] != 3:
         remedy = ""
         if array.ndim == 2 and array.shape[0] == 3 and array.shape[1] > 6:

@@ -34,6 +34,11 @@ ANGLES = st.floats(-4.0, 4.0)
 SHIFTS = hnp.arrays(np.float64, 3, elements=st.floats(-1e6, 1e6))
 
 
+def test_a_mask_is_no_cloud() -> None:
+    with pytest.raises(InputError, match=r"scan must be an array of real numbers; got ndarray \(NumPy type bool"):
+        as_vectors(np.ones((5, 3), dtype=bool), "scan")
+
+
 @settings(deadline=None)
 @given(ANY)
 def test_float_arrays_pass_unchanged(array: np.ndarray) -> None:

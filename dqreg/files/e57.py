@@ -13,7 +13,7 @@ from dqreg.errors import InputError, load_package
 from dqreg.files.cloud_data import CloudData, make_cloud
 from dqreg.files.untrusted import require_proportion, unreadable
 
-WANTED = "a whole E57 file"
+WANTED = "a whole E57 file; was the file cut short?"
 # Bytes of the header, and of the checksum that ends each page.
 HEADER, CHECKSUM = 48, 4
 

@@ -14,7 +14,7 @@ from dqreg.files.cloud_data import CloudData, make_cloud
 from dqreg.files.limited_process import run_limited
 from dqreg.files.untrusted import require_proportion, unreadable
 
-WANTED = "a whole LAS or LAZ file"
+WANTED = "a whole LAS or LAZ file; was the file cut short?"
 # Bytes of the shortest header and of the head of a record.
 HEADER, RECORD = 227, 54
 # Record with the keys of GeoTIFF, and the key that names the unit of projected coordinates.

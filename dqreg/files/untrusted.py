@@ -32,6 +32,12 @@ SIGNATURES: tuple[tuple[bytes, str, tuple[str, ...]], ...] = (
     (b"<!doctype html", "a web page", ()),
     (b"<html", "a web page", ()),
 )
+# Endings of scans and parts, which a test compares with their readers; then those of poses, results, plans and bags.
+ENDINGS = (
+    ".ply", ".pcd", ".xyz", ".asc", ".xyzn", ".txt", ".csv", ".npy", ".npz", ".stl", ".obj", ".off", ".glb", ".gltf",
+    ".3mf", ".step", ".stp", ".las", ".laz", ".e57", ".bin", ".pts",
+    ".json", ".toml", ".tum", ".g2o", ".bag", ".mcap", ".db3",
+)  # fmt: skip
 
 
 def unreadable(path: Path, found: str, expected: str) -> InputError:
@@ -95,7 +101,8 @@ def require_own_kind(path: Path, extension: str) -> None:
 
 def _near_names(path: Path, wanted: str) -> str:
     try:
-        names = [entry.name for entry in path.parent.iterdir()]
+        # Programs and pictures beside a scan are not what was meant.
+        names = [e.name for e in path.parent.iterdir() if e.suffix.lower() in ENDINGS]
     except OSError:
         return f"the path of {wanted}; the folder {path.parent} cannot be listed"
     near = nearest(path.name, names, 2)

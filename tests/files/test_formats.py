@@ -8,8 +8,14 @@ import pytest
 
 from dqreg.errors import InputError
 from dqreg.files import READERS, read_cloud, read_geometry, read_mesh
+from dqreg.files.untrusted import ENDINGS
 
 ALL = [read_cloud, read_mesh, read_geometry]
+
+
+def test_the_endings_that_are_proposed_are_those_that_can_be_read() -> None:
+    records = {".json", ".toml", ".tum", ".g2o", ".bag", ".mcap", ".db3"}
+    assert set(ENDINGS) - records == set(READERS)
 
 
 @pytest.mark.parametrize("read", ALL)
@@ -17,6 +23,10 @@ def test_a_missing_file_offers_its_neighbours(tmp_path: Path, read: Any) -> None
     (tmp_path / "scan_01.ply").touch()
     with pytest.raises(InputError, match=r"no such file; expected perhaps scan_01\.ply in the same folder"):
         read(tmp_path / "scan_1.ply")
+    # What lies beside it and is no scan is not what was meant.
+    (tmp_path / "mig.py").touch()
+    with pytest.raises(InputError, match="no such file; expected the path of a scan or part"):
+        read(tmp_path / "mi.ply")
     with pytest.raises(InputError, match="no such file; expected the path of a scan or part"):
         read(str(tmp_path / "zzzzzzzz.stl"))
     with pytest.raises(InputError, match=r"the folder .* cannot be listed"):

@@ -121,6 +121,16 @@ def test_a_damaged_laz_is_refused(tmp_path):
             read_cloud(path)
 
 
+@pytest.mark.parametrize(("extension", "package"), [(".las", "laspy"), (".laz", "laspy"), (".e57", "pye57")])
+def test_half_a_file_is_asked_whether_it_was_cut_short(extension, package, tmp_path):
+    pytest.importorskip(package, reason="pip install 'dqreg[scans]'")
+    whole = e57() if extension == ".e57" else las(extension)
+    path = tmp_path / f"a{extension}"
+    path.write_bytes(whole[: len(whole) * 3 // 4])
+    with pytest.raises(InputError, match=r"was the file cut short\?"):
+        read_cloud(path)
+
+
 def test_surveys_far_from_the_origin_register(tmp_path):
     pytest.importorskip("laspy", reason="pip install 'dqreg[scans]'")
     import laspy
