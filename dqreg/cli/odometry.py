@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +10,7 @@ import click
 
 from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, say
 from dqreg.cli.overwriting import require_apart
+from dqreg.cli.signals import PoliteSignals, write
 from dqreg.cli.values import FILE
 
 if TYPE_CHECKING:
@@ -84,36 +84,37 @@ def odometry_command(scans: Path, **options: Any) -> int:
     dqreg odometry my_scans --json | jq '.frames[] | select(.level != "accepted")'
     dqreg odometry kitti/ --loader kitti --sequence 07 --out poses_07.txt
 
-    Exit codes: 0 every frame accepted, 1 some were not (they are named), 2 bad input.
+    Ctrl-C keeps the frames that are done and writes what was asked for of them; a second one stops at once.
+
+    Exit codes: 0 every frame accepted, 1 some were not (they are named), 2 bad input, 130 or 143 stopped by a signal.
     """
-    from dqreg.files.atomic import require_writable
     from dqreg.odometry.scans import open_scans
     from dqreg.odometry.settings import OdometrySettings
 
     _refuse_contradictions(options)
     names = ("voxel_size", "max_range", "min_range", "deskew", "search_deg", "method")
     settings = OdometrySettings(**{name: options[name] for name in names})
-    if options["plot"] is not None:
-        from dqreg.odometry.plot import plot_kind
-
-        plot_kind(options["plot"])
-    goals = {f"--{name}": options[name] for name in ("out", "frames", "plot")}
-    require_apart((scans, options["times"], scans / "times.txt", options["truth"]), goals)
-    for goal in goals.values():
-        if goal is not None:
-            require_writable(goal)
+    _require_goals(scans, options)
     # A table squeezed into a pipe's 80 columns cannot be read.
     console, shown = consoles(quiet=options["quiet"], as_json=options["as_json"], width=WIDTH)
     data = _first(
         open_scans(scans, options["times"], options["loader"], options["sequence"], options["topic"]), options["first"]
     )
     truth = _truth(options["truth"], data)
-    alone = not options["compare"]
     motion = _motion(console, scans, data, options)
     view = _live(console, options)
     show = None if view is None else view.show
-    ours = functools.partial(_run, shown, options["engine"], data, settings, show, motion)
-    trips = [ours()] if alone else [*_compare(shown, data, settings), ours()]
+    trips = _compare(shown, data, settings) if options["compare"] else []
+    with PoliteSignals() as asked:
+        # Another engine's frames are not kept.
+        asked.polite = options["engine"] == "dq"
+        trips.append(_run(shown, options["engine"], data, settings, show, motion, asked.asked))
+    if asked.number:
+        done = len(trips[-1].poses)
+        write(f"stopped after {done} of {len(data)} frames; the answer is of these")
+        if not done:
+            return 128 + asked.number
+        data, truth, trips = _first(data, done), None if truth is None else truth[:done], trips[-1:]
     _show(console, trips, truth)
     main = trips[-1]
     _write(console, main, data, truth, options)
@@ -121,13 +122,27 @@ def odometry_command(scans: Path, **options: Any) -> int:
         from dqreg.odometry.frame_table import to_records
 
         print_json({"engine": main.name, "frames": to_records(main, data)})
+    if asked.number:
+        return 128 + asked.number
     if view is not None:
         from dqreg.report.live_server import wait
 
         wait(view.server)
-    if not main.results:
-        return 0
     return 0 if all(result.verdict.level == "accepted" for result in main.results) else 1
+
+
+def _require_goals(scans: Path, options: dict[str, Any]) -> None:
+    """Refuse, before the work, what cannot be written."""
+    from dqreg.files.atomic import require_writable
+
+    if options["plot"] is not None:
+        from dqreg.odometry.plot import plot_kind
+
+        plot_kind(options["plot"])
+    goals = {f"--{name}": options[name] for name in ("out", "frames", "plot")}
+    require_apart((scans, options["times"], scans / "times.txt", options["truth"]), goals)
+    for goal in filter(None, goals.values()):
+        require_writable(goal)
 
 
 def _refuse_contradictions(options: dict[str, Any]) -> None:
@@ -210,6 +225,7 @@ def _run(
     settings: Any,
     show: Callable[..., object] | None = None,
     motion: MotionPrior | None = None,
+    stop: Callable[[], bool] = lambda: False,
 ) -> TrajectoryRun:
     from dqreg.odometry.peers import KissEngine, run_engine
     from dqreg.odometry.run_sequence import run_sequence
@@ -218,7 +234,7 @@ def _run(
     with WorkBar(console) as bar:
         step = bar.steps(len(scans), engine)
         if engine == "dq":
-            return run_sequence(scans, settings, step, show, motion)
+            return run_sequence(scans, settings, step, show, motion, stop)
         kiss = KissEngine(settings.max_range or 100.0, settings.voxel_size, settings.deskew, settings.min_range)
         return run_engine("KISS-ICP", kiss, scans, step)
 

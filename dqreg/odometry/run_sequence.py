@@ -36,11 +36,14 @@ def run_sequence(
     tell: Callable[[int, Registration], object] | None = None,
     show: Callable[[FloatArray, Registration], object] | None = None,
     motion: MotionPrior | None = None,
+    stop: Callable[[], bool] = lambda: False,
 ) -> TrajectoryRun:
-    """Run our odometry over a sequence; a frame that cannot be read fails alone."""
+    """Run our odometry over a sequence, or until ``stop`` says so; a frame that cannot be read fails alone."""
     odometry, guide = Odometry(settings), None if motion is None else MotionGuide(motion)
     frames, results = _Frames(odometry, scans), list[Registration]()
     for number in range(len(scans)):
+        if stop():
+            break
         data = frames.read(number)
         began = time.perf_counter()
         raw = frames.prepared(data)

@@ -3,6 +3,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import signal
 import subprocess
 import sys
 
@@ -11,6 +12,7 @@ import pytest
 
 pytest.importorskip("kiss_icp")
 
+from dqreg.odometry import Odometry
 from tests.cli.command import run
 
 
@@ -49,6 +51,27 @@ def test_a_sequence_becomes_a_trajectory_with_all_its_outputs(sequence, tmp_path
     assert [row["level"] for row in rows] == ["accepted"] * 4
     assert 0.0 < float(rows[1]["sigma_shift"]) < 0.1
     assert plot.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_keeps_the_frames_that_are_done(sequence, tmp_path, monkeypatch, capfd, number):
+    out, frames = tmp_path / "poses.tum", tmp_path / "frames.csv"
+    register = Odometry._registered
+
+    def told(odometry, *given):
+        found = register(odometry, *given)
+        if len(odometry.poses) == 2:
+            os.kill(os.getpid(), number)
+        return found
+
+    monkeypatch.setattr(Odometry, "_registered", told)
+    options = ("--truth", sequence / "truth.txt", "--out", out, "--frames", frames)
+    assert run("odometry", sequence / "good.npz", *options) == 128 + number
+    captured = capfd.readouterr()
+    assert "dqreg: stopped after 2 of 4 frames" in captured.err
+    assert "2 accepted, 0 suspect, 0 failed" in captured.out
+    assert len(np.loadtxt(out)) == 2
+    assert len(frames.read_text().splitlines()) == 3
 
 
 def test_a_frame_without_points_is_named_and_the_code_says_so(sequence, tmp_path, capsys):
