@@ -37,7 +37,10 @@ def consoles(*, quiet: bool, as_json: bool, width: int | None = None, apart: boo
     """
     from dqreg.cli.pipes import Dispensable
     from dqreg.cli.pipes import PatientConsole as Console
+    from dqreg.kernels import second_process
 
+    if quiet:
+        second_process.tell(tells=False)
     told = Console(stderr=as_json, quiet=quiet or as_json, highlight=False)
     # A pipe gets the answer, not the iterations before it.
     beside = as_json or (apart and not told.is_terminal)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import pickle
-import sys
 import uuid
 from collections.abc import Callable
 from contextlib import suppress
@@ -19,10 +18,12 @@ from numba.core.runtime import rtsys
 
 from dqreg.kernels.cache import claim, folders
 from dqreg.kernels.file_locks import FileLocks
-from dqreg.kernels.second_process import start_if_allowed
+from dqreg.kernels.second_process import announce, start_if_allowed
 
 Function = TypeVar("Function", bound=Callable[..., Any])
-ANNOUNCEMENT = "dqreg: compiling inner loops that were not used on this machine before; it takes seconds, once\n"
+ANNOUNCEMENT = (
+    "dqreg: compiling inner loops that were not used on this machine before; it takes up to a minute or two, once\n"
+)
 
 # `kernel_compiler` uses what Numba promises to nobody: the first and the last version that it was tried with.
 FIRST_TRIED, LAST_TRIED = (0, 60), (0, 68)
@@ -161,6 +162,5 @@ def _announce() -> None:
     if _announced:
         return
     _announced = True
-    if sys.stderr is not None and sys.stderr.isatty():
-        sys.stderr.write(ANNOUNCEMENT)
+    announce(ANNOUNCEMENT)
     start_if_allowed()

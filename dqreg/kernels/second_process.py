@@ -5,6 +5,7 @@ Only programs of our own ask for it: `sys.executable` of a program that calls th
 
 from __future__ import annotations
 
+import contextlib
 import os
 import subprocess
 import sys
@@ -16,12 +17,31 @@ CODE = "from dqreg.kernels.compile_all import compile_all; compile_all(backwards
 
 # The process that may start one, and has not yet.
 _asking: int | None = None
+# Whether this process says that it compiles; None: where a person looks on.
+_tells: bool | None = None
+
+
+def tell(*, tells: bool) -> None:
+    """Have this process say that it compiles, or not, whoever reads its standard error."""
+    global _tells  # noqa: PLW0603
+    _tells = tells
+
+
+def announce(words: str) -> None:
+    """Say that this process compiles: in a program of our own unless it is quiet, in others on a terminal alone."""
+    with contextlib.suppress(OSError, ValueError):
+        if _tells:
+            # Not through the stream, whose buffer would hold what cannot be written.
+            os.write(2, words.encode())
+        elif _tells is None and sys.stderr is not None and sys.stderr.isatty():
+            sys.stderr.write(words)
 
 
 def allow() -> None:
     """Let this process, a program of our own, start a second one at the first kernel not kept; a fork may not."""
     global _asking  # noqa: PLW0603
     _asking = os.getpid()
+    tell(tells=True)
     gc_pause.freeze_survivors()
     # Numba writes, and colours, thousands of messages why a type does not fit, and throws them away.
     os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")

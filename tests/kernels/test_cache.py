@@ -168,6 +168,20 @@ def test_the_first_compilation_is_announced_in_one_line_on_a_terminal(tmp_path: 
     assert said[1] == "end\r\n"
 
 
+def test_a_program_of_our_own_says_into_pipes_too_that_it_compiles_unless_it_is_quiet(tmp_path: Path) -> None:
+    ours = """
+from dqreg.cli.outputs import consoles
+from dqreg.kernels import second_process
+second_process.start = lambda: None
+second_process.allow()
+"""
+    quiet = "consoles(quiet=True, as_json=False)\n"
+    for number, (first, count) in enumerate([("", 0), (ours, 1), (ours + quiet, 0)]):
+        env = {**environment(), "NUMBA_CACHE_DIR": str(tmp_path / str(number))}
+        done = subprocess.run([sys.executable, "-c", first + CODE], env=env, capture_output=True, text=True, check=True)
+        assert done.stderr.count("compiling inner loops") == done.stderr.count("\n") == count
+
+
 def test_code_that_is_kept_runs_without_what_types_are_inferred_with_and_what_few_ask_for() -> None:
     code = """
 import sys

@@ -92,6 +92,7 @@ def test_only_the_process_that_asked_starts_a_second_one_and_only_once(monkeypat
     monkeypatch.setattr(second_process, "start", lambda: started.append(1))
     monkeypatch.setattr(gc_pause, "_freezes_survivors", False)
     monkeypatch.setattr(second_process, "_asking", None)
+    monkeypatch.setattr(second_process, "_tells", None)
     second_process.start_if_allowed()
     assert not started
     second_process.allow()
@@ -111,6 +112,7 @@ def test_a_command_starts_it_at_once_where_nothing_is_kept(monkeypatch: pytest.M
     monkeypatch.setattr(gc_pause, "_freezes_survivors", False)
     monkeypatch.setattr(cache, "folders", lambda: ((tmp_path,), tmp_path))
     monkeypatch.setattr(second_process, "_asking", None)
+    monkeypatch.setattr(second_process, "_tells", None)
     # A caller's process is not asked.
     second_process.start_where_nothing_is_kept()
     assert started == []
