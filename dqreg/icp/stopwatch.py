@@ -10,6 +10,7 @@ import numpy as np
 
 from dqreg.icp.history import Iteration
 from dqreg.icp.loop import Observer
+from dqreg.kernels.compiled import CLOCK
 from dqreg.solvers.status import Status
 
 
@@ -19,6 +20,7 @@ class Stopwatch:
     def __init__(self, limit: float | None = None) -> None:
         self._began = time.perf_counter()
         self._limit = limit
+        self._compiled = CLOCK.seconds
         self.seconds: dict[str, float] = {}  # Of each stage that has ended
 
     @contextlib.contextmanager
@@ -27,6 +29,12 @@ class Stopwatch:
         began = time.perf_counter()
         yield
         self.seconds[name] = time.perf_counter() - began
+
+    def end(self) -> None:
+        """Note what the whole took and, where kernels were compiled meanwhile, how much of it that was."""
+        self.seconds["total"] = self.total
+        if (compiled := CLOCK.seconds - self._compiled) > 0.0:
+            self.seconds["compile"] = compiled
 
     @property
     def total(self) -> float:

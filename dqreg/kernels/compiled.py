@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import pickle
+import time
 import uuid
 from collections.abc import Callable
 from contextlib import suppress
@@ -88,6 +89,29 @@ COMPILER = compiler(numba.__version__)
 REDUCE, REBUILD = keeping(numba.__version__)
 
 
+class CompileClock:
+    """Seconds that this process has compiled, or waited for another one to; Numba lets one thread compile at a time."""
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+        # The function that is compiled, and since when; what it calls is compiled meanwhile.
+        self._outermost: tuple[Path, float] | None = None
+
+    def begin(self, file: Path) -> None:
+        """A function has to be compiled."""
+        if self._outermost is None:
+            self._outermost = file, time.perf_counter()
+
+    def end(self, file: Path) -> None:
+        """It is there."""
+        if self._outermost is not None and self._outermost[0] == file:
+            self.seconds += time.perf_counter() - self._outermost[1]
+            self._outermost = None
+
+
+CLOCK = CompileClock()
+
+
 class KeptCode:
     """Machine code of one function in files, one for each signature and processor: what Numba asks a cache for."""
 
@@ -110,8 +134,10 @@ class KeptCode:
         if (code := _kept(file, target_context)) is not None:
             return code
         _announce()
+        CLOCK.begin(file)
         if self._locks.acquire(folders()[1], file) and (code := _kept(file, target_context)) is not None:
             self._locks.release(file)
+            CLOCK.end(file)
             return code
         return None
 
@@ -121,6 +147,7 @@ class KeptCode:
         if (folder := folders()[1]) is not None:
             self._save(folder / file, code)
         self._locks.release(file)
+        CLOCK.end(file)
 
     def _save(self, path: Path, code: Any) -> None:
         if path.parent not in _claimed:

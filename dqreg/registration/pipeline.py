@@ -122,7 +122,7 @@ def concluded(fit: Fit, known: Known, search: str, gain: float) -> Registration:
     if found is None:
         fit = fit.late()
         found = judged(fit, known, search, gain)
-    fit.problem.watch.seconds["total"] = fit.problem.watch.total
+    fit.problem.watch.end()
     return registration_of(fit, *found)
 
 
@@ -140,7 +140,7 @@ def not_judged(fit: Fit) -> Registration:
     fit = seen_alone(fit)
     uncertainty = uncertainty_of(fit, by_rims=False)
     verdict = Verdict("suspect", (Reason(NOT_JUDGED, "not_judged"),)) if fit.found else judge(fit.agreement)
-    fit.problem.watch.seconds["total"] = fit.problem.watch.total
+    fit.problem.watch.end()
     return registration_of(fit, uncertainty, verdict, ())
 
 

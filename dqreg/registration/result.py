@@ -59,7 +59,7 @@ class Registration(UncertainPose, ShownResult):
     inlier_fraction : float
         Mean probability of a source point to be an inlier, over all points used.
     timings : dict
-        Seconds per stage.
+        Seconds per stage; ``compile``, where kernels were compiled for the first time, is a part of the other ones.
     settings : dict
         Every setting as resolved, lengths in target units.
     inputs : SourceAndTarget or None

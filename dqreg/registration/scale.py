@@ -58,7 +58,7 @@ def align_with_scale(source: Any, target: Any, start: Any, options: Options) -> 
     doubt = why_not_fixed(task.search, found)
     watch.seconds["scale"] = watch.total
     result, step = _refined(task, found[0])
-    watch.seconds["total"] = watch.total
+    watch.end()
     return _with_scale(result, step, doubt, task)
 
 

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import os
 import pty
 import subprocess
@@ -197,3 +198,32 @@ print({"numba.np.linalg", "numba.np.arrayobj", "dqreg.inspection"} & set(sys.mod
         for _ in range(2)
     ]
     assert told[1].stdout == "set()\n", told[1].stderr
+
+
+def test_how_long_a_process_compiled_is_known_and_what_a_function_calls_is_not_counted_twice(tmp_path: Path) -> None:
+    code = """
+import json
+from dqreg.icp.stopwatch import Stopwatch
+from dqreg.kernels.compiled import compiled
+@compiled
+def inner(x):
+    return x + x
+@compiled
+def outer(x):
+    return inner(x) + inner(x + 1.0)
+told = []
+for _ in range(2):
+    watch = Stopwatch()
+    assert outer(1.0) == 6.0
+    watch.end()
+    told.append(watch.seconds)
+print(json.dumps(told))
+"""
+    env = {**environment(), "NUMBA_CACHE_DIR": str(tmp_path)}
+    for is_kept in (False, True):
+        done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True)
+        first, second = json.loads(done.stdout)
+        assert second.keys() == {"total"}
+        assert ("compile" in first) != is_kept
+        # Nothing else is done there.
+        assert is_kept or 0.5 * first["total"] < first["compile"] <= first["total"]

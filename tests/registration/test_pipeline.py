@@ -199,7 +199,7 @@ def test_without_a_verdict_the_pose_and_the_covariance_are_those_of_the_loop(tmp
     np.testing.assert_array_equal(plain.T_target_source, judged.T_target_source)
     np.testing.assert_array_equal(plain.covariance, judged.covariance)
     assert (judged.verdict.level, plain.verdict.level, plain.verdict.codes) == ("accepted", "suspect", ("not_judged",))
-    assert set(plain.timings) == {"read", "prepare", "start", "register", "total"}
+    assert set(plain.timings) - {"compile"} == {"read", "prepare", "start", "register", "total"}
     plain.save(tmp_path / "result.json")
     kept = dqreg.Registration.load(tmp_path / "result.json")
     assert (kept.verdict.codes, kept.settings["verdict"]) == (("not_judged",), False)

@@ -231,7 +231,7 @@ def test_lengths_are_resolved_in_the_settings(expected: Registration) -> None:
     assert expected.settings["diagonal"] == pytest.approx(SIZE, rel=1e-12)
     assert expected.settings["target_kind"] == "mesh"
     assert expected.settings["used_points"] == len(SCAN)
-    assert set(expected.timings) == {"read", "prepare", "start", "register", "second try", "total"}
+    assert set(expected.timings) - {"compile"} == {"read", "prepare", "start", "register", "second try", "total"}
 
 
 def test_no_overlap_is_no_pose() -> None:
