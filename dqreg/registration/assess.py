@@ -17,8 +17,9 @@ from dqreg.registration.between_clouds import between_clouds, have_planes_alone,
 from dqreg.registration.common_faces import OVERLAP, begin_sampling, overlap_at
 from dqreg.registration.derived import Key
 from dqreg.registration.exposures import second_pose
-from dqreg.registration.fit import Fit, own_normals
+from dqreg.registration.fit import Fit
 from dqreg.registration.free_space import begin_free_space, looked_through_at, viewpoint_behind
+from dqreg.registration.held_motions import own_normals
 from dqreg.registration.loop_status import status_of
 from dqreg.registration.prepared import Prepared
 from dqreg.registration.problem import Problem

@@ -11,6 +11,7 @@ from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.icp import Estimator, constrained
 from dqreg.icp.noise_by_face import Weigher
+from dqreg.registration.held_motions import held_by_shape
 from dqreg.rigid import pose
 from dqreg.solvers import Freedom, PoseCost
 
@@ -56,7 +57,9 @@ class PoseConstraints:
         """Estimator that keeps them, see `constrained`; with weights by the scatter of faces, if so asked."""
         if self.reference is None:
             raise InputError("locked motions and priors need a start to hold the pose to")
-        held = constrained(self.freedom or Freedom.parse("all"), self.reference, self.prior, planes=planes)
+        held = constrained(
+            self.freedom or Freedom.parse("all"), self.reference, self.prior, planes=planes, held_of=held_by_shape
+        )
         if weighed_by is None:
             return held
         return lambda pairs, weights, noise: held(pairs, weighed_by(pairs, weights, noise), noise)

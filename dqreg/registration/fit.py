@@ -8,9 +8,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, median, product
+from dqreg._arrays import BoolArray, FloatArray, median
 from dqreg._records import replaced
-from dqreg.geometry import CloudSurface, Mesh, PointCloud, Surface, prepare_scan
+from dqreg.geometry import CloudSurface, Mesh, PointCloud, prepare_scan
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.vector_rows import nonzero_rows, row_dots
 from dqreg.icp import (
@@ -32,6 +32,7 @@ from dqreg.registration.constraints import PoseConstraints
 from dqreg.registration.derived import Derived, Key
 from dqreg.registration.evenly_asked import evenly_asked
 from dqreg.registration.evidence import agreement_in_time, agreement_of
+from dqreg.registration.held_motions import own_normals
 from dqreg.registration.prepared import Prepared
 from dqreg.registration.problem import Problem, SourceAndTarget
 from dqreg.registration.target_index import TargetIndex
@@ -139,6 +140,7 @@ class Fit:
 
     def _information(self) -> Information:
         T, pairs, weights = self.T_target_source, self.run.pairs, self.run.weights
+        prior = self.constraints.information(T)
         points, heights = placed(pairs, T)
         if self.settings.fine is not None and self.settings.fine is not ESTIMATORS["generalised"]:
             weights = weights_by_face(pairs, weights, self.run.mixture.scale)
@@ -155,7 +157,8 @@ class Fit:
             counts=pairs.scan.counts,
             scattered=pairs.scan.scatter,
             allowed=self.constraints.allowed(T),
-            prior=self.constraints.information(T),
+            # By which share the standard deviations will be divided: that of the prior as well.
+            prior=None if prior is None else prior / self.followed**2,
         )
         # What is said of the motions names points in the caller's frame.
         return replaced(information, centre=self.target.origin)
@@ -277,10 +280,3 @@ def run_icp(icp: Icp, sides: SourceAndTarget, start: FloatArray, observe: Observ
     run = icp.run(scan, sides.target.surface, T, sides.observer(observe))
     history = tuple(sides.in_caller_frames(record) for record in run.history)
     return replaced(run, T_target_source=sides.to_caller(run.T_target_source), history=history)
-
-
-def own_normals(surface: Surface, pairs: Correspondences) -> FloatArray | None:
-    """Normals of the scan in the target's frame, (n, 3), where those of the target are estimates too."""
-    if not isinstance(surface, CloudSurface) or not pairs.closest.normals.any():
-        return None
-    return product(pairs.scan.normals, pairs.T_target_source[:3, :3].T)

@@ -244,6 +244,31 @@ def derivatives(form: QuadraticForm, T: FloatArray) -> Slopes:
     return gradient, hessian, squares
 
 
+def projected_form(form: QuadraticForm, T: FloatArray, held: FloatArray, tether: FloatArray) -> QuadraticForm:
+    """A cost near a pose, to second order, without part of each twist from there; that part is tied to the pose.
+
+    Shapes: held (6, 6), what leaves of a twist about the target's zero the part that counts, tether (6,), weights of
+    the squares of the rest.
+    """
+    gradient, _, squares = derivatives(form, T)
+    about = form.twists_from(np.eye(4))
+    kept = about @ held @ np.linalg.inv(about)
+    # The twist as a linear function of the pose: the skew part of R' R^T, and what carries the origin on.
+    y = form.coordinates(T)
+    twist = np.zeros((6, 13))
+    twist[:3, :9] = 0.5 * (_GENERATORS @ T[:3, :3]).reshape(3, 9)
+    twist[3:, :9] = -(_GENERATORS @ y[9:12]).T @ twist[:3, :9]
+    twist[3:, 9:12], twist[3:, 12] = np.eye(3), -y[9:12]
+    counted = kept @ twist
+    rest = np.linalg.solve(about, twist - counted)
+    matrix = 0.5 * counted.T @ squares @ counted + (rest.T * tether) @ rest
+    slope = 0.5 * gradient @ counted
+    matrix[:, 12] += slope
+    matrix[12] += slope
+    matrix[12, 12] += form.value(T)
+    return QuadraticForm(matrix, form.origin_source, form.origin_target)
+
+
 def split_derivatives(form: QuadraticForm, R: FloatArray, y: FloatArray, arm: FloatArray) -> Slopes:
     """Gradient and Hessian for a rotation about a point and a translation after it, at zero.
 

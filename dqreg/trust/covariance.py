@@ -106,7 +106,8 @@ def observe_directions(information: Information, units: str | None = None) -> tu
     if free.any():
         vectors = np.hstack([_separated(vectors[:, free]), vectors[:, ~free]])
     directions = []
-    for value, vector, is_free, carriers in zip(information.values, vectors.T, free, information.carriers, strict=True):
+    known = free, information.carriers, information.beforehand[: len(free)]
+    for value, vector, is_free, carriers, beforehand in zip(information.values, vectors.T, *known, strict=True):
         share = FREE_ROTATION if is_free else CONSTRAINED_ROTATION
         kind: Kind = "rotation" if math.hypot(*vector[:3].tolist()) >= share else "translation"
         motion = Motion.of(vector[:3] / information.lever, vector[3:], information.centre, kind)
@@ -118,6 +119,7 @@ def observe_directions(information: Information, units: str | None = None) -> tu
             # Where most of the points add nothing, it matters how many do.
             few = carriers < FEW * information.weight
             only = f" is constrained by about {carriers:.0f} points only" if few else ""
+            only = " is constrained by the prior only" if beforehand else only
             sigma, words = _sigma(information, value, vector), f"{told}{only}"
         directions.append(Direction(float(value), sigma, words, motion.kind, motion.axis, motion.point))
     return tuple(directions)

@@ -10,12 +10,14 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray, dot
 from dqreg._records import replaced
 from dqreg.solvers.row_sums import MotionSums
-from dqreg.solvers.sandwich import patch_starts, scatter_of_sums
+from dqreg.solvers.sandwich import Starts, patch_starts, scatter_of_sums
 from dqreg.trust.both_sides import carriers_of, unconfirmed
 
 # Information below this fraction of what all correspondences could give with the longest lever is rounding or facets,
 # not shape.
 FREE_SHARE = 1e-5
+# What was known beforehand of a motion, below this fraction of what was of another, is rounding.
+UNKNOWN_SHARE = 2e-14
 # One patch of all rows.
 ONE_PATCH = np.zeros(1, dtype=np.int64)
 # No normals.
@@ -55,6 +57,8 @@ class Information:
         where they do not.
     tilt : ndarray, (6,)
         Standard deviation of each coordinate of the free motions, as unit vectors: errors of the normals tilt them.
+    beforehand : ndarray of bool, (k,)
+        Motions that no normal constrains, and a prior does: what it says is all that is known of them.
     """
 
     values: FloatArray
@@ -67,11 +71,12 @@ class Information:
     scatter: FloatArray | None = None
     by_rims: float = math.nan
     tilt: FloatArray = dataclasses.field(default_factory=lambda: np.zeros(6))
+    beforehand: BoolArray = dataclasses.field(default_factory=lambda: np.zeros(6, dtype=bool))
 
     @property
     def free(self) -> BoolArray:
-        """Which of the six motions no normal constrains, (6,)."""
-        return np.asarray(self.values < FREE_SHARE)
+        """Which of the six motions nothing constrains, neither a normal nor a prior, (k,)."""
+        return np.asarray((self.values < FREE_SHARE) & ~self.beforehand)
 
     @property
     def effective(self) -> float:
@@ -164,34 +169,94 @@ def information_of(
     sums = MotionSums.of(points, normals, smooth, residuals, weights, centre, lever, first, basis)
     aside = dot(weights, scattered) if isinstance(scattered, np.ndarray) else total * scattered
     variance = (sums.squares() + aside) / max(total - 6.0, 1.0)
-    # What was known beforehand, in the units of the correspondences' own information.
-    known = np.zeros((6, 6)) if prior is None else variance * prior / scaling / scaling[:, None]
-    known = basis.T @ known @ basis
+    # What was known beforehand, by the scaled twist, and in the units of the correspondences' own information.
+    told = np.zeros((6, 6)) if prior is None else prior / scaling / scaling[:, None]
+    told = basis.T @ told @ basis
+    known = variance * told
     of_all = max(total, np.finfo(float).tiny)
-    whole = sums.of_smooth() + known
+    of_smooth = sums.of_smooth()
     denied = np.zeros((basis.shape[1], 0))
     if own is not None:
         denied = unconfirmed(points, normals, own, weights, centre, lever, basis, FREE_SHARE * of_all)
-    # Of a motion that both sides do not confirm, what was known beforehand is left.
-    values, vectors, said = _parted(whole / of_all, known / of_all, denied)
+    if prior is not None:
+        denied = _with_free(denied, of_smooth / of_all)
+    # Of a motion that both sides do not confirm, what was known beforehand is left; and of one that none holds.
+    values, vectors, said = _parted((of_smooth + known) / of_all, known / of_all, denied)
     is_denied = np.arange(len(values)) < denied.shape[1]
+    least = UNKNOWN_SHARE * np.trace(told)
+    beforehand: BoolArray = is_denied & (np.einsum("ij,ik,kj->j", vectors, told, vectors) > least)
+    values[is_denied & ~beforehand] = 0.0
     order = np.argsort(values, kind="stable")
-    values, vectors, said, is_denied = values[order], vectors[:, order], said[order], is_denied[order]
+    values, vectors, said = values[order], vectors[:, order], said[order]
+    is_denied, beforehand = is_denied[order], beforehand[order]
     sides = (points, smooth, NO_NORMALS) if own is None else (points, normals, own)
     carriers = np.where(is_denied, 0.0, carriers_of(*sides, basis @ vectors, weights, counts, centre, lever))
-    sigma, tilt = float(np.sqrt(variance)), _tilt(values, said, basis @ vectors, weights)
-    held = Information(values, basis @ vectors, total, sigma, lever, centre, carriers, tilt=tilt)
-    motions, by_prior = vectors[:, ~held.free & ~is_denied], vectors[:, ~held.free & is_denied]
-    if starts is None or not motions.shape[1]:
-        return held
-    # Facets have an information of their own.
-    of_motions = motions.T @ known @ motions
-    scatter = scatter_of_sums(sums, starts, of_motions, variance, motions=motions)
+    sigma, outer = float(np.sqrt(variance)), basis @ vectors
+    held = Information(values, outer, total, sigma, lever, centre, carriers, beforehand=beforehand)
+    held = replaced(held, tilt=_tilt(held.free, values, said, outer, weights))
+    by_shape = ~held.free & ~is_denied
+    return replaced(held, scatter=_scatter(sums, starts, told, variance, vectors[:, by_shape], vectors[:, beforehand]))
+
+
+def _scatter(
+    sums: MotionSums,
+    starts: Starts | None,
+    told: FloatArray,
+    variance: float,
+    motions: FloatArray,
+    by_prior: FloatArray,
+) -> FloatArray | None:
+    """Covariance of the scaled twist from motions that the shape holds, (k, m), and those of a prior alone, (k, n).
+
+    None where there is none of the second kind, and too few patches. Shapes: told (k, k), returns (6, 6).
+    """
+    basis = sums.basis
+    # What the prior says of a motion of its own depends on the others, as far as it knows them together.
+    strengths = np.einsum("ij,ik,kj->j", by_prior, told, by_prior)
+    together = by_prior.T @ told @ motions
+    known = variance * (motions.T @ told @ motions - (together.T / strengths) @ together)
+    scatter = None
+    if starts is not None and motions.shape[1]:
+        # Facets have an information of their own.
+        scatter = scatter_of_sums(sums, starts, known, variance, motions=motions)
+    if scatter is None and by_prior.shape[1]:
+        scatter = variance * np.linalg.inv(motions.T @ sums.of_smooth() @ motions + known)
     if scatter is None:
-        return held
-    outer = basis @ motions
-    alone = basis @ by_prior * np.sqrt(variance / (total * values[~held.free & is_denied]))
-    return replaced(held, scatter=outer @ scatter @ outer.T + alone @ alone.T)
+        return None
+    alone = basis @ (by_prior / np.sqrt(strengths))
+    outer = basis @ (motions - (by_prior / strengths) @ together)
+    return np.asarray(outer @ scatter @ outer.T + alone @ alone.T)
+
+
+def held_part(
+    points: FloatArray,
+    normals: FloatArray,
+    weights: FloatArray,
+    lever: float,
+    smooth: FloatArray | None = None,
+    own: FloatArray | None = None,
+) -> FloatArray | None:
+    """What a twist about the origin is multiplied with to leave what the shape holds, (6, 6); None where it holds all.
+
+    See `information_of`: what the normals of facets, or errors of normals, say of the rest is nothing to go by.
+    """
+    origin, total = np.zeros(3), max(float(weights.sum()), np.finfo(float).tiny)
+    smooth = normals if smooth is None else smooth
+    sums = MotionSums.of(points, normals, smooth, np.zeros(len(weights)), weights, origin, lever, ONE_PATCH, np.eye(6))
+    denied = np.zeros((6, 0))
+    if own is not None:
+        denied = unconfirmed(points, normals, own, weights, origin, lever, np.eye(6), FREE_SHARE * total)
+    denied = _with_free(denied, sums.of_smooth() / total)
+    if not denied.shape[1]:
+        return None
+    axes, scaling = np.linalg.qr(denied)[0], scaling_by(lever)
+    return np.asarray(np.eye(6) - axes @ axes.T) * scaling / scaling[:, None]
+
+
+def _with_free(denied: FloatArray, of_smooth: FloatArray) -> FloatArray:
+    """Motions that are denied already, (k, m), and those that no normal constrains, (k, n)."""
+    values, vectors = np.linalg.eigh(of_smooth)
+    return np.hstack([denied, vectors[:, values < FREE_SHARE]])
 
 
 def _parted(whole: FloatArray, known: FloatArray, denied: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -212,13 +277,14 @@ def _parted(whole: FloatArray, known: FloatArray, denied: FloatArray) -> tuple[F
     return values, vectors, np.maximum(np.einsum("ij,ik,kj->j", vectors, whole, vectors), 0.0)
 
 
-def _tilt(values: FloatArray, said: FloatArray, vectors: FloatArray, weights: FloatArray) -> FloatArray:
+def _tilt(
+    free: BoolArray, values: FloatArray, said: FloatArray, vectors: FloatArray, weights: FloatArray
+) -> FloatArray:
     """Standard deviation of each coordinate of the free motions, (6,), from what all normals say of the motions, (k,).
 
     What they say of a free motion is their errors. To first order these mix a held motion j into a free one i with the
     variance ``said_i / (said_j n)`` of n independent normals.
     """
-    free = values < FREE_SHARE
     if not free.any() or free.all():
         return np.zeros(6)
     independent = float(weights.sum()) ** 2 / dot(weights, weights)
