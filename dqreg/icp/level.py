@@ -38,6 +38,8 @@ FEW = 2_000
 PLACED = 0.6
 # Fraction of the points beyond which a scan counts as explained.
 EXPLAINED = 0.9
+# The same, in widths, where few of the points hold a motion.
+PATIENT = 1e-3
 # On the last level matches slide on a part's faces until they are this share of the width from where they were asked.
 SLID = 0.3
 # Distances from which scale and inlier fraction are learned: good to one per cent.
@@ -90,6 +92,7 @@ class Level:
     last: bool  # Whether there is no finer level to come
     contraction: float = 1.0  # See `Stopping`
     near: bool = False  # Whether the basin is found, and the width may fall as fast as the distances allow
+    patient: bool = False  # Whether the loop goes on until little moves that few points hold
 
     def descend(
         self,
@@ -195,6 +198,8 @@ class Level:
         if isinstance(self.surface, CellSurface) and self.surface.widened:
             width = min(width, max(self.scan.noise, self.floor) / self.surface.diagonal)
         placed = width / float(np.sqrt(self.scan.represented))
+        if self.patient:
+            return min(PATIENT * width, PLACED * placed)
         if self.last:
             return max(self.plan.stopping.convergence, PLACED * placed)
         if len(self.scan) > FEW:
@@ -205,8 +210,9 @@ class Level:
     def _slides(self, mixture: InlierMixture) -> float:
         # The level before has seen to the faces: after the first step on all points of a part, what is left is small
         # against the noise, and only matches within that of an edge would change.
-        is_last = self.last and self.near and len(self.scan) > FEW and isinstance(self.surface, MeshSurface)
-        return SLID * mixture.scale / self.surface.diagonal if is_last and self.plan.fine is not None else 0.0
+        is_last = self.last and self.near and not self.patient and self.plan.fine is not None
+        slides = is_last and len(self.scan) > FEW and isinstance(self.surface, MeshSurface)
+        return SLID * mixture.scale / self.surface.diagonal if slides else 0.0
 
     def _learned(self, mixture: InlierMixture, run: Run, schedule: AnnealingSchedule) -> InlierMixture:
         pairs, rows = run.pairs, None

@@ -25,12 +25,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
+from dqreg.geometry.mesh_normals import smooth_normals_of
 from dqreg.geometry.mesh_surface import MeshSurface
 from dqreg.geometry.scan_measures import PARTS
 from dqreg.icp.correspondences import Correspondences
 from dqreg.icp.estimators import points_to_planes
 from dqreg.solvers import Fit
-from dqreg.solvers.row_sums import squared
+from dqreg.solvers.row_sums import FREE_SHARE, MotionSums, squared
 
 # From correspondences, weights and a kernel scale to other weights.
 Weigher = Callable[[Correspondences, FloatArray, float], FloatArray]
@@ -60,6 +61,8 @@ MOST = 0.3
 # Share of the information about a motion that may go with these points: small walls and rims hold some alone. What is
 # below that share of the largest information is rounding.
 HOLDS, ROUNDING = 0.1, 1e-12
+# The share of it beyond which these hold it alone.
+ALONE = 0.5
 # Points that are looked at in one go.
 CHUNK = 4_096
 
@@ -156,6 +159,38 @@ def without_creases(pairs: Correspondences, weights: FloatArray, width: float) -
     kept = weights.copy()
     kept[near] = 0.0
     return kept
+
+
+def held_by_creases(pairs: Correspondences, weights: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
+    """Motions that points near creases hold and the others hardly do, (6, m), and the information of all, (6, 6).
+
+    Twists about the middle of the part with rotations as displacements at half its diagonal, each of information one.
+    """
+    nothing = np.zeros((6, 0)), np.zeros((6, 6))
+    if not isinstance(pairs.surface, MeshSurface):
+        return nothing
+    (own_weight, *own), (other_weight, *others) = _near(pairs, pairs.surface, weights, NEAR * width)[1]
+    if not 0.0 < own_weight <= MOST * (own_weight + other_weight):
+        return nothing
+    of_creases, of_others = squared(np.array(own)), squared(np.array(others))
+    if not _hold(of_creases, of_others):
+        return nothing
+    axes = _held_by_shape(pairs, pairs.surface, weights)
+    values, turned = np.linalg.eigh(axes.T @ (of_creases + of_others) @ axes)
+    known = values > ROUNDING * values.sum()
+    unit = axes @ turned[:, known] / np.sqrt(values[known])
+    shares, mixtures = np.linalg.eigh(unit.T @ of_creases @ unit)
+    return unit @ mixtures[:, shares > ALONE], of_creases + of_others
+
+
+def _held_by_shape(pairs: Correspondences, surface: MeshSurface, weights: FloatArray) -> FloatArray:
+    """Axes of the motions that the surface holds which the facets approximate, (6, k): these hold a round shaft."""
+    found, middle = pairs.closest, np.asarray(surface.centre, dtype=np.float64)
+    smooth = smooth_normals_of(surface.mesh, found.points, found.elements, found.normals)
+    columns = pairs.moved, found.normals, smooth, np.zeros(len(weights)), weights, middle
+    sums = MotionSums.of(*columns, 0.5 * surface.diagonal, np.zeros(1, dtype=np.int64), np.eye(6))
+    values, axes = np.linalg.eigh(sums.of_smooth())
+    return np.asarray(axes[:, values >= FREE_SHARE * weights.sum()])
 
 
 def _near(

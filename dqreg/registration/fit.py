@@ -32,12 +32,13 @@ from dqreg.registration.constraints import PoseConstraints
 from dqreg.registration.derived import Derived, Key
 from dqreg.registration.evenly_asked import evenly_asked
 from dqreg.registration.evidence import agreement_in_time, agreement_of
-from dqreg.registration.held_motions import own_normals
+from dqreg.registration.held_motions import own_normals, stretch_of
 from dqreg.registration.prepared import Prepared
 from dqreg.registration.problem import Problem, SourceAndTarget
 from dqreg.registration.target_index import TargetIndex
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN, InlierMixture
 from dqreg.trust import Evidence, Information, information_of
+from dqreg.trust.information import scaling_by
 
 T = TypeVar("T")
 
@@ -53,6 +54,7 @@ STRAIN_AXIS: Key[tuple[float, float, float]] = Key()
 EVENLY_ASKED: Key[Correspondences] = Key()
 INFORMATION: Key[Information] = Key(of_pose=True)
 FOLLOWED: Key[float] = Key(of_pose=True)
+STRETCH: Key[FloatArray | None] = Key(of_pose=True)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -157,11 +159,24 @@ class Fit:
             counts=pairs.scan.counts,
             scattered=pairs.scan.scatter,
             allowed=self.constraints.allowed(T),
-            # By which share the standard deviations will be divided: that of the prior as well.
-            prior=None if prior is None else prior / self.followed**2,
+            prior=None if prior is None else self._beside_the_pairs(prior),
         )
         # What is said of the motions names points in the caller's frame.
         return replaced(information, centre=self.target.origin)
+
+    def _beside_the_pairs(self, prior: FloatArray) -> FloatArray:
+        # Standard deviations will be divided by the share that is followed, and stretched: those of the prior as well.
+        lever, stretch = scaling_by(0.5 * self.prepared.surface.diagonal), self.stretch
+        stretch = np.eye(6) if stretch is None else stretch * lever / lever[:, None]
+        return np.asarray(stretch.T @ prior @ stretch / self.followed**2)
+
+    @property
+    def stretch(self) -> FloatArray | None:
+        """What errors of the scaled twist are multiplied with, see `stretch_of`; None by nothing."""
+        if self.is_late or self.problem.watch.is_over:
+            return None
+        lever = 0.5 * self.prepared.surface.diagonal
+        return self.derived.once(STRETCH, lambda: stretch_of(self.run, lever, lambda T: self.beside(T).run))
 
     @property
     def followed(self) -> float:

@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
+import numpy as np
+
 from dqreg._arrays import FloatArray, product
 from dqreg.geometry import CloudSurface, MeshSurface, Surface
 from dqreg.geometry.mesh_normals import smooth_normals_of
-from dqreg.icp import Correspondences
-from dqreg.trust.information import held_part
+from dqreg.icp import Alignment, Correspondences
+from dqreg.icp.noise_by_face import held_by_creases, weights_by_face
+from dqreg.rigid import twist
+from dqreg.solvers.quadratic import plane_rows
+from dqreg.trust.information import held_part, scaling_by
+
+# The least share of a motion that points are said to follow: of few points it is as good as chance.
+LEAST_RESPONSE = 0.1
 
 
 def own_normals(surface: Surface, pairs: Correspondences) -> FloatArray | None:
@@ -28,3 +38,39 @@ def held_by_shape(pairs: Correspondences, weights: FloatArray) -> FloatArray | N
     if isinstance(surface, MeshSurface):
         smooth = smooth_normals_of(surface.mesh, found.points, found.elements, found.normals)
     return held_part(pairs.moved, found.normals, weights, 0.5 * surface.diagonal, smooth, own)
+
+
+def stretch_of(run: Alignment, lever: float, beside: Callable[[FloatArray], Alignment]) -> FloatArray | None:
+    """What errors of the scaled twist are multiplied with, (6, 6), where points near creases alone hold motions.
+
+    Points that noise carries over an edge lie on the wall behind it, which no one may have seen, and points within the
+    noise of both change sides as the pose moves: the pull of such a rim grows by half of what its points say, and the
+    pose errs by so much more. So the derivative of the estimating equation is asked for, at poses beside. None where
+    the faces hold all.
+    """
+    width = run.mixture.scale
+    motions, whole = held_by_creases(run.pairs, run.weights, width)
+    if not motions.shape[1]:
+        return None
+
+    def pull(at: Alignment) -> tuple[FloatArray, FloatArray]:
+        pairs = at.pairs
+        weights = weights_by_face(pairs, at.weights, width)
+        rows = motions.T @ plane_rows(pairs.moved, pairs.closest.normals, np.zeros(3), lever)
+        return (rows * weights) @ pairs.point_to_plane, (rows * weights) @ rows.T
+
+    said, found = pull(run)[1], []
+    for motion in motions.T:
+        length = float(np.linalg.norm(motion))
+        step = width / length * motion / scaling_by(lever)
+        ahead, behind = (pull(beside(twist.exp(side * step) @ run.T_target_source))[0] for side in (1.0, -1.0))
+        found.append((ahead - behind) * (0.5 * length / width))
+    response = np.array(found)
+    values, axes = np.linalg.eigh(said)
+    if not values[0] > 0.0:
+        return None
+    unit = axes / np.sqrt(values)
+    shares, mixtures = np.linalg.eigh(0.5 * unit.T @ (response + response.T) @ unit)
+    more = 1.0 / np.clip(shares, LEAST_RESPONSE, 1.0) - 1.0
+    unit = unit @ mixtures
+    return np.asarray(np.eye(6) + motions @ (unit * more) @ np.linalg.inv(unit) @ motions.T @ whole)

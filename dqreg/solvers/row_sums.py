@@ -10,6 +10,9 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray, product
 
+# Information below this fraction of what all correspondences could give with the longest lever is rounding or facets,
+# not shape.
+FREE_SHARE = 1e-5
 # Rows that one thread sums in one go, about.
 TOGETHER = 8_192
 

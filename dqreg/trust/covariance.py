@@ -50,10 +50,7 @@ def covariance_of(information: Information) -> FloatArray:
     [0.005, 0.005, 0.005, 0.01, 0.01, 0.01]
     """
     held = ~information.free
-    vectors = information.vectors[:, held]
-    scaled = information.scatter
-    if scaled is None:
-        scaled = (vectors / (information.values[held] * information.weight)) @ vectors.T * information.sigma**2
+    scaled = information.spread
     free = information.vectors[:, ~held]
     if math.isfinite(information.by_rims):
         scaled = scaled + information.by_rims**2 * free @ free.T

@@ -9,13 +9,10 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, dot
 from dqreg._records import replaced
-from dqreg.solvers.row_sums import MotionSums
+from dqreg.solvers.row_sums import FREE_SHARE, MotionSums
 from dqreg.solvers.sandwich import Starts, patch_starts, scatter_of_sums
 from dqreg.trust.both_sides import carriers_of, unconfirmed
 
-# Information below this fraction of what all correspondences could give with the longest lever is rounding or facets,
-# not shape.
-FREE_SHARE = 1e-5
 # What was known beforehand of a motion, below this fraction of what was of another, is rounding.
 UNKNOWN_SHARE = 2e-14
 # One patch of all rows.
@@ -77,6 +74,15 @@ class Information:
     def free(self) -> BoolArray:
         """Which of the six motions nothing constrains, neither a normal nor a prior, (k,)."""
         return np.asarray((self.values < FREE_SHARE) & ~self.beforehand)
+
+    @property
+    def spread(self) -> FloatArray:
+        """Covariance of the scaled twist, (6, 6): the scatter, or that of equal and independent correspondences."""
+        if self.scatter is not None:
+            return self.scatter
+        held = ~self.free
+        scaled: FloatArray = (self.vectors[:, held] / (self.values[held] * self.weight)) @ self.vectors[:, held].T
+        return scaled * self.sigma**2
 
     @property
     def effective(self) -> float:
@@ -199,33 +205,27 @@ def information_of(
 
 
 def _scatter(
-    sums: MotionSums,
-    starts: Starts | None,
-    told: FloatArray,
-    variance: float,
-    motions: FloatArray,
-    by_prior: FloatArray,
+    sums: MotionSums, starts: Starts | None, told: FloatArray, variance: float, motions: FloatArray, alone: FloatArray
 ) -> FloatArray | None:
     """Covariance of the scaled twist from motions that the shape holds, (k, m), and those of a prior alone, (k, n).
 
     None where there is none of the second kind, and too few patches. Shapes: told (k, k), returns (6, 6).
     """
-    basis = sums.basis
     # What the prior says of a motion of its own depends on the others, as far as it knows them together.
-    strengths = np.einsum("ij,ik,kj->j", by_prior, told, by_prior)
-    together = by_prior.T @ told @ motions
+    strengths = np.einsum("ij,ik,kj->j", alone, told, alone)
+    together = alone.T @ told @ motions
     known = variance * (motions.T @ told @ motions - (together.T / strengths) @ together)
     scatter = None
     if starts is not None and motions.shape[1]:
         # Facets have an information of their own.
         scatter = scatter_of_sums(sums, starts, known, variance, motions=motions)
-    if scatter is None and by_prior.shape[1]:
+    if scatter is None and alone.shape[1]:
         scatter = variance * np.linalg.inv(motions.T @ sums.of_smooth() @ motions + known)
     if scatter is None:
         return None
-    alone = basis @ (by_prior / np.sqrt(strengths))
-    outer = basis @ (motions - (by_prior / strengths) @ together)
-    return np.asarray(outer @ scatter @ outer.T + alone @ alone.T)
+    beside = sums.basis @ (alone / np.sqrt(strengths))
+    outer = sums.basis @ (motions - (alone / strengths) @ together)
+    return np.asarray(outer @ scatter @ outer.T + beside @ beside.T)
 
 
 def held_part(
