@@ -75,6 +75,7 @@ CLOUDS: dict[str, Entry] = {
     "a function": (lambda: len, InputError, "real numbers"),
     "a generator": (lambda: (row for row in SCAN), InputError, "real numbers"),
     "complex": (lambda: SCAN + 1j, InputError, "complex"),
+    "booleans": (lambda: SCAN > 0, InputError, "bool"),
     "dates": (lambda: np.zeros((9, 3), dtype="datetime64[s]"), InputError, "datetime"),
     "records": (
         lambda: np.zeros(9, dtype=[("a", "f8"), ("b", "f8"), ("c", "f8")]),
@@ -129,7 +130,6 @@ SOURCES: dict[str, Entry] = {
     "big-endian": (lambda: SCAN.astype(">f8"), ACCEPTED, 0),
     "whole numbers": (lambda: np.round(SCAN).astype(np.int16), ANY, 0),
     "unsigned bytes": (lambda: np.abs(np.round(SCAN)).astype(np.uint8), ANY, 0),
-    "booleans": (lambda: SCAN > 0, ANY, 0),
     "objects": (lambda: SCAN.astype(object), ACCEPTED, 0),
     "a list of lists": (lambda: SCAN.tolist(), ACCEPTED, 0),
     "read-only": (lambda: read_only(SCAN), ACCEPTED, 0),
