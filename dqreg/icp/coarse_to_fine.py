@@ -25,14 +25,12 @@ import numpy as np
 from dqreg._arrays import FloatArray, median
 from dqreg._records import replaced
 from dqreg.geometry.cloud_surface import CloudSurface
-from dqreg.geometry.mesh_surface import MeshSurface
 from dqreg.geometry.scan import Scan, with_planes
 from dqreg.geometry.surface import Surface
 from dqreg.icp.correspondences import Correspondences, find_correspondences
-from dqreg.icp.full_resolution import FINE, MIDDLE, finish
-from dqreg.icp.level import EXPLAINED, FEW, AnnealingSchedule, IcpSettings, Level
+from dqreg.icp.full_resolution import FINE, MIDDLE, finish, settled_on_rims, with_last_step
+from dqreg.icp.level import EXPLAINED, AnnealingSchedule, IcpSettings, Level
 from dqreg.icp.loop import Alignment, Observer, Run
-from dqreg.icp.noise_by_face import held_by_creases
 from dqreg.solvers.robust import InlierMixture
 
 # Points of the coarse level, where the basin is decided.
@@ -55,9 +53,6 @@ TOGETHER = 0.5
 IN_COMMON = 0.25
 # Points on which it is checked whether the initial pose is near already, and of the coarse level where it is.
 NEAR = 1_000
-
-# On rims; where the steps go on for longer, they go to and fro.
-PATIENTLY = replaced(FINE, iterations=40)
 
 # How a run ends that the caller or the clock stopped.
 STOPPED: Final = "stopped by observer"
@@ -90,31 +85,7 @@ def align_coarse_to_fine(
         # Planes lead from few points to all of them in a step or two: a level between would cost more than it saves.
         counts = [counts[0], *counts[1:][-1:]] if level.plan.fine is not None else counts
     run = finish(level, scan, counts[1:], run, observe)
-    return _with_last_step(plan, _settled_on_rims(level, run, observe))
-
-
-def _with_last_step(plan: IcpSettings, run: Alignment) -> Alignment:
-    """The run after one step of the last estimator, from its last correspondences: planes on a mesh have settled."""
-    if plan.last is None or not _is_settled_on_part(plan, run):
-        return run
-    fit = plan.last(run.pairs, run.weights, run.mixture.scale)
-    return replaced(run, T_target_source=fit.T_target_source)
-
-
-def _settled_on_rims(level: Level, run: Alignment, observe: Observer | None) -> Alignment:
-    """The run gone on with: what points near edges alone hold is few of them, and each step leaves half of the way."""
-    if not _is_settled_on_part(level.plan, run) or len(run.pairs.scan) <= FEW:
-        return run
-    if not held_by_creases(run.pairs, run.weights, run.mixture.scale)[0].size:
-        return run
-    level = replaced(level, scan=run.pairs.scan, last=True, patient=True, contraction=1.0)
-    finer = level.once(run.mixture, PATIENTLY, observe, run.next_number, run.pairs)
-    return replaced(finer.after(run), earlier=run.earlier, status=run.status) if finer.found else run
-
-
-def _is_settled_on_part(plan: IcpSettings, run: Alignment) -> bool:
-    is_settled = run.found and not run.ended_early and run.history[-1].stage == FINE.name
-    return is_settled and plan.last is not None and isinstance(run.pairs.surface, MeshSurface)
+    return with_last_step(plan, settled_on_rims(level, run, observe))
 
 
 def _placed(level: Level, start: FloatArray, observe: Observer | None, first: int) -> tuple[Alignment, Level]:

@@ -26,8 +26,9 @@ from dqreg.geometry.surface import Closest
 from dqreg.geometry.vector_rows import row_dots
 from dqreg.icp.correspondences import Correspondences, find_correspondences
 from dqreg.icp.informative_sampling import information_gain, sample_by_gain, sample_runs_by_gain
-from dqreg.icp.level import FEW, AnnealingSchedule, Level
+from dqreg.icp.level import FEW, AnnealingSchedule, IcpSettings, Level
 from dqreg.icp.loop import Alignment, Observer, Run
+from dqreg.icp.noise_by_face import held_by_creases
 from dqreg.kernels.threads import TimeUpError, until
 from dqreg.rigid import pose
 
@@ -123,6 +124,8 @@ def _on_faces(
 FINE = AnnealingSchedule("fine", stages=30, iterations=None, rounds=30)
 # Points of the level between the coarse and the last one.
 MIDDLE = 10_000
+# On rims; where the steps go on for longer, they go to and fro.
+PATIENTLY = replaced(FINE, iterations=40)
 # Where points are taken together, of the points that the plan has for its last level: one run of neighbours for so
 # many, and one point that is asked about by itself for so many.
 POINTS_PER_RUN, POINTS_PER_SINGLE = 6, 4
@@ -206,3 +209,27 @@ def _drawn(level: Level, scan: Scan, count: int, *, last: bool, so_far: Run) -> 
         rows = sample_by_gain(information_gain(so_far.pairs, so_far.weights), places, len(scan), count)
         return replaced(_after(level, so_far, scan.taken(rows)), last=last)
     return replaced(_after(level, so_far, scan.thinned(count)), last=last)
+
+
+def with_last_step(plan: IcpSettings, run: Alignment) -> Alignment:
+    """The run after one step of the last estimator, from its last correspondences: planes on a mesh have settled."""
+    if plan.last is None or not _is_settled_on_part(plan, run):
+        return run
+    fit = plan.last(run.pairs, run.weights, run.mixture.scale)
+    return replaced(run, T_target_source=fit.T_target_source)
+
+
+def settled_on_rims(level: Level, run: Alignment, observe: Observer | None) -> Alignment:
+    """The run gone on with: what points near edges alone hold is few of them, and each step leaves half of the way."""
+    if not _is_settled_on_part(level.plan, run) or len(run.pairs.scan) <= FEW:
+        return run
+    if not held_by_creases(run.pairs, run.weights, run.mixture.scale)[0].size:
+        return run
+    level = replaced(level, scan=run.pairs.scan, last=True, patient=True, contraction=1.0)
+    finer = level.once(run.mixture, PATIENTLY, observe, run.next_number, run.pairs)
+    return replaced(finer.after(run), earlier=run.earlier, status=run.status) if finer.found else run
+
+
+def _is_settled_on_part(plan: IcpSettings, run: Alignment) -> bool:
+    is_settled = run.found and not run.ended_early and run.history[-1].stage == FINE.name
+    return is_settled and plan.last is not None and isinstance(run.pairs.surface, MeshSurface)
