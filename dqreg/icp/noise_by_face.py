@@ -19,6 +19,7 @@ closest place is near a crease are left out.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 
 import numpy as np
@@ -148,16 +149,11 @@ def points_to_weighted_faces(pairs: Correspondences, weights: FloatArray, noise:
 
 def without_creases(pairs: Correspondences, weights: FloatArray, width: float) -> FloatArray:
     """Weights, (n,), with none near creases of a part, where the other points hold all motions about as well."""
-    if not isinstance(pairs.surface, MeshSurface):
-        return weights
-    near, sums = _near(pairs, pairs.surface, weights, NEAR * width)
-    (own_weight, *own), (other_weight, *others) = sums
-    if not 0.0 < own_weight <= MOST * (own_weight + other_weight):
-        return weights
-    if _hold(squared(np.array(own)), squared(np.array(others))):
+    found = _creases(pairs, weights, width)
+    if found is None or _hold(found.own, found.others):
         return weights
     kept = weights.copy()
-    kept[near] = 0.0
+    kept[found.near] = 0.0
     return kept
 
 
@@ -166,21 +162,15 @@ def held_by_creases(pairs: Correspondences, weights: FloatArray, width: float) -
 
     Twists about the middle of the part with rotations as displacements at half its diagonal, each of information one.
     """
-    nothing = np.zeros((6, 0)), np.zeros((6, 6))
-    if not isinstance(pairs.surface, MeshSurface):
-        return nothing
-    (own_weight, *own), (other_weight, *others) = _near(pairs, pairs.surface, weights, NEAR * width)[1]
-    if not 0.0 < own_weight <= MOST * (own_weight + other_weight):
-        return nothing
-    of_creases, of_others = squared(np.array(own)), squared(np.array(others))
-    if not _hold(of_creases, of_others):
-        return nothing
-    axes = _held_by_shape(pairs, pairs.surface, weights)
-    values, turned = np.linalg.eigh(axes.T @ (of_creases + of_others) @ axes)
+    found = _creases(pairs, weights, width)
+    if found is None or not _hold(found.own, found.others):
+        return np.zeros((6, 0)), np.zeros((6, 6))
+    axes, whole = _held_by_shape(pairs, found.surface, weights), found.own + found.others
+    values, turned = np.linalg.eigh(axes.T @ whole @ axes)
     known = values > ROUNDING * values.sum()
     unit = axes @ turned[:, known] / np.sqrt(values[known])
-    shares, mixtures = np.linalg.eigh(unit.T @ of_creases @ unit)
-    return unit @ mixtures[:, shares > ALONE], of_creases + of_others
+    shares, mixtures = np.linalg.eigh(unit.T @ found.own @ unit)
+    return unit @ mixtures[:, shares > ALONE], whole
 
 
 def _held_by_shape(pairs: Correspondences, surface: MeshSurface, weights: FloatArray) -> FloatArray:
@@ -191,6 +181,30 @@ def _held_by_shape(pairs: Correspondences, surface: MeshSurface, weights: FloatA
     sums = MotionSums.of(*columns, 0.5 * surface.diagonal, np.zeros(1, dtype=np.int64), np.eye(6))
     values, axes = np.linalg.eigh(sums.of_smooth())
     return np.asarray(axes[:, values >= FREE_SHARE * weights.sum()])
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Creases:
+    """Points near creases of a part, where there are some and not too many."""
+
+    surface: MeshSurface
+    near: BoolArray  # (n,): Which points
+    own: FloatArray  # (6, 6): Their information
+    others: FloatArray  # (6, 6): That of the other points
+
+
+def _creases(pairs: Correspondences, weights: FloatArray, width: float) -> _Creases | None:
+    # The last step, the loop on rims and the covariance ask for the same.
+    known: tuple[FloatArray, float, _Creases | None] | None = vars(pairs).get("_creases")
+    if known is None or known[0] is not weights or known[1] != width:
+        found, surface = None, pairs.surface
+        if isinstance(surface, MeshSurface):
+            near, ((own_weight, *own), (other_weight, *others)) = _near(pairs, surface, weights, NEAR * width)
+            if 0.0 < own_weight <= MOST * (own_weight + other_weight):
+                found = _Creases(surface, near, squared(np.array(own)), squared(np.array(others)))
+        known = weights, width, found
+        vars(pairs)["_creases"] = known
+    return known[2]
 
 
 def _near(

@@ -61,10 +61,8 @@ class Prepared:
         if not stands.size or not isinstance(geometry, PointCloud):
             moves = VoxelCloud.of(cloud, voxel_size(cloud.points, count))
         else:
-            is_there = meanwhile is not None and stands.size == edge and not stands.widened
-            if meanwhile is None or not is_there:
-                meanwhile = VoxelCloud.across_lines(cloud, stands.size, widened=stands.widened)
-            moves = meanwhile
+            made = meanwhile if stands.size == edge and not stands.widened else None
+            moves = made or VoxelCloud.across_lines(cloud, stands.size, widened=stands.widened)
             size, wanted = moves.size, min(count, len(stands.cloud))
             if len(moves.cloud) < SMALL * wanted:
                 size = min(size, cell_size(cloud.points, min(count, int(WHOLE * len(cloud.points)))))

@@ -50,7 +50,8 @@ def near_flips(mesh: Mesh, surface: Surface) -> FloatArray:
     """
     ring = Ring.of(mesh, surface)
     turns = _about(mesh, cube_rotations(), [*ring_steps(ring), *ring_flips(ring)])
-    laid = [T for axes in _frames(mesh) for T in _laid_into_itself(mesh, axes, surface.diagonal)]
+    points = places_on(mesh, PROFILE_POINTS, np.random.default_rng(0))[0]
+    laid = [T for axes in _frames(mesh) for T in _laid_into_itself(mesh, points, axes, surface.diagonal)]
     return _near_maps(mesh, surface, [*_about_centre(mesh, turns), *laid], EXACT_DIAGONALS)
 
 
@@ -99,12 +100,12 @@ def _about_centre(mesh: Mesh, turns: Sequence[FloatArray]) -> list[FloatArray]:
     return [pose.from_parts(R, centre - R @ centre) for R in turns]
 
 
-def _laid_into_itself(mesh: Mesh, axes: FloatArray, size: float) -> list[FloatArray]:
+def _laid_into_itself(mesh: Mesh, points: FloatArray, axes: FloatArray, size: float) -> list[FloatArray]:
     """Rotations along some axes with shifts that lay most of a part into itself, where they are not about its centre.
 
     Along each axis the shift is that of its centre, of its ends or of its planes.
     """
-    profile, centre = _Profile(mesh, axes, BIN_DIAGONALS * size), moments(mesh)[0] @ axes
+    profile, centre = _Profile(mesh, points, axes, BIN_DIAGONALS * size), moments(mesh)[0] @ axes
     laid = []
     for turn in cube_rotations():
         shift = np.array([profile.shift(int(k), j, turn[j, k]) for j, k in enumerate(np.abs(turn).argmax(axis=1))])
@@ -114,13 +115,13 @@ def _laid_into_itself(mesh: Mesh, axes: FloatArray, size: float) -> list[FloatAr
 
 
 class _Profile:
-    """How much of a part lies at which height along each of its axes."""
+    """How much of a part, by points on it, lies at which height along each of its axes."""
 
-    def __init__(self, mesh: Mesh, axes: FloatArray, edge: float) -> None:
+    def __init__(self, mesh: Mesh, points: FloatArray, axes: FloatArray, edge: float) -> None:
         # Of faces alone: a vertex without one may be anywhere.
         corners = mesh.corners.reshape(-1, 3) @ axes
         self._middles = moments(mesh)[0] @ axes, 0.5 * (corners.min(axis=0) + corners.max(axis=0))
-        self._heights = places_on(mesh, PROFILE_POINTS, np.random.default_rng(0))[0] @ axes
+        self._heights = points @ axes
         self._edge, self._low = edge, self._heights.min(axis=0)
         self._bins = int(np.ptp(self._heights, axis=0).max() / edge) + 2
         self._full = [self._counts(self._heights[:, k], k) for k in range(3)]
