@@ -167,12 +167,22 @@ class FaceFans:
         return self
 
     def _find(self, faces: IntArray) -> None:
-        from dqreg.kernels.face_fans import fans_of_faces
+        from dqreg.kernels.face_fans import neighbours_of_faces, normals_of_corners
         from dqreg.kernels.threads import over_chunks
 
-        limits, known = (float(np.cos(np.deg2rad(SMOOTH_DEG))), FLAT), (self.neighbours, self.corner_normals)
-        over_chunks(fans_of_faces, len(faces), faces, *self._given, *limits, *known, self.is_round, chunk=FANS)
+        every, welded, heads, following, corners, face_normals = self._given
+        # What lies at a vertex is the same for all faces there.
+        met = np.zeros(len(welded), dtype=bool)
+        met[welded[every[faces]]] = True
+        lists, vertices, least = (every, welded, heads, following), np.flatnonzero(met), np.cos(np.deg2rad(SMOOTH_DEG))
+        limits = float(least), FLAT
+        over_chunks(
+            normals_of_corners, len(vertices), vertices, *lists, corners, face_normals, *limits, self.corner_normals,
+            chunk=FANS,
+        )  # fmt: skip
+        known = FLAT, self.neighbours, self.corner_normals, self.is_round
+        over_chunks(neighbours_of_faces, len(faces), faces, *lists, face_normals, *known, chunk=FANS)
         across = self.neighbours[faces]
-        x, y, z = (column[faces][:, None] * column[across] for column in self._given[-1].T)
+        x, y, z = (column[faces][:, None] * column[across] for column in face_normals.T)
         self.turns[faces] = np.where(across == faces[:, None], 2.0, x + y + z)
         self._known[faces] = True

@@ -16,7 +16,7 @@ from dqreg.kernels.creases import COLUMNS as OF_CREASES
 from dqreg.kernels.creases import near_creases
 from dqreg.kernels.disc_pairs import disc_pair_sums
 from dqreg.kernels.duplicate_triangles import first_duplicates
-from dqreg.kernels.face_fans import fans_of_faces
+from dqreg.kernels.face_fans import neighbours_of_faces, normals_of_corners
 from dqreg.kernels.face_scatter import face_precisions, face_sums, orientation_cells, square_heights, times_precisions
 from dqreg.kernels.follow_rows import follow_rows, look_up_rows
 from dqreg.kernels.gc_pause import gc_paused
@@ -234,7 +234,9 @@ def _sides() -> None:
     sum_of_sides(0, 1, faces, numbers, 1, numbers.copy())
     weld(numbers, np.zeros(8, dtype=np.int32), lists[0])
     list_corners(faces, lists[0], heads := np.full((3, 2), -1, dtype=np.int32), lists[1])
-    fans_of_faces(0, 0, FIRST, faces, lists[0], heads, lists[1], CORNERS, FLAT, 0.5, 0.5, faces.copy(), CORNERS, none)
+    met = faces, lists[0], heads, lists[1]
+    normals_of_corners(0, 0, FIRST, *met, CORNERS, FLAT, 0.5, 0.5, CORNERS)
+    neighbours_of_faces(0, 0, FIRST, *met, FLAT, 0.5, faces.copy(), CORNERS, none)
     areas_by_direction(FLAT, ONE, 1, np.zeros(8, dtype=np.int64), np.zeros(8))
     surface_moments(0, 1, CORNERS, ONE, ONE, 1, np.zeros((1, MOMENTS)))
     corner_angles(0, 0, CORNERS, np.eye(3))
