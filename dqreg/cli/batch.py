@@ -68,8 +68,8 @@ WIDTH, HEIGHT, DOTS = 240, 180, 20_000
 def batch(manifest: Path, target: Path | None, out: Path | None, as_json: bool, quiet: bool, **options: Any) -> int:
     """Register every row of MANIFEST, each in a worker process: a crash or a time-out affects one row.
 
-    MANIFEST is a CSV file with the columns scan and target; optional columns are name, start and any option of dqreg
-    register (effort, max_distance, source_units ...), plan and tolerance of the part, and fields of its report's head
+    MANIFEST is a CSV file with the columns scan and target; optional columns are name, start and options of dqreg
+    register (effort, max_distance, viewpoint ...), plan and tolerance of the part, and fields of its report's head
     (part, drawing, serial, order, operator, device, note). Paths are relative to it. It may also be a folder of scans,
     with --target. Options given here are the defaults of all rows.
 

@@ -48,7 +48,7 @@ def weigh(pairs: Correspondences, kernel: Kernel, rejectors: Sequence[Weight]) -
         weights *= counts
     # A pair that a gate rejects costs as much as the farthest one that passes could: else losing pairs would pay.
     farthest = float(pairs.distances.max(where=gate > 0.0, initial=0.0))
-    cap = min((float(r.limit) for r in rejectors if hasattr(r, "limit")), default=farthest)
+    cap = min((r.limit for r in rejectors if isinstance(r, WithinDistance)), default=farthest)
     costs = kernel.cost(np.where(gate > 0.0, pairs.distances, cap))
     total = float(weights.sum())
     square = dot(weights, pairs.squares) / total if total > 0.0 else math.nan

@@ -19,6 +19,7 @@ from dqreg.registration.assess import Uncertainty
 from dqreg.registration.result import Registration
 from dqreg.rigid import single_pose
 from dqreg.solvers.row_sums import MotionSums
+from dqreg.solvers.status import Status
 from dqreg.trust import Evidence, Information, information_of, judge
 from dqreg.trust.records import Reason, Verdict
 
@@ -224,7 +225,7 @@ class MapLink:
         return dataclasses.replace(result, verdict=result.verdict.doubted(Reason(words, "untrusted_map")))
 
 
-def without_pose(reasons: tuple[Reason, ...], status: str, settings: dict[str, Any]) -> Registration:
+def without_pose(reasons: tuple[Reason, ...], status: Status, settings: dict[str, Any]) -> Registration:
     """Result of a frame that cannot be placed."""
     return _bare(np.full((4, 4), np.nan), Verdict("failed", reasons), status, np.nan, settings)
 
@@ -235,7 +236,7 @@ def first_frame(T_map_frame: FloatArray, notes: tuple[Reason, ...], settings: di
     return _bare(T_map_frame, Verdict("accepted", (reason, *notes)), "first frame", 0.0, settings)
 
 
-def _bare(T: FloatArray, verdict: Verdict, status: str, variance: float, settings: dict[str, Any]) -> Registration:
+def _bare(T: FloatArray, verdict: Verdict, status: Status, variance: float, settings: dict[str, Any]) -> Registration:
     return Registration(
         T_target_source=T,
         verdict=verdict,

@@ -26,6 +26,7 @@ from dqreg.odometry.timeline import Timeline
 from dqreg.odometry.voxel_map import VoxelMap
 from dqreg.registration.result import Registration
 from dqreg.rigid import pose, twist
+from dqreg.solvers.status import Status
 from dqreg.trust.doubts import fraction_fits
 from dqreg.trust.records import Reason
 
@@ -140,7 +141,7 @@ class Tracker:
             return raw
         return dataclasses.replace(raw, ahead=(self._lengths, _downsampled(raw, self._lengths)))
 
-    def _failed(self, why: str, raw: RawFrame, status: str) -> Registration:
+    def _failed(self, why: str, raw: RawFrame, status: Status) -> Registration:
         self._timeline.missed += 1
         return without_pose((Reason(why, "too_few_points"), *raw.notes), status, {})
 

@@ -12,16 +12,13 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError, UnitsError
+from dqreg.files.setting_lengths import SETTING_LENGTHS
 from dqreg.files.units import factor
 from dqreg.geometry import Mesh
 
 if TYPE_CHECKING:
     from dqreg.geometry import PointCloud
     from dqreg.registration.result import Registration
-
-# Settings that are lengths, or places, in the target's unit.
-LENGTHS = ("max_distance", "width", "source_noise", "source_spacing", "diagonal", "centre", "near", "reach",
-           "cell_size")  # fmt: skip
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -99,7 +96,7 @@ def in_unit(result: Registration, unit: str) -> Registration:
     k = factor(str(result.settings["target_units"]), unit)
     spread = np.r_[[1.0] * 3, [k] * 3]
     settings = dict(result.settings) | {"target_units": unit}
-    for name in LENGTHS:
+    for name in SETTING_LENGTHS:
         if settings.get(name) is not None:
             settings[name] = (k * np.array(settings[name], dtype=np.float64)).tolist()
     if settings.get("T_start") is not None:

@@ -58,7 +58,7 @@ def register(
     target : path, array, (vertices, faces), PointCloud, Mesh, object of another library, or Target
         The part or the other scan, which stands. A mesh is used as it is, never sampled.
     start : None, "identity" or (4, 4) array_like
-        Initial pose. None searches for it; a matrix is ``T_target_source``, right to about 15 degrees and a tenth of
+        Initial pose. None searches for it; a matrix is ``T_target_source``, right to about 15 degrees and 5 % of
         the part's size. Rounded numbers are projected to the nearest rotation (``settings["start_departure"]`` away).
     method : {"auto", "dq", "dq-points", "svd", "plane", "generalised"}
         Pose step: the dual-quaternion closed form on points and normals, on points alone, Arun's SVD, point-to-plane,
@@ -84,7 +84,7 @@ def register(
         Iterations at one kernel scale at most.
     convergence : float
         The last level ends once a step moves the points by less than this share of the target's diagonal, or by less
-        than a tenth of what noise and number of the points leave open.
+        than 0.6 of what noise and number of the points leave open.
     units : {"check", "ignore"}
         Whether sizes and spacings that differ like mm and inches are refused where a unit is not known.
     dof : str or Freedom, optional

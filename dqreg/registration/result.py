@@ -20,6 +20,7 @@ from dqreg.registration.problem import SourceAndTarget
 from dqreg.registration.result_json import as_text, read_fields, to_plain
 from dqreg.registration.shown_result import ShownResult
 from dqreg.registration.uncertain_pose import UncertainPose
+from dqreg.solvers.status import Status
 from dqreg.trust.records import Alternative, Direction, Verdict
 
 if TYPE_CHECKING:
@@ -87,7 +88,7 @@ class Registration(UncertainPose, ShownResult):
 
     T_target_source: FloatArray
     verdict: Verdict
-    status: str
+    status: Status
     covariance: FloatArray
     observability: tuple[Direction, ...]
     alternatives: tuple[Alternative, ...]
@@ -213,9 +214,8 @@ class Registration(UncertainPose, ShownResult):
         # What inspects a part takes a tenth of the first registration to import, and few ask for it.
         from dqreg.registration.scan_deviations import scan_deviations
 
-        found, sides = self._found(), self.inputs
-        options = {"tolerance": tolerance, **options}
-        return scan_deviations(sides, found, self.covariance, self.settings, reach=reach, keep=keep, **options)
+        options = {"tolerance": tolerance, "reach": reach, "keep": keep, **options}
+        return scan_deviations(self.inputs, self._found(), self.covariance, self.settings, **options)
 
     def aligned(self, alignment: Alignment, name: str = "alignment") -> Registration:
         """The registration under an alignment of `dqreg.inspection`: a step of a chain, named.

@@ -11,6 +11,7 @@ import numpy as np
 
 from dqreg._arrays import RIGID_TOLERANCE, FloatArray, as_pose, require_finite
 from dqreg.errors import InputError
+from dqreg.files.setting_lengths import DISTANCES, SIZES
 from dqreg.files.strict_json import fields_from, plain, record_from
 from dqreg.files.untrusted import read_record
 from dqreg.icp.history import Iteration
@@ -68,13 +69,13 @@ def _names(cls: type) -> list[str]:
 
 def _settings(values: dict[str, Any]) -> dict[str, Any]:
     # Only what methods of a result compute with.
-    for name in ("source_scale", "scale", "max_distance", "reach", "diagonal"):
+    for name in ("source_scale", "scale", *SIZES):
         if name in values and not 0.0 < _of((int, float), values[name]) < np.inf:
             raise ValueError(f"{name} of {values[name]!r:.60}")
     for name in ("source_units", "target_units", "source", "target"):
         if name in values:
             _of((str, type(None)), values[name])
-    for name in ("source_noise", "source_spacing", "width", "near", "reach", "cell_size"):
+    for name in DISTANCES:
         if values.get(name) is not None and not 0.0 <= _of((int, float), values[name]) < np.inf:
             raise ValueError(f"{name} of {values[name]!r:.60}")
     for name in ("source_points", "used_points", "source_dropped"):

@@ -8,11 +8,9 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import FloatArray, as_pose
+from dqreg.files.setting_lengths import SETTING_LENGTHS
 from dqreg.inspection import Decision
 from dqreg.rigid import DualQuaternion, quaternion
-
-# Settings that are lengths in the target's unit.
-LENGTHS = frozenset({"max_distance", "width", "source_noise", "source_spacing", "diagonal", "centre", "near", "reach"})
 
 # Rounding of a quaternion, with room to spare: two Euler axes that are no farther apart fall together.
 ALIKE = 1e-12
@@ -168,12 +166,11 @@ def setting_text(name: str, value: Any, unit: str) -> str:
         return "none"
     if isinstance(value, bool):
         return "yes" if value else "no"
+    words = unit_words(unit) if name in SETTING_LENGTHS else " degrees" if name.endswith("_deg") else ""
     if isinstance(value, (list, tuple)):
-        words = ", ".join(setting_text("", item, unit) for item in value)
-        return f"({words}){unit_words(unit)}" if name in LENGTHS else f"({words})"
+        return f"({', '.join(setting_text('', item, unit) for item in value)}){words}"
     if isinstance(value, float):
-        text = text_of(value, 6)
-        return f"{text}{unit_words(unit)}" if name in LENGTHS else f"{text} degrees" if name.endswith("_deg") else text
+        return f"{text_of(value, 6)}{words}"
     return str(value)
 
 

@@ -13,6 +13,11 @@ Status = Literal[
     "stopped by observer",
     "no correspondences",
     "degenerate correspondences",  # On a line, or at one point
+    # No loop was run: of a pair, or a frame of a drive.
+    "not run",
+    "first frame",
+    "no points",
+    "too few points",
 ]
 # Ways to end that leave no pose to speak of.
 NO_POSE: tuple[Status, ...] = ("no correspondences", "degenerate correspondences")

@@ -75,3 +75,20 @@ def test_some_of_the_correspondences_are_those_of_some_points() -> None:
     some = pairs.taken(np.arange(0, 50, 7))
     np.testing.assert_array_equal(some.distances, pairs.distances[::7])
     np.testing.assert_allclose(some.moved, pose.apply(pairs.T_target_source, pairs.scan.points[::7]), atol=1e-12)
+
+
+@dataclasses.dataclass(frozen=True)
+class Above:
+    """A weight of a user's: its limit is a height, whatever the name."""
+
+    limit: float
+
+    def __call__(self, pairs: Correspondences) -> np.ndarray:
+        return np.where(pairs.closest.points[:, 2] > self.limit, 1.0, 0.0)
+
+
+def test_only_a_limit_of_distances_says_what_a_rejected_pair_costs() -> None:
+    pairs = pairs_of(500, signed=True, many=False)
+    named, unnamed = Above(0.01), lambda p: Above(0.01)(p)
+    energies = [weigh(pairs, SameMixture(**vars(MIXTURE)), (WithinDistance(1.5), x)).energy for x in (named, unnamed)]
+    assert energies[0] == energies[1]

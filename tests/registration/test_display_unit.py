@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,8 @@ import pytest
 
 from dqreg.errors import InputError, UnitsError
 from dqreg.files import read_cloud, write_cloud
+from dqreg.geometry import Mesh
+from dqreg.geometry.opening import open_geometry
 from dqreg.registration.display_unit import in_unit, shown_target
 from dqreg.registration.register import register
 from dqreg.registration.result import Registration
@@ -34,6 +37,28 @@ def test_a_result_in_metres_maps_the_same_points(found: Registration) -> None:
     assert other.settings["diagonal"] == pytest.approx(found.settings["diagonal"] / 1000.0)
     assert other.settings["target_units"] == "m"
     assert found.settings["target_units"] == "mm"
+
+
+def test_every_setting_is_what_it_is_where_the_data_come_in_that_unit(found: Registration) -> None:
+    case, k = load_case(demo_case()), 1e-3
+    scan, part = open_geometry(case.scan, "scan"), open_geometry(case.part, "part")
+    T = case.T_target_source.copy()
+    T[:3, 3] *= k
+    in_m = register(
+        k * scan.points, Mesh(k * part.vertices, part.faces), T, effort="fast", source_units="m", target_units="m"
+    )
+    shown, names = in_unit(found, "m").settings, [n for n, v in in_m.settings.items() if isinstance(v, (float, list))]
+    assert {"diagonal", "width", "centre", "cell_size", "max_angle_deg", "T_start"} <= set(names)
+    # A scan in mm is scaled to its target in m.
+    assert shown["source_scale"] == pytest.approx(k * in_m.settings["source_scale"])
+    for name in set(names) - {"source_scale"}:
+        # Rounding in the other unit ends the loop elsewhere within its convergence.
+        np.testing.assert_allclose(shown[name], in_m.settings[name], rtol=1e-4, atol=1e-9, err_msg=name)
+
+
+def test_a_length_that_few_results_have_is_one_too(found: Registration) -> None:
+    of_step = dataclasses.replace(found, settings=found.settings | {"chord": 0.254})
+    assert in_unit(of_step, "inch").settings["chord"] == pytest.approx(0.01)
 
 
 def test_there_and_back_is_the_same(found: Registration, tmp_path: Path) -> None:

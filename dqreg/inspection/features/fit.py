@@ -12,7 +12,7 @@ from dqreg._arrays import FloatArray, as_vectors, require_workable
 from dqreg.errors import DegenerateGeometryError, InputError, did_you_mean
 from dqreg.inspection.features.feature import Feature, FeatureMethod
 from dqreg.inspection.features.gauss import fit_gauss
-from dqreg.inspection.features.models import FEWEST, PARAMETERS, FeatureKind, Shape, distances
+from dqreg.inspection.features.models import FEWEST, PARAMETERS, FeatureKind, Shape, as_displacements, distances
 from dqreg.inspection.features.spread import covariance_of
 from dqreg.inspection.features.zone import fit_zone
 from dqreg.inspection.features.zone_spread import zone_covariance
@@ -159,8 +159,7 @@ def _offsets(kind: FeatureKind, shape: Shape, points: FloatArray) -> FloatArray:
 def _require_held(kind: FeatureKind, shape: Shape, points: FloatArray) -> None:
     _, slopes = distances(kind, shape, points)
     size = float(np.sqrt(np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=1))))
-    lengths = np.array([size if name.startswith("shift") or name == "radius" else 1.0 for name in PARAMETERS[kind]])
-    values = np.linalg.svd(slopes * lengths, compute_uv=False) if size > 0.0 else np.zeros(1)
+    values = np.linalg.svd(slopes * as_displacements(kind, size), compute_uv=False) if size > 0.0 else np.zeros(1)
     if values[-1] <= LOOSE * max(values[0], np.finfo(float).tiny):
         raise _not_held(kind, len(points))
 

@@ -58,10 +58,16 @@ PARAMETERS: dict[FeatureKind, tuple[str, ...]] = {
     "sphere": ("shift_x", "shift_y", "shift_z", "radius"),
     "slot": ("tilt_x", "tilt_y", "tilt_z", "shift_x", "shift_y", "radius", "half_length"),
 }
+ANGLES = frozenset({"tilt_x", "tilt_y", "tilt_z", "half_angle"})
 # Points that are needed: one more than the parameters, so that a form error can show; a circle has two rows a point.
 FEWEST: dict[FeatureKind, int] = {"plane": 4, "line": 3, "circle": 4, "cylinder": 6, "cone": 7, "sphere": 5, "slot": 8}
 
 Rows = tuple[FloatArray, FloatArray]
+
+
+def as_displacements(kind: FeatureKind, size: float) -> FloatArray:
+    """What a displacement is multiplied with to be a change of each parameter, (k,): angles turn at that size."""
+    return np.array([1.0 / size if name in ANGLES else 1.0 for name in PARAMETERS[kind]])
 
 
 def distances(kind: FeatureKind, shape: Shape, points: FloatArray) -> Rows:

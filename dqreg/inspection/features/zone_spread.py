@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.inspection.features.models import PARAMETERS, FeatureKind, Shape, distances
+from dqreg.inspection.features.models import PARAMETERS, FeatureKind, Shape, as_displacements, distances
 from dqreg.inspection.features.spread import PATCHWISE, covariance_of
 from dqreg.inspection.features.zone import ZoneMethod, ZoneProblem, chebyshev_step
 from dqreg.solvers.sandwich import larger
@@ -33,7 +33,7 @@ def zone_covariance(
     centre = points.mean(axis=0)
     size = float(np.sqrt(np.mean(np.sum((points - centre) ** 2, axis=1)))) or 1.0
     rows, own = distances(kind, gauss, points)
-    unit = np.where([name.startswith(("tilt", "half_angle")) for name in PARAMETERS[kind]], 1.0 / size, 1.0)
+    unit = as_displacements(kind, size)
     _, slopes = distances(kind, shape, points)
     slopes = slopes * unit
     rng = np.random.default_rng(SEED)
@@ -61,7 +61,7 @@ def noise_covariance(
 ) -> FloatArray:
     """Of the parameters of a zone's shape, (k, k): how they scatter when noise is added to the points anew."""
     size = float(np.sqrt(np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=1)))) or 1.0
-    unit = np.where([name.startswith(("tilt", "half_angle")) for name in PARAMETERS[kind]], 1.0 / size, 1.0)
+    unit = as_displacements(kind, size)
     values, slopes = distances(kind, shape, points)
     rng, problem = np.random.default_rng(SEED), ZoneProblem(kind, method, points)
     steps = [_repeated(problem, values / sigma + rng.standard_normal(len(values)), slopes * unit) for _ in range(DRAWS)]

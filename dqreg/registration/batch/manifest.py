@@ -4,96 +4,21 @@ from __future__ import annotations
 
 import csv
 import dataclasses
-import inspect
 import io
-import math
 import os
 from collections.abc import Iterator, Mapping
-from functools import cache
 from pathlib import Path
-from typing import Any, overload
+from typing import Any
 
 from dqreg.errors import DqregError, InputError, did_you_mean, printable
 from dqreg.files.poses import START_WORDS, read_start
 from dqreg.files.untrusted import read_record
 from dqreg.inspection.plan.file import HEAD
 from dqreg.inspection.tolerances import Tolerance, share_of_percent, tolerance_from
+from dqreg.registration.batch.cell_options import check_options, option_name, parse_option
 from dqreg.registration.batch.row import Row
 from dqreg.registration.batch.row_inspection import RowInspection
 from dqreg.registration.batch.row_names import RowNames, natural_order
-
-# Told by the batch itself, or no text.
-NOT_OFFERED = ("observe", "keep_inputs", "verdict", "tolerance")
-# Words that a manifest of old has, and what to write.
-RENAMED = {
-    "tolerance": "it set when the iterations end, which is convergence now; the column tolerance is that of the part"
-}
-KINDS = {"str": str, "float": float, "int": int, "bool": bool}
-WORDS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
-
-
-@cache
-def _kinds() -> dict[str, type]:
-    """Options that a cell can hold, from the signature of `register`: one that is added there is offered here."""
-    from dqreg.registration.register import register
-
-    found = {}
-    for name, parameter in inspect.signature(register).parameters.items():
-        words = [word.strip() for word in str(parameter.annotation).split("|")]
-        kind = next((KINDS[word] for word in words if word in KINDS), None)
-        if kind is None and isinstance(parameter.default, str):
-            kind = str  # one of some words
-        if parameter.kind is parameter.KEYWORD_ONLY and name not in NOT_OFFERED and kind is not None:
-            found[name] = kind
-    return found
-
-
-@overload
-def option_name(text: str) -> str | None: ...
-@overload
-def option_name() -> tuple[str, ...]: ...
-
-
-def option_name(text: str | None = None) -> str | tuple[str, ...] | None:
-    """Name of an option as `dqreg.register` has it, from the spelling of a column; without an argument, all names."""
-    if text is None:
-        return tuple(_kinds())
-    name = text.strip().lower().replace("-", "_").replace(" ", "_")
-    return next((each for each in (name, f"{name}_deg") if each in _kinds()), None)
-
-
-def parse_option(name: str, text: str) -> Any:
-    """Value of an option from a cell."""
-    kind = _kinds()[name]
-    try:
-        value = WORDS[text.lower()] if kind is bool else kind(text)
-        if kind is float and not math.isfinite(value):
-            raise ValueError("no number of a result")
-    except (KeyError, ValueError):
-        expected = {float: "a finite number", int: "a whole number", bool: "yes or no"}[kind]
-        raise InputError(f"{name} must be {expected}; got {text!r:.100}") from None
-    return value
-
-
-def check_options(options: dict[str, Any]) -> None:
-    """Raise unless `dqreg.register` would take these options."""
-    from dqreg.files.units import factor
-    from dqreg.registration.options import Options
-    from dqreg.registration.register import register
-    from dqreg.solvers import Freedom
-
-    unknown = [name for name in options if name not in _kinds()]
-    if unknown:
-        if unknown[0] in RENAMED:
-            raise InputError(f"the option {unknown[0]} is no more: {RENAMED[unknown[0]]}")
-        raise InputError(f"unknown option {unknown[0]!r}; known are {', '.join(_kinds())}")
-    defaults = {name: parameter.default for name, parameter in inspect.signature(register).parameters.items()}
-    full = {**defaults, **options}
-    Options(**{field.name: full[field.name] for field in dataclasses.fields(Options)})
-    factor(full["source_units"], full["target_units"])
-    if full["dof"] is not None:
-        Freedom.parse(full["dof"])
-
 
 COLUMNS = ("scan", "target", "name", "start", "plan", "tolerance", "required", *HEAD)
 # The same under the words of `register`.
@@ -115,7 +40,7 @@ class Defaults:
 def read_manifest(path: str | os.PathLike[str], defaults: Defaults | None = None) -> tuple[Row, ...]:
     """Rows of a manifest, checked: one that cannot be run says why, and only where none can is that an error.
 
-    A CSV file has a head with the columns scan and target, and if wanted name, start, and any option of
+    A CSV file has a head with the columns scan and target, and if wanted name, start, and options of
     `dqreg.register`; empty cells take the default; paths are relative to the manifest's folder. Of a folder, every file
     that can be read as a scan is a row; then the defaults must name the target.
     """

@@ -106,3 +106,10 @@ def test_a_plan_measures_a_slot_of_several_faces() -> None:
     box = [{"name": "w", "kind": "width", "faces": faces[:1], "tolerance": 0.2}]
     with pytest.raises(InputError, match="are not the wall of a slot"):
         inspect(scan, plan_of({"characteristic": box}))
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1e-3, 1e9])
+def test_a_slot_is_held_alike_in_any_unit(unit: float) -> None:
+    points, normals = wall(300, 2, noise=1e-3)
+    found = fit_feature(unit * points, "slot", normals=normals)
+    assert found.width == pytest.approx(unit * fit_feature(points, "slot", normals=normals).width, rel=1e-9)

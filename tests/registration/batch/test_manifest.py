@@ -11,7 +11,6 @@ import pytest
 from dqreg.errors import InputError, printable
 from dqreg.inspection import Tolerance
 from dqreg.registration.batch import Defaults, RowInspection, read_manifest
-from dqreg.registration.batch.manifest import check_options, option_name, parse_option
 from dqreg.registration.batch.row import Row, inputs_of
 from dqreg.registration.batch.row_names import NAME, RESERVED, RowNames
 from tests.registration.batch.scenes import make_scene
@@ -127,20 +126,14 @@ def test_a_folder_is_its_scans_in_natural_order_without_the_part(folder, tmp_pat
         read_manifest(tmp_path / "sub", Defaults(target=tmp_path / "part.off"))
 
 
-def test_options_are_those_of_register():
-    names = option_name()
-    assert {"method", "max_distance", "effort", "seed"} <= set(names)
-    assert not {"observe", "keep_inputs", "prior", "start"} & set(names)
-    assert parse_option("seed", "3") == 3
-    with pytest.raises(InputError, match="'colour'"):
-        check_options({"colour": "red"})
-
-
-def test_a_tolerance_is_no_option_and_convergence_is_one(folder):
-    with pytest.raises(InputError, match=r"tolerance is no more: .* convergence"):
-        check_options({"tolerance": 1e-3})
+def test_convergence_is_an_option(folder):
     (row,) = rows_of(folder, "scan,target,convergence\nscan0.npy,bracket.off,1e-3\n")
     assert row.options == {"convergence": 1e-3}
+
+
+def test_a_scale_to_solve_and_viewpoints_are_cells(folder):
+    text = "scan,target,scale,viewpoint\nscan0.npy,bracket.off,solve,\nscan1.npy,bracket.off,,0 0 5; 1 2 3\n"
+    assert [row.options for row in rows_of(folder, text)] == [{"scale": "solve"}, {"viewpoint": [[0, 0, 5], [1, 2, 3]]}]
 
 
 def test_parts_are_inspected_by_columns_and_defaults(folder):
