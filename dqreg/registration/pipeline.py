@@ -9,6 +9,7 @@ import numpy as np
 
 from dqreg._records import replaced
 from dqreg.geometry import MeshSurface
+from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.icp.rejectors import beyond_boundary
 from dqreg.kernels.threads import TimeUpError, until
 from dqreg.registration.alternatives import alternatives_of
@@ -214,7 +215,7 @@ def resolved(fit: Fit) -> dict[str, Any]:
         "max_distance": max_distance,
         "reach": limit_of(fit),
         "width": width,
-        "source_noise": scan.noise,
+        "source_noise": noise_on(scan, fit.prepared.surface),
         "source_spacing": scan.spacing,
         "source_points": scan.total,
         "source_dropped": source.cloud.dropped,

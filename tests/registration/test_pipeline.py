@@ -251,3 +251,15 @@ def test_two_clouds_are_judged_by_the_whole_evidence_or_the_verdict_says_that_th
     there = [found for found in late if np.array_equal(found.T_target_source, whole.T_target_source)]
     assert 2 <= len(there) < len(late) < len(judged)
     assert all(np.array_equal(found.covariance, whole.covariance) for found in there)
+
+
+@pytest.mark.parametrize("count", [6_000, 40_000])
+def test_the_noise_told_is_that_of_the_faces_of_a_sheet_seen_from_both_sides(count: int) -> None:
+    sheet, rng, sigma = dqreg.Mesh(*box((60.0, 40.0, 1.0))), np.random.default_rng(5), 0.01
+    points = sample_mesh(sheet, count, rng).points
+    found = dqreg.register(
+        points + rng.normal(0.0, sigma, points.shape), sheet, "identity", effort="fast", verdict=False
+    )
+    # The neighbours of a point lie on both faces, 100 sigma apart, and planes through them leave 45 sigma; the few that
+    # lie near one face leave what three of them at random do.
+    assert 0.8 * sigma < found.settings["source_noise"] < 4.0 * sigma
