@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 from _pytest.doctest import DoctestModule
 
+HERE = Path(__file__).parent
+
 # Side by side, each worker takes one core: threads on top would only wait for each other.
 if "PYTEST_XDIST_WORKER" in os.environ:
     os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -18,10 +20,19 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
     return (os.cpu_count() or 1) + 1
 
 
-@pytest.hookimpl(wrapper=True)
-def pytest_collect_file() -> Generator[None, list[pytest.Collector], list[pytest.Collector]]:
-    """Doctests stand in the package: here each file, and whatever it imports, would be searched for them."""
-    return [each for each in (yield) if not isinstance(each, DoctestModule)]
+class Doctests:
+    """They are looked for in files of the package that have some, and in no test: each name there takes its time."""
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_collect_file(self, file_path: Path) -> Generator[None, list[pytest.Collector], list[pytest.Collector]]:
+        found = yield
+        if file_path.is_relative_to(HERE) or b">>>" not in file_path.read_bytes():
+            return [each for each in found if not isinstance(each, DoctestModule)]
+        return found
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.pluginmanager.register(Doctests())
 
 
 def pytest_collection_finish() -> None:

@@ -24,6 +24,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dqreg._open3d import load_open3d
 from dqreg.cli.main import main
 from dqreg.errors import InputError
 from dqreg.files import CloudData, read_geometry, write_cloud
@@ -310,11 +311,26 @@ def test_open3d_that_cannot_load_is_one_line_with_the_remedy(scene, tmp_path, ki
     variables = {"PYTHONPATH": os.pathsep.join([str(tmp_path / "fake"), environment()["PYTHONPATH"]])}
     out = tmp_path / "out"
     if kind == "register":
-        answer = run_there("register", *pair(scene), "--quiet", "--out", out, variables=variables)
+        words = ("register", *pair(scene), "--quiet", "--out", out, "--report", tmp_path / "report.html")
     else:
-        answer = run_there("batch", scene.manifest, "--quiet", "--out", out, "--workers", 1, variables=variables)
-    require_error(answer, "libGL.so.1", "apt-get install libgl1")
+        words = ("batch", scene.manifest, "--quiet", "--out", out, "--workers", 1)
+    require_error(run_there(*words, variables=variables), "libGL.so.1", "apt-get install libgl1")
     assert list(tmp_path.rglob("*.json")) == []
+    assert not (tmp_path / "report.html").exists()
+
+
+def test_a_mesh_is_registered_to_without_open3d_and_clouds_name_what_is_missing(scene, tmp_path, capsys, monkeypatch):
+    load_open3d.cache_clear()
+    monkeypatch.setitem(sys.modules, "open3d", None)
+    try:
+        assert run_here("register", *pair(scene), "--quiet", "--out", tmp_path / "r.json") == 0
+        scan, _, *options = pair(scene)
+        assert run_here("register", scan, scene.folder / "scan1.npy", *options, "--out", tmp_path / "c.json") == 2
+    finally:
+        load_open3d.cache_clear()
+    said = capsys.readouterr().err.splitlines()
+    assert said[-1].startswith("dqreg: error: Open3D cannot load: ")
+    assert [path.name for path in tmp_path.iterdir()] == ["r.json"]
 
 
 @pytest.mark.parametrize(

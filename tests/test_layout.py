@@ -215,7 +215,7 @@ def packed_numbers(tree: ast.Module) -> list[str]:
 
 
 def test_a_line_names_two_numbers_at_most() -> None:
-    found = {name: packed_numbers(ast.parse(file.read_text(encoding="utf-8"))) for name, file in modules().items()}
+    found = {name: packed_numbers(parsed(file)) for name, file in modules().items()}
     packed = {name for name, lines in found.items() if lines}
     rooms = {name.split(".")[1] for name in packed}
     # A room that has none any more leaves the list.

@@ -153,8 +153,8 @@ def register_command(
     shows = make_progress(shown, quiet=shown.quiet, unit=unit.units, searching=began is None)
     options["viewpoint"] = options["viewpoint"] or None
     with shows as progress:
-        # A file that is not there is said at once, without the second that Open3D takes to load.
-        if scan.exists() and target.exists():
+        # Its pictures need Open3D: said before the work. A mesh is registered to without it.
+        if report is not None and scan.exists() and target.exists():
             load_open3d()
         options |= {"observe": progress, "observe_search": progress.search}
         with unit.source_units(scan, options["source_units"]) as options["source_units"]:

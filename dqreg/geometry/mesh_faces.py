@@ -14,10 +14,23 @@ SHARP_DEG = 22.0
 LEVEL_DEG, FLAT_AREA = 0.5, 0.02
 # Triangles of a face that may be cut where its curvature changes.
 FEWEST = 6
+# Where a mesh keeps its faces, among what else it computes once.
+KEPT = "_part_faces"
 
 
 def faces_of(mesh: Mesh) -> tuple[int, IntArray]:
-    """Faces of a part: as its file tells them, else triangles connected without a sharp turn. Shapes: labels (f,)."""
+    """Faces of a part: as its file tells them, else triangles connected without a sharp turn. Shapes: labels (f,).
+
+    Found once a mesh, which keeps them: an inspection asks some ten times.
+    """
+    known: tuple[int, IntArray] | None = vars(mesh).get(KEPT)
+    if known is None:
+        known = vars(mesh)[KEPT] = _found(mesh)
+        known[1].setflags(write=False)
+    return known
+
+
+def _found(mesh: Mesh) -> tuple[int, IntArray]:
     if mesh.regions is not None:
         # Numbers without gaps: a face of the file may have lost all its triangles.
         numbers, labels = np.unique(mesh.regions, return_inverse=True)

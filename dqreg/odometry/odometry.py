@@ -10,7 +10,6 @@ from typing import Any, Unpack
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg._open3d import load_open3d
 from dqreg.errors import InputError
 from dqreg.geometry import PointCloud
 from dqreg.geometry.fields import stamp_of
@@ -76,7 +75,6 @@ class Odometry(Tracker):
     ) -> None:
         # Imports of seconds belong here, not into the first frame.
         load_kiss("preprocess")
-        load_open3d()
         super().__init__((settings or OdometrySettings()).replaced(options), start)
 
     def __getstate__(self) -> dict[str, Any]:

@@ -132,6 +132,8 @@ def test_every_option_stands_under_a_heading():
 def test_ctrl_c_leaves_one_line_and_no_file(after, tmp_path, case):
     out = tmp_path / "result.json"
     words = [str(w) for w in ("register", case.scan, case.part, "--effort", "best", "--quiet", "--out", out)]
+    # Pictures need Open3D, which is loaded first.
+    words += ["--report", str(tmp_path / "report.html")]
     # A shell that runs its jobs in the background has SIGINT ignored, which is handed on, and respected.
     listen = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
     code = f"{listen}; from dqreg.cli.main import main; print('begun', flush=True); main({words!r})"

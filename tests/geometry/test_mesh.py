@@ -7,6 +7,7 @@ import pytest
 
 from dqreg.errors import InputError
 from dqreg.geometry import Mesh
+from dqreg.geometry.mesh_faces import faces_of
 from dqreg.synth.parts import box, bracket
 
 NAN, INF = float("nan"), float("inf")
@@ -144,3 +145,14 @@ def test_two_cubes_that_touch_along_an_edge_are_closed_bodies() -> None:
     mesh = joined(cube(), (cube()[0] + [1.0, 1.0, 0.0], cube()[1]))
     assert mesh.is_closed
     assert mesh.is_consistently_wound
+
+
+def test_faces_of_the_part_are_found_once_and_nobody_changes_them() -> None:
+    mesh = Mesh(*bracket())
+    count, labels = faces_of(mesh)
+    assert faces_of(mesh)[1] is labels
+    assert not labels.flags.writeable
+    # Those of another mesh, and of the same one elsewhere, are its own.
+    moved = faces_of(Mesh(mesh.vertices + 1.0, mesh.faces))
+    assert (moved[0], moved[1].tolist()) == (count, labels.tolist())
+    assert moved[1] is not labels

@@ -42,6 +42,17 @@ def small() -> Scan:
     return prepare_scan(PointCloud(bracket_points(100, seed=0)))
 
 
+@pytest.fixture(scope="module")
+def dense() -> Scan:
+    return prepare_scan(PointCloud(bracket_points(300, seed=0)), fitted=2_000)
+
+
+@pytest.fixture(scope="module")
+def everything(surface: MeshSurface, dense: Scan) -> Run:
+    """All points of the dense scan on the part."""
+    return align_coarse_to_fine(dense, surface, start_of(0), PLAN)
+
+
 def start_of(seed: int) -> FloatArray:
     return disturbance(np.random.default_rng(seed), np.deg2rad(12.0), 0.04 * SIZE, PART.centre)
 
@@ -155,10 +166,9 @@ def test_an_explained_scan_needs_no_second_schedule(surface: MeshSurface, small:
     assert sum(record.points == len(small) for record in run.history) <= 2
 
 
-def test_the_last_level_takes_as_many_points_as_the_plan_says() -> None:
-    scan = prepare_scan(PointCloud(bracket_points(300, seed=0)), fitted=2_000)
+def test_the_last_level_takes_as_many_points_as_the_plan_says(dense: Scan) -> None:
     cloud = CloudSurface(sample_mesh(PART, 20_000, np.random.default_rng(0)))
-    run = align_coarse_to_fine(scan, cloud, start_of(0), dataclasses.replace(PLAN, finest=25_000))
+    run = align_coarse_to_fine(dense, cloud, start_of(0), dataclasses.replace(PLAN, finest=25_000))
     assert run.history[-1].points == pytest.approx(25_000, rel=0.03)
 
 
@@ -173,13 +183,13 @@ def test_clouds_of_two_shapes_are_asked_for_no_more_points_than_their_distances_
 
 
 @pytest.mark.parametrize("finest", [15_000, 25_000, 60_000])
-def test_on_a_mesh_all_points_have_their_say_for_few_questions(surface: MeshSurface, finest: int) -> None:
-    scan = prepare_scan(PointCloud(bracket_points(300, seed=0)), fitted=2_000)
-    assert 60_000 < len(scan) < 80_000
-    run = align_coarse_to_fine(scan, surface, start_of(0), dataclasses.replace(PLAN, finest=finest))
-    everything = align_coarse_to_fine(scan, surface, start_of(0), PLAN)
+def test_on_a_mesh_all_points_have_their_say_for_few_questions(
+    surface: MeshSurface, dense: Scan, everything: Run, finest: int
+) -> None:
+    assert 60_000 < len(dense) < 80_000
+    run = align_coarse_to_fine(dense, surface, start_of(0), dataclasses.replace(PLAN, finest=finest))
     assert run.history[-1].points == len(run.pairs.scan) <= 0.45 * finest
-    assert run.pairs.scan.represented >= 0.6 * len(scan)
+    assert run.pairs.scan.represented >= 0.6 * len(dense)
     assert run.weights.sum() == pytest.approx(run.history[-1].inlier_fraction * run.pairs.scan.represented, rel=1e-12)
     # As many points as there are questions would lose a factor of two to four.
     assert error(run) <= 2.0 * error(everything)

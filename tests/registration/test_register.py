@@ -24,6 +24,8 @@ from tests.icp.scenes import bracket_mesh, bracket_points, bumpy_cloud
 
 PART = bracket_mesh()
 SIZE = PART.diagonal
+# Prepared once: that it answers as the bare part does is a law of its own below.
+TARGET = prepare_target(PART)
 SCAN = bracket_points(45, seed=0)
 START = disturbance(np.random.default_rng(1), np.deg2rad(8.0), 0.03 * SIZE, PART.centre)
 # Float32 copies of the coordinates, as Open3D's and trimesh's files hold them, are off by 1e-7 of the size.
@@ -188,7 +190,7 @@ def test_coordinates_of_a_national_grid_cost_nothing_but_their_rounding(to_mesh:
 
 @pytest.mark.parametrize("method", ["auto", "dq", "dq-points", "svd", "plane"])
 def test_the_pose_is_rigid(method: str) -> None:
-    T = register(SCAN, PART, START, method=method, effort="fast").T_target_source
+    T = register(SCAN, TARGET, START, method=method, effort="fast").T_target_source
     np.testing.assert_allclose(T[:3, :3].T @ T[:3, :3], np.eye(3), atol=1e-12)
     assert np.linalg.det(T[:3, :3]) == pytest.approx(1.0, abs=1e-12)
     np.testing.assert_array_equal(T[3], [0.0, 0.0, 0.0, 1.0])
@@ -197,7 +199,10 @@ def test_the_pose_is_rigid(method: str) -> None:
 def test_all_methods_agree_on_clean_data() -> None:
     # Dense enough for the planes that say there is no noise.
     clean = bracket_points(60, seed=0, sigma=0.0)
-    ends = {m: register(clean, PART, START, method=m).T_target_source for m in ("auto", "dq", "dq-points", "svd")}
+    ends = {
+        m: register(clean, TARGET, START, method=m, verdict=False).T_target_source
+        for m in ("auto", "dq", "dq-points", "svd")
+    }
     for T in ends.values():
         assert worst(T, np.eye(4)) <= 1e-6 * SIZE
     assert worst(ends["dq-points"], ends["svd"]) <= 1e-9 * SIZE
@@ -205,7 +210,7 @@ def test_all_methods_agree_on_clean_data() -> None:
 
 def test_rows_of_nan_are_left_out_and_counted(expected: Registration) -> None:
     spoilt = np.insert(SCAN, [0, 100, 200], [[np.nan, 0, 0], [0, np.inf, 0], [np.nan] * 3], axis=0)
-    result = register(spoilt, PART, START)
+    result = register(spoilt, TARGET, START)
     assert result.settings["source_dropped"] == 3
     np.testing.assert_array_equal(result.T_target_source, expected.T_target_source)
 
@@ -227,7 +232,7 @@ def test_an_unknown_unit_converts_nothing(expected: Registration) -> None:
 
 def test_lengths_are_resolved_in_the_settings(expected: Registration) -> None:
     assert expected.settings["max_distance"] == pytest.approx(0.2 * SIZE, rel=0.05)
-    assert register(SCAN, PART, START, max_distance=20.0).settings["max_distance"] == 20.0
+    assert register(SCAN, TARGET, START, max_distance=20.0).settings["max_distance"] == 20.0
     assert expected.settings["diagonal"] == pytest.approx(SIZE, rel=1e-12)
     assert expected.settings["target_kind"] == "mesh"
     assert expected.settings["used_points"] == len(SCAN)
@@ -235,7 +240,7 @@ def test_lengths_are_resolved_in_the_settings(expected: Registration) -> None:
 
 
 def test_no_overlap_is_no_pose() -> None:
-    result = register(SCAN, PART, pose.from_parts(np.eye(3), [10 * SIZE, 0.0, 0.0]))
+    result = register(SCAN, TARGET, pose.from_parts(np.eye(3), [10 * SIZE, 0.0, 0.0]))
     assert result.verdict.level == "failed"
     assert "max_distance" in result.verdict.reasons[0]
     assert result.status == "no correspondences"
@@ -249,9 +254,9 @@ def test_no_overlap_is_no_pose() -> None:
 
 def test_the_observer_sees_every_iteration_and_may_stop() -> None:
     seen: list[Iteration] = []
-    result = register(SCAN, PART, START, observe=seen.append)
+    result = register(SCAN, TARGET, START, observe=seen.append)
     assert tuple(seen) == result.history
-    stopped = register(SCAN, PART, START, observe=lambda record: record.number < 4)
+    stopped = register(SCAN, TARGET, START, observe=lambda record: record.number < 4)
     assert len(stopped.history) == 4
     assert stopped.status == "stopped by observer"
     assert stopped.verdict.level != "accepted"
@@ -263,7 +268,7 @@ def test_an_observer_that_raises_is_heard() -> None:
         raise RuntimeError("enough")
 
     with pytest.raises(RuntimeError, match="enough"):
-        register(SCAN, PART, START, observe=refuse)
+        register(SCAN, TARGET, START, observe=refuse)
 
 
 def changed(**entries: float) -> FloatArray:

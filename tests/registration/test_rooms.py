@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 
 import dqreg
 from dqreg.rigid import pose
-from dqreg.synth.many_views import room_stops
+from dqreg.synth.many_views import ManyViews, room_stops
 from tests.strategies import FloatArray
 
 HALF = np.diag([-1.0, -1.0, 1.0, 1.0])
 
 
+@cache
+def room(seed: int, rings: int) -> ManyViews:
+    return room_stops(3, rings=rings, rng=np.random.default_rng(seed))
+
+
 def stops(seed: int, rings: int, one: int, other: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Source and target, their pose, and that after the half-turn."""
-    made = room_stops(3, rings=rings, rng=np.random.default_rng(seed))
+    made = room(seed, rings)
     back, place = pose.inverse(made.T_world_scan[one]), made.T_world_scan[other]
     return made.scans[other], made.scans[one], back @ place, back @ HALF @ place
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,11 @@ from dqreg.synth import parts
 from tests.strategies import FloatArray
 
 TRIALS = 16
+
+
+@cache
+def prepared(name: str) -> dqreg.Target:
+    return dqreg.prepare_target(getattr(parts, name)()[:2])
 
 
 def from_above(name: str, trial: int, prior_sigma: float | None, verdict: bool) -> tuple[FloatArray, FloatArray]:
@@ -30,9 +37,7 @@ def from_above(name: str, trial: int, prior_sigma: float | None, verdict: bool) 
     sigma = np.r_[[prior_sigma or 3e-3] * 3, [(prior_sigma or 3e-3) * size] * 3]
     start = centre @ pose.exp(sigma * rng.normal(size=6)) @ pose.inverse(centre)
     prior = (start, np.diag(sigma**2)) if prior_sigma else None
-    result = dqreg.register(
-        scan, dqreg.Mesh(vertices, faces), start, search="never", effort="fast", verdict=verdict, prior=prior
-    )
+    result = dqreg.register(scan, prepared(name), start, search="never", effort="fast", verdict=verdict, prior=prior)
     error = np.asarray(pose.log(pose.inverse(centre) @ pose.inverse(result.T_target_source) @ centre))[2:5]
     if prior_sigma:
         beyond = np.linalg.eigvalsh((result.information - np.diag(sigma**-2.0)) * np.outer(sigma, sigma))

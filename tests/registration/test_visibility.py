@@ -53,16 +53,13 @@ def test_the_inside_of_a_thin_wall_does_not_attract_what_was_seen_outside(wall: 
     # Walls of about one to eight widths of the noise. The truth is by construction; without the viewpoint the pose is
     # off by a share of the wall, or by all of it: measured 4e-4 to 1e-2 of the size, and 3e-5 at most with it.
     part = hollow(wall * SIZE)
-    seen, whole = [], []
-    for seed in (0,):
-        source, eyes, T = scan_of(part, VIEWS[:count], seed)
-        result = register(source, part, "identity", effort="fast", viewpoint=eyes)
-        seen.append(shift(result, part, T))
-        assert result.verdict.level == "accepted"
-        whole.append(shift(register(source, part, "identity", effort="fast"), part, T))
-    assert max(seen) < 8e-5
+    source, eyes, T = scan_of(part, VIEWS[:count], 0)
+    result = register(source, part, "identity", effort="fast", viewpoint=eyes)
+    assert result.verdict.level == "accepted"
+    assert shift(result, part, T) < 8e-5
     if wall < 2e-3:
-        assert min(whole) > 2e-4
+        without = register(source, part, "identity", effort="fast", verdict=False)
+        assert shift(without, part, T) > 2e-4
 
 
 def test_the_same_input_gives_the_same_bytes_and_a_saved_result_the_same_deviations(tmp_path: Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -21,6 +23,11 @@ _grid = [np.array([0.0, 200.0 - THICKNESS, 200.0]), np.array([0.0, 100.0]), np.a
 ANGLE = dqreg.Mesh(*weld(cells(_grid, _filled)))
 # The flange on its outer side and the base on its inner one; and both on their outer sides.
 FLANGE_OFF, BOTH_OFF = np.array([THICKNESS, 0.0, 0.0]), np.array([THICKNESS, 0.0, -THICKNESS])
+
+
+@cache
+def prepared(name: str) -> dqreg.Target:
+    return dqreg.prepare_target({"angle": ANGLE, "channel": CHANNEL}[name])
 
 
 def scan_of(*, edge: bool, outer: bool = False, normals: bool = False) -> PointCloud:
@@ -52,14 +59,14 @@ def across(T: np.ndarray) -> float:
 
 @pytest.mark.parametrize("shift", [[0.0, 0.0, 0.0], FLANGE_OFF, BOTH_OFF, [0.0, 0.0, -THICKNESS]])
 def test_a_leg_on_its_wrong_side_is_put_right_where_few_points_tell(shift):
-    found = dqreg.register(scan_of(edge=True), ANGLE, shifted(np.asarray(shift)))
+    found = dqreg.register(scan_of(edge=True), prepared("angle"), shifted(np.asarray(shift)))
     assert across(found.T_target_source) < 0.25 * THICKNESS
     assert not found.alternatives
 
 
 @pytest.mark.parametrize("shift", [np.zeros(3), FLANGE_OFF, BOTH_OFF])
 def test_the_inner_side_alone_may_lie_on_the_outer_one_and_is_not_accepted(shift):
-    found = dqreg.register(scan_of(edge=False), ANGLE, shifted(shift))
+    found = dqreg.register(scan_of(edge=False), prepared("angle"), shifted(shift))
     assert found.verdict.level != "accepted"
     assert "alternative_poses" in found.verdict.codes
     poses = [found.T_target_source, *(other.T_target_source for other in found.alternatives)]
@@ -84,7 +91,7 @@ def test_a_flat_plate_from_one_side_may_lie_on_the_other_and_is_not_accepted(sta
 
 @pytest.mark.parametrize("known", [{"normals": True}, {"outer": True}])
 def test_where_normals_or_the_other_side_tell_nothing_else_is_as_likely(known):
-    found = dqreg.register(scan_of(edge=False, **known), ANGLE, "identity")
+    found = dqreg.register(scan_of(edge=False, **known), prepared("angle"), "identity")
     assert across(found.T_target_source) < 0.25 * THICKNESS
     assert not found.alternatives
 
@@ -118,7 +125,7 @@ def off(T: np.ndarray, right: np.ndarray) -> float:
 
 
 def test_planes_along_two_directions_fit_after_a_half_turn_and_nothing_tells() -> None:
-    found = dqreg.register(scan_of_channel(25.0), CHANNEL)
+    found = dqreg.register(scan_of_channel(25.0), prepared("channel"))
     assert found.verdict.codes == ("alternative_poses",)
     poses = [found.T_target_source, *(other.T_target_source for other in found.alternatives)]
     for right in (np.eye(4), HALF_TURN):
@@ -128,7 +135,7 @@ def test_planes_along_two_directions_fit_after_a_half_turn_and_nothing_tells() -
 @pytest.mark.parametrize(("start", "other"), [(np.eye(4), HALF_TURN), (HALF_TURN, np.eye(4))])
 def test_an_initial_pose_decides_between_half_turns_and_names_the_other(start: np.ndarray, other: np.ndarray) -> None:
     # All but the height of one flange, which the scan does not reach, is as it was after the half-turn.
-    found = dqreg.register(scan_of_channel(25.0), CHANNEL, start)
+    found = dqreg.register(scan_of_channel(25.0), prepared("channel"), start)
     assert off(found.T_target_source, start) < 0.5 * THICKNESS
     assert found.verdict.codes == ("alternative_poses",)
     assert [off(each.T_target_source, other) < 0.5 * THICKNESS for each in found.alternatives] == [True]
@@ -144,7 +151,7 @@ def test_of_equal_poses_the_one_near_the_initial_pose_is_meant() -> None:
 
 
 def test_the_end_of_the_longer_flange_tells_half_turns_apart() -> None:
-    found = dqreg.register(scan_of_channel(60.0), CHANNEL)
+    found = dqreg.register(scan_of_channel(60.0), prepared("channel"))
     assert found.verdict.level == "accepted"
     assert off(found.T_target_source, np.eye(4)) < 0.5 * THICKNESS
 

@@ -24,6 +24,8 @@ FLAGS = ("--headless=new", "--no-sandbox", "--remote-debugging-pipe", "--disable
          "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-extensions", "--disable-sync",
          "--disable-background-networking", "--disable-component-update", "--hide-scrollbars")  # fmt: skip
 
+# Seconds after which a browser hangs: drawing without a graphics card it had none to spare on a machine of eight loads.
+PATIENCE = 120.0
 # Frames after which an element rests at last.
 STILL = 200
 
@@ -72,7 +74,7 @@ class Browser:
             message["sessionId"] = session
         os.write(self._out, json.dumps(message).encode() + b"\0")
         while True:
-            answer = self._next(30.0)
+            answer = self._next(PATIENCE)
             if answer.get("id") == self._number:
                 if "error" in answer:
                     raise RuntimeError(f"{method}: {answer['error']}")
@@ -101,7 +103,7 @@ class Browser:
         self.events.clear()
         self.page("Page.navigate", url=path.absolute().as_uri())
         while not any(event.get("method") == "Page.loadEventFired" for event in self.events):
-            self.events.append(self._next(30.0))
+            self.events.append(self._next(PATIENCE))
         self.settle()
 
     def settle(self) -> None:

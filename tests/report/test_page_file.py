@@ -38,14 +38,6 @@ def test_a_browser_that_prints_nothing_is_an_error_and_leaves_no_file(
     assert not (tmp_path / "a.pdf").exists()
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here")
-def test_a_page_is_printed_on_as_many_sheets_as_it_needs() -> None:
-    page = "<!DOCTYPE html><p>one</p><p style='break-before: page'>two</p>"
-    found = to_pdf(page)
-    assert found.startswith(b"%PDF")
-    assert re.search(rb"/Count 2\b", found)
-
-
 def test_each_printed_page_names_its_file() -> None:
     page = render("compare.html", title='a"b</style>', note="", command="", tables=[], plots=[])
     assert r'@bottom-left { content: "Comparison\3a  a\22 b\3c \2f style\3e "; }' in page
@@ -54,11 +46,16 @@ def test_each_printed_page_names_its_file() -> None:
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium to print with")
 @pytest.mark.parametrize(("name", "width", "height"), [("letter", 612, 792), ("", 595, 842)])
-def test_the_paper_is_a4_or_letter(monkeypatch: pytest.MonkeyPatch, name: str, width: int, height: int) -> None:
+def test_a_page_is_printed_on_as_many_sheets_of_a4_or_letter_as_it_needs(
+    monkeypatch: pytest.MonkeyPatch, name: str, width: int, height: int
+) -> None:
     """Sizes in points, 1/72 inch, as the file itself says them."""
     monkeypatch.setenv("DQREG_PAPER", name)
-    page = "<!DOCTYPE html><html><head><style>@page { size: A4; }</style></head><body>text</body></html>"
-    box = re.search(rb"/MediaBox\s*\[\s*0\s+0\s+([\d.]+)\s+([\d.]+)", to_pdf(page))
+    page = "<!DOCTYPE html><html><head><style>@page { size: A4; }</style></head>"
+    found = to_pdf(f"{page}<body><p>one</p><p style='break-before: page'>two</p></body></html>")
+    assert found.startswith(b"%PDF")
+    assert re.search(rb"/Count 2\b", found)
+    box = re.search(rb"/MediaBox\s*\[\s*0\s+0\s+([\d.]+)\s+([\d.]+)", found)
     assert box is not None
     assert [float(number) for number in box.groups()] == pytest.approx([width, height], abs=1.0)
 
