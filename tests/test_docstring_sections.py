@@ -21,10 +21,8 @@ from tests.test_docstrings import MORE, NAMES, found
 ODOMETRY = "dqreg.odometry.Odometry"
 # They take anything, or arrays and records that other calls have checked: none raises an error on purpose.
 RAISE_NOTHING = {
-    "dqreg.geometry.cloud_surface.CloudSurface.closest",
     "dqreg.geometry.cloud_surface.CloudSurface.on_rim",
     "dqreg.geometry.mesh_surface.MeshSurface",
-    "dqreg.geometry.mesh_surface.MeshSurface.closest",
     "dqreg.geometry.scan.Scan.even_rows",
     "dqreg.geometry.scan.Scan.taken",
     "dqreg.geometry.scan.Scan.thinned",
