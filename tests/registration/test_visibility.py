@@ -7,7 +7,7 @@ import pytest
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
-from dqreg.geometry import Mesh
+from dqreg.geometry import Mesh, PointCloud
 from dqreg.registration.register import register
 from dqreg.registration.result import Registration
 from dqreg.report.summary import viewpoint_words
@@ -109,6 +109,15 @@ def test_between_clouds_a_viewpoint_tells_what_was_looked_through() -> None:
     assert "looked_through" not in plain.verdict.codes
     assert "looked_through" in told.verdict.codes
     np.testing.assert_array_equal(told.T_target_source, plain.T_target_source)
+    # A place that the scan itself tells is used likewise, unless none is to be.
+    placed = PointCloud(empty, viewpoint=above)
+    of_scan, unused = (
+        register(placed, full, "identity", effort="fast", search="never", viewpoint=given) for given in (None, "none")
+    )
+    assert "looked_through" in of_scan.verdict.codes
+    assert "looked_through" not in unused.verdict.codes
+    assert "source_viewpoint" not in unused.settings
+    np.testing.assert_array_equal(unused.T_target_source, plain.T_target_source)
     with pytest.raises(InputError, match="takes one: got 2"):
         register(empty, full, "identity", viewpoint=[above, above])
 
