@@ -148,3 +148,19 @@ def test_a_viewpoint_on_the_other_side_is_named(start: str | None) -> None:
 def test_a_viewpoint_that_is_not_finite_is_refused() -> None:
     with pytest.raises(InputError, match="finite"):
         register(np.eye(3), bracket_mesh(), "identity", viewpoint=[0.0, np.nan, 1.0])
+
+
+def test_one_flat_face_without_sides_is_not_accepted_from_nothing() -> None:
+    # Below the plate the same face lies as well, and turned over too; normals or an initial pose tell the sides.
+    rng, plate = np.random.default_rng(1), Mesh(*box((30.0, 20.0, 4.0)))
+    face = np.insert(rng.uniform([-15.0, -10.0], [15.0, 10.0], (6_000, 2)), 2, 2.0, axis=1)
+    points = face + rng.normal(scale=0.005, size=face.shape)
+    found = register(points, plate)
+    assert found.verdict.level == "suspect"
+    assert "one_plane" in found.verdict.codes
+    assert "holds three motions" in found.verdict.reasons[found.verdict.codes.index("one_plane")]
+    for given in (
+        register(points, plate, "identity"),
+        register(PointCloud(points, np.eye(3)[[2] * len(points)]), plate),
+    ):
+        assert "one_plane" not in given.verdict.codes
