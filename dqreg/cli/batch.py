@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 NAMED = 20
 # Options of `dqreg.register` that the command line offers for all rows; a manifest may say each for its own.
 SHARED = ("method", "effort", "max_distance", "max_angle_deg", "source_units", "target_units", "seed")
-WIDTH, HEIGHT, DOTS = 240, 180, 20_000
+PICTURE_WIDTH, PICTURE_HEIGHT = 240, 180
+PICTURE_POINTS = 20_000
 
 
 @click.command()
@@ -163,14 +164,16 @@ def thumbnail(result: Registration) -> bytes | None:
     else:
         mesh, part, corner = None, _some(geometry.points) / size, "iso"
         layers.insert(0, Dots(part, np.array(rgb(TARGET), np.uint8), 0.004))
-    image = PartScene(mesh, size).render(frame_of(part, VIEWS[corner], WIDTH, HEIGHT), TARGET, "#ffffff", layers)
+    image = PartScene(mesh, size).render(
+        frame_of(part, VIEWS[corner], PICTURE_WIDTH, PICTURE_HEIGHT), TARGET, "#ffffff", layers
+    )
     buffer = io.BytesIO()
     Image.fromarray(image).save(buffer, "jpeg", quality=80, optimize=True)
     return buffer.getvalue()
 
 
 def _some(points: FloatArray) -> FloatArray:
-    return points[:: max(1, len(points) // DOTS)]
+    return points[:: max(1, len(points) // PICTURE_POINTS)]
 
 
 def _told(bar: WorkBar, console: Console) -> Callable[[Progress], None]:

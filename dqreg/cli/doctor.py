@@ -24,7 +24,8 @@ UNNAMED_EXTRAS = ("test", "fuzz", "docs", "lint", "dev", "all")
 OPEN3D = ("open3d", "open3d-cpu")
 # Wheels of Open3D 0.20, as its own metadata names them.
 WHEELS = "it needs Linux with glibc 2.35, macOS on Apple silicon, or Windows on x86-64, and Python 3.11 to 3.14"
-LEAST_GLIBC, NEWEST_PYTHON, NEWEST_PYTHON_OF_OLD = (2, 35), (3, 14), (3, 12)
+LEAST_GLIBC = (2, 35)
+NEWEST_PYTHON, NEWEST_PYTHON_OF_OLD = (3, 14), (3, 12)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -10,10 +10,10 @@ import click
 from dqreg.cli.attempts import refuse_swapped, register_files
 from dqreg.cli.faces import read_part_in
 from dqreg.cli.inspection_outputs import check_goals, record_of, tell, write
-from dqreg.cli.lazy_group import Choice, SectionedCommand
+from dqreg.cli.lazy_group import Choice
 from dqreg.cli.outputs import consoles, print_json, quiet_option, read_head, require_below_reach, say
 from dqreg.cli.register import SEARCHES
-from dqreg.cli.values import FILE, UNITS, ToleranceType
+from dqreg.cli.values import FILE, UNITS, CoordinateType, PlaceCommand, ToleranceType, places_of
 from dqreg.errors import InputError
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ SECTIONS = {
 }
 
 
-class InspectCommand(SectionedCommand):
+class InspectCommand(PlaceCommand):
     """Its --json takes a file that ends in .json, and else none: what follows may be SCAN."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -88,8 +88,9 @@ class InspectCommand(SectionedCommand):
               "initial pose: never, where the pose is in doubt, or always.")  # fmt: skip
 @click.option("--dof", metavar="MOTIONS", help="Degrees of freedom in which the pose may differ from the initial pose, "
               "such as 'rz tx ty'; all others are locked.")  # fmt: skip
-@click.option("--viewpoint", type=float, nargs=3, multiple=True, metavar="X Y Z", help="Where the scanner stood, in "
-              "SCAN's coordinates; may be given again. Faces hidden from the scanner are ignored.")  # fmt: skip
+@click.option("--viewpoint", type=CoordinateType(), nargs=3, multiple=True, metavar="none|X Y Z", help="Where the "
+              "scanner stood, in SCAN's coordinates; may be given again. Faces hidden from the scanner are ignored. "
+              "none: nor is the place in SCAN's file used.")  # fmt: skip
 @click.option("--time-limit", type=float, metavar="SECONDS", help="Time limit of the registration.")
 @click.option("--source-units", type=UNITS, help="Length unit of SCAN, where its file does not say.")
 @click.option("--target-units", type=UNITS, help="Length unit of PART, where its file does not say  [default: the "
@@ -175,7 +176,7 @@ def _registered(scan: Path, unit: ShownTarget, shown: Console, options: dict[str
     from dqreg.report import make_progress
 
     began = unit.start(read_start(options.pop("start")))
-    options["viewpoint"] = options["viewpoint"] or None
+    options["viewpoint"] = places_of(options["viewpoint"])
     options["target_units"] = unit.units
     shows = make_progress(shown, quiet=shown.quiet, unit=unit.units, searching=began is None)
     with shows as progress:

@@ -108,6 +108,7 @@ def json_text(record: dict[str, Any]) -> str:
 
 def record_of(found: Inspected, head: dict[str, str]) -> dict[str, Any]:
     """The inspection as plain values."""
+    from dqreg.registration.result_json import ANGLE_UNITS, CONVENTIONS
     from dqreg.report.sheet import digests_of
 
     sheet, result = found.sheet, found.registration
@@ -116,6 +117,13 @@ def record_of(found: Inspected, head: dict[str, str]) -> dict[str, Any]:
         "outcome": found.outcome,
         "alignment_trusted": result.verdict.level == "accepted",
         "units": result.settings.get("target_units"),
+        "angle_units": ANGLE_UNITS,
+        "conventions": {
+            "T_target_source": CONVENTIONS["T_target_source"],
+            "alignment": "covariance: rotation vector x, y, z, then translation x, y, z: of a left increment about its "
+            "centre",
+            "characteristics": "of the kind angle in degrees, all others lengths",
+        },
         "T_target_source": result.T_target_source,
         "alignment": None if sheet is None or sheet.alignment is None else dataclasses.asdict(sheet.alignment),
         "head": {**({} if sheet is None else sheet.plan.head), **head},

@@ -9,7 +9,8 @@ import threading
 
 from dqreg.cli.signals import Signals, leave, leave_at_once, listen, say
 
-BAD_INPUT, BROKEN, STOPPED = 2, 4, 130
+BAD_INPUT, UNEXPECTED_ERROR = 2, 4
+STOPPED = 130
 # What is wrong with a path itself, wherever it is first used.
 UNUSABLE = (errno.ENAMETOOLONG, errno.ELOOP)
 # Codes above it say which signal ended the program.
@@ -82,7 +83,9 @@ def _tell(error: BaseException) -> int:
         raise error
     # Python itself would end with the code of a pose that is not trusted.
     sys.excepthook(type(error), error, error.__traceback__)
-    return _bad(f"unexpected {type(error).__name__}, an error of dqreg: please report it with this trace", BROKEN)
+    return _bad(
+        f"unexpected {type(error).__name__}, an error of dqreg: please report it with this trace", UNEXPECTED_ERROR
+    )
 
 
 def _bad(message: str, code: int = BAD_INPUT) -> int:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dqreg.cli.attempts import refuse_swapped, register_files
-from dqreg.cli.lazy_group import Choice, SectionedCommand
+from dqreg.cli.lazy_group import Choice
 from dqreg.cli.outputs import (
     consoles,
     deviation_record,
@@ -22,7 +22,7 @@ from dqreg.cli.outputs import (
     tell_result,
 )
 from dqreg.cli.overwriting import require_apart
-from dqreg.cli.values import FILE, UNITS, ScaleType, ToleranceType
+from dqreg.cli.values import FILE, UNITS, CoordinateType, PlaceCommand, ScaleType, ToleranceType, places_of
 from dqreg.errors import InputError
 from dqreg.kernels.second_process import start_where_nothing_is_kept
 
@@ -41,7 +41,7 @@ SECTIONS = {
 }
 
 
-@click.command("register", cls=SectionedCommand, sections=SECTIONS)
+@click.command("register", cls=PlaceCommand, sections=SECTIONS)
 @click.argument("scan", type=FILE)
 @click.argument("target", type=FILE)
 @click.option("--start", default="none", show_default=True, metavar="none|identity|FILE", help="Initial pose: "
@@ -51,9 +51,9 @@ SECTIONS = {
               "initial pose: never, where the pose is in doubt, or always; the better pose is kept.")  # fmt: skip
 @click.option("--dof", metavar="MOTIONS", help="Degrees of freedom in which the pose may differ from the initial pose, "
               "such as 'rz tx ty'; all others are locked.")  # fmt: skip
-@click.option("--viewpoint", type=float, nargs=3, multiple=True, metavar="X Y Z", help="Where the scanner stood, in "
-              "SCAN's coordinates; may be given again. Faces hidden from the scanner are ignored; what it looked "
-              "through speaks against a pose.")  # fmt: skip
+@click.option("--viewpoint", type=CoordinateType(), nargs=3, multiple=True, metavar="none|X Y Z", help="Where the "
+              "scanner stood, in SCAN's coordinates; may be given again. Faces hidden from the scanner are ignored; "
+              "what it looked through speaks against a pose. none: nor is the place in SCAN's file used.")  # fmt: skip
 @click.option("--out", type=FILE, help="The result as JSON; its 4x4 matrix alone for .txt.")
 @click.option(
     "--report", type=FILE, help="One page, HTML or PDF: verdict, view, deviations; with --tolerance, pass or fail."
@@ -151,7 +151,7 @@ def register_command(
     unit = shown_target(target, options["target_units"], wanted, asked=True)
     options["target_units"], began = unit.units, unit.start(read_start(start))
     shows = make_progress(shown, quiet=shown.quiet, unit=unit.units, searching=began is None)
-    options["viewpoint"] = options["viewpoint"] or None
+    options["viewpoint"] = places_of(options["viewpoint"])
     with shows as progress:
         # Its pictures need Open3D: said before the work. A mesh is registered to without it.
         if report is not None and scan.exists() and target.exists():

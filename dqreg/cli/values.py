@@ -1,4 +1,4 @@
-"""Values of options: a file, a unit of length, a scale, a tolerance with two sides."""
+"""Values of options: a file, a unit of length, a scale, a viewpoint, a tolerance with two sides."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dqreg.cli.lazy_group import Choice
+from dqreg.cli.lazy_group import Choice, SectionedCommand
 from dqreg.errors import InputError
 
 if TYPE_CHECKING:
@@ -15,11 +15,15 @@ if TYPE_CHECKING:
 
     Scale = click.ParamType[float | str]
     Limits = click.ParamType[float | Tolerance]
+    Coordinate = click.ParamType[float | str]
 else:
     # The types of an older click take no brackets when the program runs.
-    Scale = Limits = click.ParamType
+    Scale = Limits = Coordinate = click.ParamType
 
 FILE = click.Path(path_type=Path)
+# Where the scanner stood, and the word for using no place of it.
+PLACE = "--viewpoint"
+NO_PLACE = "none"
 
 
 class UnitType(Choice):
@@ -48,6 +52,48 @@ class ScaleType(Scale):
             return float(value)
         except ValueError:
             self.fail(f"{value!r} is neither solve nor a number", param, ctx)
+
+
+class PlaceCommand(SectionedCommand):
+    """A command whose --viewpoint takes the word none in place of three coordinates."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Read the words of the command line."""
+        words: list[str] = []
+        for word in args:
+            if word == f"{PLACE}={NO_PLACE}":
+                words += [PLACE, *[NO_PLACE] * 3]
+            else:
+                words += [word] * (3 if word == NO_PLACE and words[-1:] == [PLACE] else 1)
+        return super().parse_args(ctx, words)
+
+
+class CoordinateType(Coordinate):
+    """A number, or the word none, which stands for all three."""
+
+    name = "coordinate"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float | str:
+        """The number or the word that a text means."""
+        if value == NO_PLACE:
+            return NO_PLACE
+        try:
+            return float(value)
+        except ValueError:
+            self.fail(f"{value!r} is neither a number nor {NO_PLACE}", param, ctx)
+
+
+def places_of(given: tuple[tuple[float | str, ...], ...]) -> tuple[tuple[float | str, ...], ...] | str | None:
+    """Viewpoints that were given: places, the word none, or None.
+
+    >>> places_of(((0.0, 0.0, 5.0),)), places_of((("none",) * 3,)), places_of(())
+    (((0.0, 0.0, 5.0),), 'none', None)
+    """
+    if any(NO_PLACE in place for place in given):
+        if len(given) > 1 or set(given[0]) != {NO_PLACE}:
+            raise InputError(f"{PLACE} {NO_PLACE} stands alone: leave it out, or the places")
+        return NO_PLACE
+    return given or None
 
 
 class ToleranceType(Limits):

@@ -19,6 +19,8 @@ METRES = {
 }
 # Pairs of units that are confused, coarser and finer: the likely ones first.
 MIXED = (("m", "mm"), ("inch", "mm"), ("cm", "mm"), ("m", "cm"), ("ft", "mm"), ("mm", "um"), ("m", "um"))
+# Those that are confused less often, or whose ratio is that of many a patch to its part: sizes must agree closely.
+MIXED_RARELY = (("m", "ft"), ("inch", "cm"), ("ft", "inch"), ("m", "inch"), ("ft", "cm"))
 
 
 def factor(source: str | None, target: str | None) -> float:

@@ -124,8 +124,8 @@ def _per_point(value: Any, name: str, count: int) -> FloatArray:
 
 
 def _as_bytes(value: Any, count: int) -> FloatArray:
-    whole = np.asarray(value).dtype.kind in "iu"
     colors = _per_point(value, "colors", count)
+    whole = np.asarray(value).dtype.kind in "iu"
     top = 255.0 if whole else 1.0
     if colors.min() < 0.0 or colors.max() > top:
         found = f"{colors.min():g} to {colors.max():g}"

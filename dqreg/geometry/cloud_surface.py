@@ -7,14 +7,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray
+from dqreg._arrays import LARGEST, BoolArray, FloatArray, IntArray, dot, require_finite, require_workable
 from dqreg.errors import InputError
 from dqreg.geometry.boundary import CloudBoundary
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.morton import distinct_in_order
 from dqreg.geometry.neighbours import KdTree, NeighbourTree
 from dqreg.geometry.normals import PlaneFits, fit_planes_around, orient_towards
-from dqreg.geometry.surface import Closest, Hint
+from dqreg.geometry.surface import Closest, Hint, as_queries
 
 # Two distances that differ by less may be equal: then the tree decides.
 ROUNDING = 1e-12
@@ -154,10 +154,17 @@ class CloudSurface:
         -------
         Closest
             Points, normals (zero where none is known), distances and rows of the cloud as it was given.
+
+        Raises
+        ------
+        InputError
+            If the queries are no (n, 3) finite real numbers.
         """
+        points = as_queries(points)
         known = None if hint is None else self._closest_near(points, *hint)
         if known is not None:
             return known
+        _require_near(points)
         rows, distances = self._search.nearest(points, self._kept)
         others = self._beyond(distances)
         return self._answer(rows[:, 0], distances[:, 0], others, rows.astype(np.int32))
@@ -239,6 +246,16 @@ class CloudSurface:
         # Each kernel would make a copy of a column among others.
         found = Closest(points, normals, np.ascontiguousarray(distances), elements, others, variances)
         return found._with(candidates)
+
+
+def _require_near(queries: FloatArray) -> None:
+    """Raise where the tree could not square distances: NaN and what is too large are not below."""
+    flat = queries.ravel()
+    with np.errstate(over="ignore", invalid="ignore"):
+        squares = dot(flat, flat)
+    if not squares <= LARGEST**2:
+        require_finite(queries, "points")
+        require_workable(queries, "points")
 
 
 def followed(

@@ -44,7 +44,10 @@ def depth_points(
     normals: bool = True,
 ) -> DepthPoints:
     """Points, and normals from the grid, of a depth image. Shapes: depth (h, w), intrinsics (3, 3)."""
-    image = np.asarray(depth)
+    try:
+        image = np.asarray(depth)
+    except ValueError as error:
+        raise InputError(f"depth must have rows of one length ({error})") from error
     if image.ndim == 3 and image.shape[2] == 1:
         image = image[:, :, 0]
     if image.ndim != 2 or not image.size:

@@ -10,7 +10,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.geometry.boundary import MeshBoundary
 from dqreg.geometry.mesh import Mesh
-from dqreg.geometry.surface import Closest, Hint
+from dqreg.geometry.surface import Closest, Hint, as_queries
 
 if TYPE_CHECKING:
     from dqreg.kernels.triangle_tree import TriangleTree
@@ -64,7 +64,7 @@ class MeshSurface:
         Parameters
         ----------
         points : ndarray, (n, 3)
-            Queries in the mesh's frame; n may be 0.
+            Queries in the mesh's frame; n may be 0. What is not finite is answered as what lies beyond ``within``.
         hint : (ndarray, Closest), optional
             Earlier places of the same queries and the answer there: the search begins with those faces.
         within : float
@@ -75,7 +75,13 @@ class MeshSurface:
         -------
         Closest
             Points, face normals, distances and face numbers.
+
+        Raises
+        ------
+        InputError
+            If the queries are no (n, 3) real numbers.
         """
+        points = as_queries(points)
         return Closest(*self._tree.closest(points, None if hint is None else hint[1].elements, within))
 
     def _distances_at(

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dqreg._arrays import FloatArray, IntArray
+from dqreg._arrays import FloatArray, IntArray, as_vectors
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,6 +52,13 @@ class Closest:
         """Itself, from now on with candidates."""
         vars(self)["_candidates"] = candidates
         return self
+
+
+def as_queries(points: FloatArray) -> FloatArray:
+    """Queries of `Surface.closest`, (n, 3), NaN or not; what the loop asks passes untouched."""
+    if type(points) is np.ndarray and points.dtype == np.float64 and points.ndim == 2 and points.shape[1] == 3:
+        return points
+    return as_vectors(points, "points", finite=False)
 
 
 # Where the same queries stood earlier, (n, 3), and what this surface answered there.

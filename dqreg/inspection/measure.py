@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, IntArray, as_vectors
+from dqreg._arrays import FloatArray, IntArray, as_float, as_place, as_vectors
 from dqreg.errors import InputError
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.mesh import Mesh
@@ -94,8 +94,8 @@ def measure_deviations(
     Raises
     ------
     InputError
-        If there are no points, one is not finite, tolerance or reach is no length above 0, or a box to exclude not six
-        coordinates.
+        If there are no points, one is not finite, an array has a wrong shape, tolerance or reach is no length above 0,
+        or a box to exclude not six coordinates.
 
     Examples
     --------
@@ -117,7 +117,7 @@ def measure_deviations(
         spacing = measure_spacing(NeighbourTree(points), points) if spread else 0.0
     # A cell of the places must hold enough points; where a probe took them by hand, one is enough.
     resolved = (FEWEST if count >= PROBED else 0.5) * spacing
-    shift = np.zeros(3) if origin is None else origin
+    shift = np.zeros(3) if origin is None else as_place(origin, "origin")
     given = reach is not None or not math.isfinite(limit)
     farthest = limit if reach is None else reach
     if noise is not None and count >= PROBED:
@@ -145,10 +145,18 @@ def measure_deviations(
         origin=shift,
         flags=flags,
         target=geometry,
-        covariance=np.zeros((6, 6)) if covariance is None else covariance,
-        centre=shift if centre is None else centre,
+        covariance=np.zeros((6, 6)) if covariance is None else _pose_covariance(covariance),
+        centre=shift if centre is None else as_place(centre, "centre"),
         noise=noise,
     )
+
+
+def _pose_covariance(value: FloatArray) -> FloatArray:
+    """Covariance of a pose, (6, 6); NaN where it is not known."""
+    covariance = as_float(value, "covariance")
+    if covariance.shape != (6, 6):
+        raise InputError(f"covariance must have shape (6, 6), the rotation first; got shape {covariance.shape}")
+    return covariance
 
 
 def _nominal(geometry: Mesh | PointCloud, closest: FloatArray, elements: IntArray) -> Nominal:

@@ -9,7 +9,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray
+from dqreg._arrays import BoolArray, FloatArray, IntArray, as_float
 from dqreg.errors import InputError
 from dqreg.inspection.scan_cells import ScanCells
 from dqreg.inspection.scan_surfaces import Nominal, Surfaces, surfaces_of
@@ -201,7 +201,7 @@ def in_boxes(points: FloatArray, boxes: Sequence[Sequence[float]]) -> BoolArray:
     """
     inside = np.zeros(len(points), dtype=bool)
     for box in boxes:
-        ends = np.asarray(box, dtype=np.float64)
+        ends = as_float(box, "a box to exclude")
         if ends.shape != (6,) or not np.isfinite(ends).all():
             raise InputError(f"a box to exclude is six coordinates, two opposite corners; got {box!r:.80}")
         low, high = np.minimum(ends[:3], ends[3:]), np.maximum(ends[:3], ends[3:])

@@ -48,6 +48,17 @@ class Progress:
     edge : Edge
         The pair that ended last; of a scan that was registered to several at once, the settings of the registration
         hold their numbers as ``against``.
+
+    Examples
+    --------
+    >>> from dqreg.geometry import Mesh, sample_mesh
+    >>> from dqreg.multiway import register_many
+    >>> from dqreg.synth.parts import bracket
+    >>> part, rng, seen = Mesh(*bracket()), np.random.default_rng(0), []
+    >>> scans = [sample_mesh(part, 800, rng) for _ in range(2)]
+    >>> _ = register_many(scans, starts=[np.eye(4)] * 2, effort="fast", workers=1, observe=seen.append)
+    >>> seen[-1].done, seen[-1].total, (seen[-1].edge.target, seen[-1].edge.source)
+    (1, 1, (0, 1))
     """
 
     done: int

@@ -67,6 +67,8 @@ class Multiway:
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     result.save(f"{folder}/scans.json")
     ...     loaded = Multiway.load(f"{folder}/scans.json")
+    ...     result.report(f"{folder}/scans.html").name
+    'scans.html'
     >>> loaded.to_dict() == result.to_dict(), len(loaded.attached(scans).merged(voxel=0).points)
     (True, 1600)
     """

@@ -18,6 +18,11 @@ from dqreg.registration.result import Registration
 from dqreg.registration.result_json import float_array
 
 FORMAT = "dqreg multiway 1"
+CONVENTIONS = {
+    "T_world_scan": "p_world = T_world_scan (p_scan, 1); row by row",
+    "covariances": "rotation vector x, y, z, then translation x, y, z: of a left increment in the world frame about "
+    "centre; joint: those of all scans, one after the other",
+}
 # Scans up to which the joint covariance is written whole; beyond, each pose's own.
 WHOLE = 100
 
@@ -36,7 +41,8 @@ def to_plain(result: Any) -> dict[str, Any]:
         }
         for edge in result.edges
     ]
-    return {"format": FORMAT, **values}
+    told = {"units": result.settings.get("units"), "angle_units": result_json.ANGLE_UNITS, "conventions": CONVENTIONS}
+    return {"format": FORMAT, **told, **values}
 
 
 def as_text(result: Any) -> str:

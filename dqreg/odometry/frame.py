@@ -103,7 +103,9 @@ def _values_of(points: Any) -> tuple[FloatArray, FloatArray | None]:
     if isinstance(points, (str, os.PathLike)):
         cloud = read_cloud(points)
         return cloud.points, cloud.times if isinstance(cloud, TimedCloudData) else None
-    if isinstance(points, (np.ndarray, list, tuple)) and not np.size(points):
+    if isinstance(points, (list, tuple)):
+        points = as_float(points, "points", "fiuO")
+    if isinstance(points, np.ndarray) and not points.size:
         return np.zeros((0, 3)), None
     found = recognise(points, "points")
     if isinstance(found, Mesh):

@@ -65,6 +65,8 @@ class Odometry(Tracker):
     ...     again = Odometry.load(f"{folder}/room.npz")
     >>> again.register_frame(walls - [0.25, 0, 0], insert=False).T_target_source[0, 3].round(2).item()
     0.25
+    >>> again.relocalise(walls - [0.3, 0, 0], again.poses[-1]).T_target_source[0, 3].round(2).item()
+    0.3
     >>> again.reset()
     >>> len(again.poses), len(again.local_map)
     (0, 0)

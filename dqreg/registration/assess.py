@@ -51,6 +51,8 @@ SHOWN = 0.15
 DRIFTING = 3_000
 # A scan whose inliers spread less than this share of the target's spread shows a detail of it; points that tell.
 PARTIAL, SPREAD = 0.6, 2_000
+# A scan whose standard deviation across its plane is below so many widths of its distances is flat.
+FLAT_WIDTHS = 2.0
 # No direction, and no drift.
 STILL: Vector = (0.0, 0.0, 0.0)
 NO_DRIFT = (0.0, 0.0, STILL)
@@ -113,6 +115,8 @@ def evidence_of(
     if fit.constraints.any and (mirror_gain > MIRROR_GAIN or is_rough(measured)):
         gain, rad, shift = gain_if_freed(fit)
         measured = replaced(measured, freed_gain=gain, freed_rad=rad, freed_shift=shift)
+    if search and _may_be_turned_over(fit):
+        measured = replaced(measured, largest_plane=1.0)
     return replaced(
         measured,
         directions=uncertainty.directions,
@@ -123,6 +127,15 @@ def evidence_of(
         is_detail=measured.share_together > 0.0 and is_partial(fit),
         mirror_gain=mirror_gain,
     )
+
+
+def _may_be_turned_over(fit: Fit) -> bool:
+    """Whether the scan of a part lies in one plane and nothing tells its sides."""
+    if not fit.found or fit.run.pairs.same_sign or fit.problem.viewpoints is not None or fit.target.kind != "mesh":
+        return False
+    points = fit.prepared.scan.points
+    spreads = np.linalg.eigvalsh(np.cov(points[sample_rows(len(points), SPREAD)].T))
+    return bool(spreads[0] <= (FLAT_WIDTHS * fit.run.mixture.scale) ** 2)
 
 
 def _measured(fit: Fit, covariance: FloatArray) -> Evidence:

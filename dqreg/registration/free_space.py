@@ -78,6 +78,8 @@ def _both_rays(problem: Problem) -> BothRays | None:
     if target is None:
         return None
     source, viewpoint = problem.source, _viewpoint(problem)
+    if problem.options.without_viewpoint:
+        return None
     eye = source.centred(np.zeros((1, 3)))[0] if viewpoint is None else viewpoint
     found = Rays.of(_some(source.cloud.points, OF_RAYS), eye, is_known=viewpoint is not None)
     return None if found is None else BothRays(found, target)
@@ -111,6 +113,8 @@ def begin_free_space(problem: Problem, target: PointCloud) -> None:
 def _seen_both(problem: Problem, target: PointCloud) -> tuple[Seen, Seen]:
     origin = problem.source.centred(np.zeros((1, 3)))[0]
     source = _seen(problem.source.cloud.points, _viewpoint(problem), origin)
+    if problem.options.without_viewpoint:
+        source = dataclasses.replace(source, one_place=False)
     found = source, _seen_target(problem.target, target)
     _ = can_look_through(*found)
     return found

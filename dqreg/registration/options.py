@@ -51,7 +51,7 @@ class RegisterOptions(TypedDict, total=False):
     dof: str | Freedom | None
     prior: tuple[ArrayLike, ArrayLike] | None
     scale: float | Literal["solve"]
-    viewpoint: ArrayLike | None
+    viewpoint: ArrayLike | str | None
     search: Search
     clutter: Clutter
     observe: Callable[[Iteration], object] | None
@@ -72,6 +72,8 @@ CELLS: dict[str, int | None] = {"fast": 6_000, "normal": 10_000, "best": None}
 CELLS_FROM_A_STAND = 15_000
 # When a global search may run beside an initial pose that was given.
 SEARCHES = ("never", "doubt", "always")
+# In place of a viewpoint: none is used, be there one in the file.
+NO_VIEWPOINT = "none"
 
 
 # Options that a result repeats as they were given.
@@ -198,6 +200,11 @@ class Options:
     def cells_from_a_stand(self) -> int | None:
         """The same of those that were seen from one stand."""
         return CELLS_FROM_A_STAND if self.method == "auto" and self.effort == "best" else self.cells
+
+    @property
+    def without_viewpoint(self) -> bool:
+        """Whether the place of a scanner that the source tells is not to be used."""
+        return isinstance(self.viewpoint, str) and self.viewpoint == NO_VIEWPOINT
 
     @property
     def solves_scale(self) -> bool:

@@ -21,7 +21,7 @@ from dqreg.icp.history import Iteration
 from dqreg.icp.stopwatch import Stopwatch
 from dqreg.registration.constraints import PoseConstraints
 from dqreg.registration.derived import Derived, Key
-from dqreg.registration.options import Options
+from dqreg.registration.options import NO_VIEWPOINT, Options
 from dqreg.registration.prepared import Begin, Prepared
 from dqreg.registration.source import CentredSource, centre_source
 from dqreg.registration.target_index import Building, Evening, TargetIndex, index_for, index_target
@@ -122,6 +122,8 @@ class Problem(SourceAndTarget):
             if viewpoints is not None:
                 require_one_place(viewpoints, index.geometry)
                 centred = centred.oriented_from(viewpoints)
+            if options.without_viewpoint:
+                centred = centred.without_viewpoint
             units = options.source_units or centred.cloud.units, unit
             if options.units == "check":
                 require_same_units(centred.cloud, index.geometry, *units, index.spreads)
@@ -252,13 +254,13 @@ def require_one_place(viewpoints: FloatArray, geometry: PointCloud | Mesh) -> No
 
 def as_viewpoints(value: Any) -> FloatArray | None:
     """Viewpoints of the scanner, checked."""
-    if value is None:
+    if value is None or (isinstance(value, str) and value == NO_VIEWPOINT):
         return None
     places = as_float(value, "viewpoint")
     if places.ndim not in (1, 2) or places.shape[-1] != 3 or not places.size:
         raise InputError(
-            f"viewpoint must be the place of the scanner in source coordinates, (3,), or several, (k, 3); got shape "
-            f"{places.shape}"
+            f"viewpoint must be the place of the scanner in source coordinates, (3,), or several, (k, 3), or "
+            f'"{NO_VIEWPOINT}"; got shape {places.shape}'
         )
     if not np.isfinite(places).all():
         raise InputError(f"viewpoint must hold finite numbers; got {places.tolist()}")

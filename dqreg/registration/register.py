@@ -40,7 +40,7 @@ def register(
     prior: tuple[ArrayLike, ArrayLike] | None = None,
     time_limit: float | None = None,
     scale: float | Literal["solve"] = 1.0,
-    viewpoint: ArrayLike | None = None,
+    viewpoint: ArrayLike | str | None = None,
     search: Search = "doubt",
     clutter: Clutter = "allowed",
     observe: Callable[[Iteration], object] | None = None,
@@ -100,11 +100,11 @@ def register(
         "solve" estimates it, see `Registration.scale` and `Registration.scale_sigma`. The pose stays rigid and is that
         of the scaled source, ``p_target = R (scale p_source) + t``; so is ``start``, but one for the unscaled source
         will do. Not together with ``dof``, ``prior`` or ``viewpoint``.
-    viewpoint : (3,) or (k, 3) array_like, optional
+    viewpoint : (3,) or (k, 3) array_like, or "none", optional
         Where the scanner stood, in source coordinates. Faces of a mesh that it cannot have seen (the inside of a thin
         wall, a part behind another) are ignored then, in deviations too. A single one also orients estimated normals,
         and what the scanner looked through from there speaks against a pose; between clouds only that. A viewpoint in
-        the file hides nothing unless it is given here.
+        the file hides nothing unless it is given here; with "none" it is not used at all.
     search : {"never", "doubt", "always"}
         Whether a global search may run beside an initial pose: not at all (a loop at a fixed rate), where the pose is
         in doubt and no ``method``, ``dof`` or ``prior`` is given, or in any case. Places near the pose (symmetries,

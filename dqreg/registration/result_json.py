@@ -19,6 +19,14 @@ from dqreg.registration.invariants import violated_invariant
 from dqreg.trust.records import Direction, Reason, Verdict
 
 FORMAT = "dqreg registration 1"
+ANGLE_UNITS = "rad"
+# What who opens the file in another program cannot guess.
+CONVENTIONS = {
+    "T_target_source": "p_target = T_target_source (scale p_source, 1); row by row",
+    "dual_quaternion": "real and dual, each w, x, y, z; of unit length",
+    "covariance": "rotation vector x, y, z, then translation x, y, z: of a left increment in the target frame about "
+    "settings.centre",
+}
 
 
 def to_plain(result: Any) -> dict[str, Any]:
@@ -32,7 +40,8 @@ def to_plain(result: Any) -> dict[str, Any]:
     values["observability"] = [{**plain(each), "is_free": each.is_free} for each in result.observability]
     values["history"] = [{**plain(record), "scale": plain(record.kernel_scale)} for record in result.history]
     values |= {"scale": result.scale, "scale_sigma": plain(result.scale_sigma)}
-    return {"format": FORMAT, **values}
+    told = {"units": result.settings.get("target_units"), "angle_units": ANGLE_UNITS, "conventions": CONVENTIONS}
+    return {"format": FORMAT, **told, **values}
 
 
 def as_text(result: Any) -> str:

@@ -77,7 +77,7 @@ class ScaleProblem:
     def read(source: Any, target: Any, start: Any, options: Options, watch: Stopwatch) -> ScaleProblem:
         """Read both, once."""
         for name in ("dof", "prior", "viewpoint"):
-            if getattr(options, name) is not None:
+            if getattr(options, name) is not None and not (name == "viewpoint" and options.without_viewpoint):
                 raise InputError(
                     f'scale="solve" cannot be combined with {name}=: solve the scale first, then register with '
                     f"scale=result.scale and {name}="

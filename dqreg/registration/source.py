@@ -47,6 +47,15 @@ class CentredSource:
         return dataclasses.replace(self, cloud=dataclasses.replace(self.cloud, viewpoint=place))
 
     @property
+    def without_viewpoint(self) -> CentredSource:
+        """The same with no place of a scanner: the one that the source tells is not to be used."""
+        return (
+            self
+            if self.cloud.viewpoint is None
+            else dataclasses.replace(self, cloud=dataclasses.replace(self.cloud, viewpoint=None))
+        )
+
+    @property
     def viewpoint(self) -> FloatArray | None:
         """Where the scanner stood that the source itself tells, in the caller's frame, (3,)."""
         place = self.cloud.viewpoint

@@ -19,7 +19,8 @@ from dqreg.report.text import in_unit, percent, unit_words
 
 # Canvases in CSS pixels: for a desk and paper, and for a phone. Text is never scaled down.
 WIDE, NARROW = (760, 300), (380, 260)
-LEFT, RIGHT, TOP, BOTTOM = 66, 16, 20, 52
+LEFT_MARGIN, RIGHT_MARGIN = 66, 16
+TOP_MARGIN, BOTTOM_MARGIN = 20, 52
 BARS = 80
 
 
@@ -35,20 +36,20 @@ class Axes:
     @property
     def end(self) -> int:
         """Right end of the x axis."""
-        return self.size[0] - RIGHT
+        return self.size[0] - RIGHT_MARGIN
 
     @property
     def base(self) -> int:
         """Place of the x axis."""
-        return self.size[1] - BOTTOM
+        return self.size[1] - BOTTOM_MARGIN
 
     def across(self, value: float) -> float:
         """Place of an x value."""
-        return LEFT + (value - self.x[0]) / (self.x[1] - self.x[0]) * (self.end - LEFT)
+        return LEFT_MARGIN + (value - self.x[0]) / (self.x[1] - self.x[0]) * (self.end - LEFT_MARGIN)
 
     def down(self, value: float) -> float:
         """Place of a y value."""
-        return self.base - (value - self.y[0]) / (self.y[1] - self.y[0]) * (self.base - TOP)
+        return self.base - (value - self.y[0]) / (self.y[1] - self.y[0]) * (self.base - TOP_MARGIN)
 
 
 def histogram(
@@ -117,34 +118,35 @@ def _bar(axes: Axes, left: float, right: float, share: float, colour: Sequence[i
 def _band(axes: Axes, scale: Scale, limits: tuple[float, float]) -> str:
     left, right = axes.across(limits[0] if scale.signed else 0.0), axes.across(limits[1])
     lines = "".join(
-        f'<line class="limit" x1="{x:.1f}" x2="{x:.1f}" y1="{TOP}" y2="{axes.base}"/>'
+        f'<line class="limit" x1="{x:.1f}" x2="{x:.1f}" y1="{TOP_MARGIN}" y2="{axes.base}"/>'
         for x in ([left, right] if scale.signed else [right])
     )
     return (
-        f'<rect class="band" x="{left:.1f}" y="{TOP}" width="{right - left:.1f}" height="{axes.base - TOP}"/>'
-        f'{lines}<text class="mid" x="{(left + right) / 2:.1f}" y="{TOP - 6}">within tolerance</text>'
+        f'<rect class="band" x="{left:.1f}" y="{TOP_MARGIN}" width="{right - left:.1f}" '
+        f'height="{axes.base - TOP_MARGIN}"/>'
+        f'{lines}<text class="mid" x="{(left + right) / 2:.1f}" y="{TOP_MARGIN - 6}">within tolerance</text>'
     )
 
 
 def _beyond(axes: Axes, below: float, above: float, unit: str, signed: bool) -> str:
     # With the length they are beyond: the share out of tolerance is another one, and stands in the table.
-    ends = [("end", axes.end, "above", axes.x[1], above), ("start", LEFT, "below", axes.x[0], below)]
+    ends = [("end", axes.end, "above", axes.x[1], above), ("start", LEFT_MARGIN, "below", axes.x[0], below)]
     texts = []
     for place, x, word, limit, share in ends if signed else ends[:1]:
         length = f"{limit:.3g}".replace("-", "−") + unit_words(unit)
         words = escape(f"{word} {length}: {percent(share)} %")
-        texts.append(f'<text class="{place}" x="{x}" y="{TOP - 6}">{words}</text>')
+        texts.append(f'<text class="{place}" x="{x}" y="{TOP_MARGIN - 6}">{words}</text>')
     return "".join(texts)
 
 
 def _x_axis(axes: Axes, label: str) -> str:
     base = axes.base
-    parts = [f'<line class="axis" x1="{LEFT}" x2="{axes.end}" y1="{base}" y2="{base}"/>']
+    parts = [f'<line class="axis" x1="{LEFT_MARGIN}" x2="{axes.end}" y1="{base}" y2="{base}"/>']
     for value in ticks(*axes.x, about=6 if axes.size[0] > 500 else 4):
         x = axes.across(value)
         parts.append(f'<line class="axis" x1="{x:.1f}" x2="{x:.1f}" y1="{base}" y2="{base + 5}"/>')
         parts.append(f'<text class="mid" x="{x:.1f}" y="{base + 20}">{_tick(value)}</text>')
-    middle = (LEFT + axes.end) / 2
+    middle = (LEFT_MARGIN + axes.end) / 2
     parts.append(f'<text class="mid label" x="{middle:.0f}" y="{axes.size[1] - 8}">{escape(label)}</text>')
     return "".join(parts)
 
@@ -166,9 +168,9 @@ def _log_axis(axes: Axes, label: str) -> str:
 def _y_ticks(axes: Axes, places: Sequence[tuple[float, str]], label: str) -> str:
     parts = []
     for y, text in places:
-        parts.append(f'<line class="grid" x1="{LEFT}" x2="{axes.end}" y1="{y:.1f}" y2="{y:.1f}"/>')
-        parts.append(f'<text class="end" x="{LEFT - 7}" y="{y + 4:.1f}">{text}</text>')
-    middle = (TOP + axes.base) / 2
+        parts.append(f'<line class="grid" x1="{LEFT_MARGIN}" x2="{axes.end}" y1="{y:.1f}" y2="{y:.1f}"/>')
+        parts.append(f'<text class="end" x="{LEFT_MARGIN - 7}" y="{y + 4:.1f}">{text}</text>')
+    middle = (TOP_MARGIN + axes.base) / 2
     parts.append(f'<text class="mid label" transform="translate(13 {middle:.0f}) rotate(-90)">{escape(label)}</text>')
     return "".join(parts)
 
@@ -180,8 +182,8 @@ def _stages(axes: Axes, history: Sequence[Iteration]) -> str:
     for k in starts:
         x = axes.across(k + 0.5)
         if k:
-            parts.append(f'<line class="limit" x1="{x:.1f}" x2="{x:.1f}" y1="{TOP}" y2="{axes.base}"/>')
-        parts.append(f'<text class="start" x="{x + 5:.1f}" y="{TOP + 8}">{escape(names[k])}</text>')
+            parts.append(f'<line class="limit" x1="{x:.1f}" x2="{x:.1f}" y1="{TOP_MARGIN}" y2="{axes.base}"/>')
+        parts.append(f'<text class="start" x="{x + 5:.1f}" y="{TOP_MARGIN + 8}">{escape(names[k])}</text>')
     return "".join(parts)
 
 

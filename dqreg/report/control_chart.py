@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from html import escape
 from urllib.parse import quote
 
-from dqreg.report.charts import LEFT, Axes, ticks
+from dqreg.report.charts import LEFT_MARGIN, Axes, ticks
 from dqreg.report.table import short_number
 
 SIZE = (760, 210)
@@ -59,10 +59,11 @@ def _grid(axes: Axes) -> str:
     for value in ticks(*axes.y, about=4):
         y = axes.down(value)
         text = short_number(value, ".6g").replace("-", "−")
-        parts.append(f'<line class="grid" x1="{LEFT}" x2="{axes.end}" y1="{y:.1f}" y2="{y:.1f}"/>')
-        parts.append(f'<text class="end" x="{LEFT - 7}" y="{y + 4:.1f}">{text}</text>')
+        parts.append(f'<line class="grid" x1="{LEFT_MARGIN}" x2="{axes.end}" y1="{y:.1f}" y2="{y:.1f}"/>')
+        parts.append(f'<text class="end" x="{LEFT_MARGIN - 7}" y="{y + 4:.1f}">{text}</text>')
     parts.append(
-        f'<text class="mid" x="{(LEFT + axes.end) / 2:.0f}" y="{axes.base + 24}">parts, as in the manifest</text>'
+        f'<text class="mid" x="{(LEFT_MARGIN + axes.end) / 2:.0f}" y="{axes.base + 24}">'
+        "parts, as in the manifest</text>"
     )
     return "".join(parts)
 
@@ -70,7 +71,7 @@ def _grid(axes: Axes) -> str:
 def _line(axes: Axes, kind: str, value: float, words: str) -> str:
     y = f"{axes.down(value):.1f}"
     title = f"<title>{words} {value:.6g}</title>"
-    return f'<line class="{kind}" x1="{LEFT}" x2="{axes.end}" y1="{y}" y2="{y}">{title}</line>'
+    return f'<line class="{kind}" x1="{LEFT_MARGIN}" x2="{axes.end}" y1="{y}" y2="{y}">{title}</line>'
 
 
 def _dot(axes: Axes, place: int, sample: Sample, unit: str) -> str:

@@ -12,7 +12,7 @@ from dqreg.report.colours import OFF_PART, SOURCE, TARGET, rgb
 from dqreg.report.live_server import add_ellipsoid, open_server, place
 from dqreg.report.report_data import ReportData
 from dqreg.report.text import text_of, unit_words
-from dqreg.report.view3d import POINTS_ON, POINTS_TARGET, TRIANGLES, fewer_triangles, poses_of, thinned
+from dqreg.report.view3d import MAX_POINTS_ON_PART, MAX_TARGET_POINTS, MAX_TRIANGLES, fewer_triangles, poses_of, thinned
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,15 +51,15 @@ def _plain(words: str) -> str:
 def _add_target(server: Any, data: ReportData) -> Any:
     geometry = data.inputs.target.geometry
     if isinstance(geometry, Mesh):
-        vertices, faces = fewer_triangles(geometry.vertices / data.size, geometry.faces, TRIANGLES)
+        vertices, faces = fewer_triangles(geometry.vertices / data.size, geometry.faces, MAX_TRIANGLES)
         return server.scene.add_mesh_simple("/part", vertices, faces, color=rgb(TARGET), side="double")
-    rows = thinned(geometry.points, np.arange(len(geometry.points)), POINTS_TARGET)
+    rows = thinned(geometry.points, np.arange(len(geometry.points)), MAX_TARGET_POINTS)
     points = geometry.points[rows] / data.size
     return server.scene.add_point_cloud("/part", points, rgb(TARGET), point_size=0.002, precision="float32")
 
 
 def _add_scan(server: Any, data: ReportData) -> Any:
-    rows = thinned(data.points, np.arange(len(data.points)), POINTS_ON)
+    rows = thinned(data.points, np.arange(len(data.points)), MAX_POINTS_ON_PART)
     colours = np.tile(np.array(rgb(SOURCE), dtype=np.uint8), (len(rows), 1))
     if data.deviations is not None and data.scale is not None:
         table = np.asarray(data.scale.table(), dtype=np.uint8).reshape(-1, 3)

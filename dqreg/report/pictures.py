@@ -30,7 +30,8 @@ MOST_POINTS = 400_000
 # Pixels of an inch, and the colours of paper and words.
 PER_INCH = 100
 PAPER, INK, PENCIL = "#ffffff", "#1a1c20", "#5a5f68"
-MARGIN, TITLE, LEGEND = 14, 44, 86
+MARGIN = 14
+TITLE_HEIGHT, LEGEND_HEIGHT = 44, 86
 # Numbers: their distance from what they mark, how deep in a hole that may lie (sizes), and colours by outcome.
 LEADER, DEEP = 30.0, 0.05
 LABELS = {"pass": "#00795a", "undecided": "#8a5a00", "fail": "#b23c00"}
@@ -60,14 +61,14 @@ def draw(data: ReportData, panels: Sequence[Panel], width: int = 900, height: in
     columns = min(columns, len(panels))
     rows = -(-len(panels) // columns)
     coloured = data.scale is not None and any(panel.state == "deviation" for panel in panels)
-    full = (columns * width + 2 * MARGIN, rows * (height + TITLE) + (LEGEND if coloured else MARGIN))
+    full = (columns * width + 2 * MARGIN, rows * (height + TITLE_HEIGHT) + (LEGEND_HEIGHT if coloured else MARGIN))
     figure = new_figure(full[0] / PER_INCH, full[1] / PER_INCH, PER_INCH, layout=None)
     figure.set_facecolor(PAPER)
     geometry = data.inputs.target.geometry
     scene = PartScene(geometry if isinstance(geometry, Mesh) else None, data.size)
     for number, panel in enumerate(panels):
         left = MARGIN + (number % columns) * width
-        bottom = full[1] - (number // columns + 1) * (height + TITLE)
+        bottom = full[1] - (number // columns + 1) * (height + TITLE_HEIGHT)
         _panel(figure, data, scene, panel, (left, bottom, width, height))
     if coloured:
         _draw_legend(figure, data, full[0])
@@ -102,7 +103,7 @@ def _panel(figure: Figure, data: ReportData, scene: PartScene, panel: Panel, pla
     image = scene.render(frame, TARGET, PAPER, layers)
     figure.figimage(image, left, bottom, origin="upper")
     title, colour = _title(data, panel)
-    x, y = (left + 0.5 * width), bottom + height + 0.45 * TITLE
+    x, y = (left + 0.5 * width), bottom + height + 0.45 * TITLE_HEIGHT
     _draw_text(figure, x, y, title, colour=colour, size=13)
     if panel.state == "deviation" and data.labels:
         _draw_labels(figure, data, scene, frame, (left, bottom))

@@ -156,7 +156,8 @@ def _before(result: RegistrationResult, T_start: ArrayLike | None) -> tuple[Floa
 
 # The scale of the colours reaches that share of the points on the part, at least the first and at most the second
 # number of widths of the inliers: much clutter near the part must not wash out its colours.
-SHOWN, LEAST, MOST = 0.98, 3.0, 12.0
+SHOWN_POINT_SHARE = 0.98
+MIN_SCALE_WIDTHS, MAX_SCALE_WIDTHS = 3.0, 12.0
 
 
 def _scale_of(deviations: Deviations, result: RegistrationResult) -> Scale:
@@ -165,8 +166,8 @@ def _scale_of(deviations: Deviations, result: RegistrationResult) -> Scale:
         return Scale(deviations.tolerance, deviations.signed)
     sizes = np.abs(deviations.values[deviations.counted])
     width = float(result.settings.get("width") or 0.0)
-    shown = float(np.quantile(sizes, SHOWN)) if len(sizes) else 0.0
-    reach = min(max(LEAST * width, shown), MOST * width) if width > 0.0 else shown
+    shown = float(np.quantile(sizes, SHOWN_POINT_SHARE)) if len(sizes) else 0.0
+    reach = min(max(MIN_SCALE_WIDTHS * width, shown), MAX_SCALE_WIDTHS * width) if width > 0.0 else shown
     return Scale(nice_above(reach), deviations.signed)
 
 

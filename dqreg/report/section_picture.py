@@ -12,8 +12,10 @@ from dqreg.inspection.sections import Section
 from dqreg.report.colours import Scale
 from dqreg.report.text import text_of, unit_words
 
-# Canvas in CSS pixels, its margin, and how far the largest deviation stands off the outline, in sizes of the picture.
-WIDE, MARGIN, LIFT = 760.0, 40.0, 0.06
+# Canvas in CSS pixels, and its margin.
+PICTURE_WIDTH, MARGIN = 760.0, 40.0
+# How far the largest deviation stands off the outline, in sizes of the picture.
+LARGEST_DEVIATION_SHARE = 0.06
 # Height of the two lines of the caption, and of one.
 CAPTION, LINE = 44.0, 20.0
 # Cosine from which on a direction is told as an axis.
@@ -30,8 +32,8 @@ def section_picture(section: Section, unit: str, tolerance: float | None = None)
     largest = (float(np.abs(section.values[known]).max()) if known.any() else 0.0) or 1.0
     limit = tolerance or largest
     # Never less than it is: a deviation larger than that is seen anyway.
-    factor = max(_round(LIFT * float(size.max()) / largest), 1.0)
-    pixels = (WIDE - 2.0 * MARGIN) / float(max(size[0], 1.2 * size[1]))
+    factor = max(_round(LARGEST_DEVIATION_SHARE * float(size.max()) / largest), 1.0)
+    pixels = (PICTURE_WIDTH - 2.0 * MARGIN) / float(max(size[0], 1.2 * size[1]))
     height = size[1] * pixels + 2.0 * MARGIN + CAPTION
 
     def placed(points: FloatArray) -> FloatArray:
@@ -70,7 +72,7 @@ def _whiskers(feet: FloatArray, tips: FloatArray, values: FloatArray, scale: Sca
 
 def _svg(lines: Sequence[str], height: float, title: str) -> str:
     return (
-        f'<svg viewBox="0 0 {WIDE:g} {height:.0f}" role="img" aria-label="{escape(title)}" '
+        f'<svg viewBox="0 0 {PICTURE_WIDTH:g} {height:.0f}" role="img" aria-label="{escape(title)}" '
         f'xmlns="http://www.w3.org/2000/svg" font-family="sans-serif">{"".join(lines)}</svg>'
     )
 

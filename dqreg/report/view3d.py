@@ -24,7 +24,8 @@ from dqreg.report.report_data import ReportData
 from dqreg.rigid import pose
 
 # What is drawn at most; about 10 bytes a point and 18 a triangle in the file.
-POINTS_ON, POINTS_OFF, POINTS_TARGET, TRIANGLES = 150_000, 30_000, 120_000, 100_000
+MAX_POINTS_ON_PART, MAX_POINTS_OFF_PART = 150_000, 30_000
+MAX_TARGET_POINTS, MAX_TRIANGLES = 120_000, 100_000
 ALTERNATIVES, POSES = 6, 160
 # Clutter farther off than this, in sizes of the target, is left out of the view.
 FAR = 3.0
@@ -80,12 +81,12 @@ def scene_of(data: ReportData) -> dict[str, Any]:
 def _parts_of_scan(data: ReportData) -> tuple[IntArray, IntArray]:
     """Rows of the scan that are drawn: on the part, and off it."""
     if data.deviations is None:
-        return thinned(data.points, np.arange(len(data.points)), POINTS_ON), np.zeros(0, dtype=np.int64)
+        return thinned(data.points, np.arange(len(data.points)), MAX_POINTS_ON_PART), np.zeros(0, dtype=np.int64)
     on = data.deviations.counted
     near = np.linalg.norm(data.points, axis=1) <= FAR * data.size
     return (
-        thinned(data.points, np.flatnonzero(on), POINTS_ON),
-        thinned(data.points, np.flatnonzero(~on & near), POINTS_OFF),
+        thinned(data.points, np.flatnonzero(on), MAX_POINTS_ON_PART),
+        thinned(data.points, np.flatnonzero(~on & near), MAX_POINTS_OFF_PART),
     )
 
 
@@ -120,9 +121,9 @@ def _quantised(points: FloatArray) -> dict[str, Any]:
 def _target(data: ReportData) -> dict[str, Any]:
     geometry = data.inputs.target.geometry
     if not isinstance(geometry, Mesh):
-        rows = thinned(geometry.points, np.arange(len(geometry.points)), POINTS_TARGET)
+        rows = thinned(geometry.points, np.arange(len(geometry.points)), MAX_TARGET_POINTS)
         return _quantised(geometry.points[rows] / data.size) | {"total": len(geometry.points), "kind": "cloud"}
-    vertices, faces = fewer_triangles(geometry.vertices / data.size, geometry.faces, TRIANGLES)
+    vertices, faces = fewer_triangles(geometry.vertices / data.size, geometry.faces, MAX_TRIANGLES)
     quantised = _quantised(vertices)
     return quantised | {
         "kind": "mesh",

@@ -122,8 +122,8 @@ class DualQuaternion(DualAction):
         >>> DualQuaternion.from_matrix(T).dual.tolist()
         [0.0, 0.5, 1.0, 1.5]
         """
-        T = pose_of(T_target_source)
-        single = np.ndim(T) == 2
+        T = as_float(pose_of(T_target_source), "T_target_source")
+        single = T.ndim == 2
         T = as_pose(T, "T_target_source") if single else as_rigid_poses(T, "T_target_source")
         return cls._of(*_dual_parts.with_translation(of_rotations(T[..., :3, :3]), T[..., :3, 3]))
 

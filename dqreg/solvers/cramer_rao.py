@@ -24,6 +24,8 @@ Weighted least squares with the weights beta and alpha solve, to first order, ``
 
 from __future__ import annotations
 
+import numbers
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -79,8 +81,9 @@ def cramer_rao(
     n = np.zeros((*p.shape[:-2], 0, 3)) if directions is None else _triples(directions, "directions")
     if n.ndim > p.ndim or np.broadcast_shapes(n.shape[:-2], p.shape[:-2]) != p.shape[:-2]:
         raise InputError(f"directions must have the leading axes of points or fewer; got {n.shape} and {p.shape}")
-    c = p.mean(axis=-2) if centre is None else as_float(centre, "centre")
-    if not (sigma_p > 0.0 and sigma_n > 0.0):
+    c = p.mean(axis=-2) if centre is None else _centres(centre, p.shape[:-2])
+    given: tuple[object, object] = sigma_p, sigma_n
+    if not all(isinstance(sigma, numbers.Real) and float(sigma) > 0.0 for sigma in given):
         raise InputError(f"sigma_p and sigma_n must be above zero; got {sigma_p!r} and {sigma_n!r}")
     information = weighted_information(p, n, c, sigma_p**-2, sigma_n**-2)
     try:
@@ -90,6 +93,15 @@ def cramer_rao(
             "these points and directions leave part of the pose undetermined, so that there is no bound; add a point "
             "off their line or a direction across it"
         ) from None
+
+
+def _centres(value: ArrayLike, leading: tuple[int, ...]) -> FloatArray:
+    """Points that the increments turn about, one for all or one a problem. Shapes: returns (..., 3)."""
+    array, wanted = as_float(value, "centre"), (*leading, 3)
+    require_finite(array, "centre")
+    if array.shape[-1:] != (3,) or any(n not in (1, m) for n, m in zip(array.shape[::-1], wanted[::-1], strict=False)):
+        raise InputError(f"centre must have shape {wanted}, or (3,); got shape {array.shape}")
+    return array
 
 
 def _triples(value: ArrayLike, name: str) -> FloatArray:

@@ -22,9 +22,10 @@ NEIGHBOURS_AGREE, SHARED = 1.5, 3.0
 # A patch of less than this share of the weight of the heaviest is of outliers: how far off they are is no noise.
 LIGHT = 0.1
 # A fit that follows more of the noise than this leaves too little to tell its size by.
-LEAST_LEFT = 0.25
+MIN_NOISE_SHARE = 0.25
 # Ranges tried: from that many distances between patches, so many by that factor, up to this fraction of the extent.
-NEAREST, STEPS, FACTOR, FARTHEST = 1.5, 16, 2.0**0.5, 0.5
+SHORTEST_RANGE_DISTANCES, LONGEST_RANGE_EXTENTS = 1.5, 0.5
+RANGE_COUNT, RANGE_RATIO = 16, 2.0**0.5
 # Information below this fraction of the largest is none: the smooth surface may constrain what the facets leave free.
 SINGULAR = 1e-9
 # Bins of the distances, up to the farthest range.
@@ -203,12 +204,12 @@ class _Patches:
         from dqreg.kernels.threads import as_plain
 
         points, normals, nearest = as_plain(self.points), as_plain(self.normals), np.zeros(len(self.points))
-        far = FARTHEST * nearest_others(points, nearest)
+        far = LONGEST_RANGE_EXTENTS * nearest_others(points, nearest)
         if not far > 0.0:
             return None
         products, squared = np.zeros(BINS), np.zeros(BINS)
         binned_agreements(points, normals, as_plain(self.residuals), far, products, squared)
-        ranges = NEAREST * median(nearest) * FACTOR ** np.arange(STEPS)
+        ranges = SHORTEST_RANGE_DISTANCES * median(nearest) * RANGE_RATIO ** np.arange(RANGE_COUNT)
         ranges = ranges[(ranges > 0.0) & (ranges <= far)]
         models = _spherical((np.arange(BINS) + 0.5) * (far / BINS) / ranges[:, None])
         agreements, norms = models @ products, models**2 @ squared
@@ -236,7 +237,7 @@ class _Patches:
         between = np.asarray(np.einsum("akm,mal->kl", along, products.reshape(-1, 3, unknowns)))
         held, pulled = other[:, :unknowns], other[:, unknowns:]
         followed = 2.0 * float(np.vdot(held, pulled)) - float(np.vdot(hat.T @ held, pulled.T @ pulls.T))
-        return between, max(1.0 - followed / squares, LEAST_LEFT) if squares > 0.0 else 1.0
+        return between, max(1.0 - followed / squares, MIN_NOISE_SHARE) if squares > 0.0 else 1.0
 
     def _products(
         self, sill: float, reach: float, columns: FloatArray, others: FloatArray

@@ -17,8 +17,10 @@ from dqreg.studio.equivalent_commands import cleaned_name
 from dqreg.studio.visit import Cut
 from dqreg.studio.worker_cache import Place, cached
 
-# Points that are asked for a plane, draws, and the share of them that makes one worth a question.
-ASKED, DRAWS, WORTH = 40_000, 600, 0.08
+# Points that are asked for a plane, and draws.
+PLANE_POINTS, PLANE_DRAWS = 40_000, 600
+# Share of the points that makes a plane worth a question.
+MIN_PLANE_SHARE = 0.08
 # Half the thickness of a plane: that many noises or spacings, whichever is more.
 NOISES, SPACINGS = 4.0, 0.75
 # A plane leaves the part where that share of its points extends that much farther than the part is large.
@@ -101,7 +103,7 @@ def leaving_plane(place: Place, spacing: float, noise: float) -> tuple[Cut, int]
     part = place.part()
     size = float(np.linalg.norm(np.ptp(part.vertices if isinstance(part, Mesh) else part.points, axis=0)))
     extent = _width(points[on]) * place.scale()
-    if np.count_nonzero(on) < WORTH * len(points) or extent < LARGER * size:
+    if np.count_nonzero(on) < MIN_PLANE_SHARE * len(points) or extent < LARGER * size:
         return None
     return cut, int(np.count_nonzero(on))
 
@@ -114,10 +116,10 @@ def _width(points: FloatArray) -> float:
 
 
 def _largest_plane(points: FloatArray, half: float) -> Cut:
-    step = -(-len(points) // ASKED)
+    step = -(-len(points) // PLANE_POINTS)
     open3d = load_open3d()
     open3d.utility.random.seed(0)
     cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points[::step]))
-    (a, b, c, d), _ = cloud.segment_plane(distance_threshold=half, ransac_n=3, num_iterations=DRAWS)
+    (a, b, c, d), _ = cloud.segment_plane(distance_threshold=half, ransac_n=3, num_iterations=PLANE_DRAWS)
     length = float(np.linalg.norm([a, b, c]))
     return Cut("plane", normal=(a / length, b / length, c / length), offset=-d / length, half=half)

@@ -15,7 +15,8 @@ from dqreg.report.view3d import fewer_triangles, sharp_edges
 from dqreg.studio.drawing import Frame
 
 # What is drawn at most.
-POINTS, OFF, TRIANGLES = 200_000, 40_000, 120_000
+MAX_POINTS, MAX_POINTS_OFF_PART = 200_000, 40_000
+MAX_TRIANGLES = 120_000
 # Triangles of the surfaces that stand for the part while the view moves, each where there are more than twice as many.
 MOVING = (12_000, 3_000)
 STEPS = 65535
@@ -25,7 +26,7 @@ NEIGHBOURS, LIGHT = 12, np.array([0.36, -0.48, 0.8])
 
 def rows_to_draw(points: FloatArray, on: BoolArray) -> tuple[IntArray, IntArray]:
     """Rows of the points that are drawn: those that count, and the others; each in an order that thins evenly."""
-    return _spread(points, np.flatnonzero(on), POINTS), _spread(points, np.flatnonzero(~on), OFF)
+    return _spread(points, np.flatnonzero(on), MAX_POINTS), _spread(points, np.flatnonzero(~on), MAX_POINTS_OFF_PART)
 
 
 def cloud_payload(points: FloatArray, frame: Frame, rows: tuple[IntArray, IntArray]) -> tuple[dict[str, Any], bytes]:
@@ -83,7 +84,7 @@ def part_payload(part: PointCloud | Mesh, frame: Frame, labels: IntArray | None)
         everything = np.ones(len(part.points), dtype=bool)
         return cloud_payload(part.points, frame, rows_to_draw(part.points, everything))
     assert labels is not None
-    vertices, faces = fewer_triangles(frame.to_drawn(part.vertices), part.faces, TRIANGLES)
+    vertices, faces = fewer_triangles(frame.to_drawn(part.vertices), part.faces, MAX_TRIANGLES)
     surfaces = [(vertices, faces)]
     for most in MOVING:
         if len(surfaces[-1][1]) > 2 * most:

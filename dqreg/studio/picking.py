@@ -17,8 +17,10 @@ from dqreg.studio.reading import triangle_labels
 from dqreg.studio.visit import Cut
 from dqreg.studio.worker_cache import Place, cached
 
-# Points that make a surface, and their share of the most at any depth; how deep it may lie, in radii of what is near.
-TOGETHER, MANY, DEEP = 3, 0.15, 2.0
+# Points that make a surface, and their share of the most at any depth.
+MIN_SURFACE_POINTS, MIN_SHARE_OF_MOST = 3, 0.15
+# How deep it may lie, in radii of what is near.
+MAX_DEPTH_RADII = 2.0
 # Points nearest to the pointer, of which the one of middle depth is meant.
 AMONG = 5
 STAND = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0)
@@ -99,9 +101,9 @@ def _nearest(points: FloatArray, axes: FloatArray, shift: FloatArray, look: Look
         return None
     # The surface in front: the first depth at which many points lie together. A few strays before it are none.
     depth = np.sort(seen[near, 2])[::-1]
-    together = np.searchsorted(-depth, DEEP * look.radius - depth, side="right") - np.arange(len(depth))
-    front = depth[np.argmax(together >= max(min(TOGETHER, len(depth)), MANY * together.max()))]
-    window = DEEP * look.radius
+    together = np.searchsorted(-depth, MAX_DEPTH_RADII * look.radius - depth, side="right") - np.arange(len(depth))
+    front = depth[np.argmax(together >= max(min(MIN_SURFACE_POINTS, len(depth)), MIN_SHARE_OF_MOST * together.max()))]
+    window = MAX_DEPTH_RADII * look.radius
     middle = np.median(depth[(depth <= front) & (depth >= front - window)])
     surface = near[np.abs(seen[near, 2] - middle) <= window]
     # Of the few that are nearest to the pointer the one in the middle: a stray close to the surface is none either.

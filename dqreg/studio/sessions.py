@@ -24,10 +24,14 @@ if TYPE_CHECKING:
 
 Values = dict[str, Any]
 VISIT, RESULTS = "visit.json", "results.json"
-# Seconds after which a worker without work ends, and share of the machine's memory that it may take.
-IDLE, MEMORY, ASIDE_MEMORY = 900.0, 0.7, 0.3
-# Undo goes back that far; visits kept by a server, and worker processes at a time.
-STEPS, MOST_VISITS, MOST_WORKERS = 200, 40, 3
+# Seconds after which a worker without work ends.
+IDLE_SECONDS = 900.0
+# Shares of the machine's memory that workers may take.
+WORKER_MEMORY_SHARE, ASIDE_MEMORY_SHARE = 0.7, 0.3
+# Undo goes back that far.
+MAX_UNDO_STEPS = 200
+# Visits kept by a server, and worker processes at a time.
+MAX_VISITS, MAX_WORKERS = 40, 3
 # Fields of a visit that each result depends on: where one of them changes, the result is of yesterday.
 DEPENDS = {
     "scan": ("scan", "mirrored"),
@@ -104,7 +108,7 @@ class Session:
         """Go on with another state; the one before can be brought back."""
         if visit == self.visit:
             return
-        self.past = [*self.past[-STEPS:], self.visit]
+        self.past = [*self.past[-MAX_UNDO_STEPS:], self.visit]
         self._become(visit)
 
     def undo(self) -> None:
@@ -146,7 +150,7 @@ class Session:
         self._asides.append(worker)
         try:
             call = partial(perform, task, self.folder, visit, values)
-            answer = await asyncio.to_thread(worker.call, call, memory=_memory(ASIDE_MEMORY))
+            answer = await asyncio.to_thread(worker.call, call, memory=_memory(ASIDE_MEMORY_SHARE))
         finally:
             self._asides.remove(worker)
             worker.close()
@@ -180,8 +184,8 @@ class Session:
 
     def _call(self, task: Callable[[], Any]) -> Any:
         if self._worker is None or self._worker.closed:
-            self._worker = Worker(os.cpu_count() or 1, prepare=_warm, idle=IDLE)
-        return self._worker.call(task, memory=_memory(MEMORY))
+            self._worker = Worker(os.cpu_count() or 1, prepare=_warm, idle=IDLE_SECONDS)
+        return self._worker.call(task, memory=_memory(WORKER_MEMORY_SHARE))
 
 
 def _memory(share: float) -> float:
@@ -255,7 +259,7 @@ class Sessions:
 
     def open(self, visit: Visit | None = None) -> Session:
         """A new visit, with the files that the command line named where no others are given."""
-        if len(self.by_name) >= MOST_VISITS:
+        if len(self.by_name) >= MAX_VISITS:
             oldest = min(self.by_name.values(), key=lambda session: session.touched)
             oldest.close()
             del self.by_name[oldest.name]
@@ -277,7 +281,7 @@ class Sessions:
     async def run(self, session: Session, task: str, values: Values) -> Any:
         """Do a task of a visit; the workers of visits that nobody looks at any more make room."""
         idle = [each for each in self.by_name.values() if each.is_idle and each is not session]
-        for each in sorted(idle, key=lambda other: other.touched)[: max(0, len(idle) - MOST_WORKERS + 1)]:
+        for each in sorted(idle, key=lambda other: other.touched)[: max(0, len(idle) - MAX_WORKERS + 1)]:
             each.close()
         session.touched = time.time()
         if task in ASIDE:

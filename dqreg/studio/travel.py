@@ -23,8 +23,10 @@ from dqreg.studio.drawing import Frame, drawn_pose
 from dqreg.studio.payloads import cloud_payload, shades
 
 STATE = "state.json"
-# Points of a frame and of the map that are drawn; the edge of the map's cells over the median range of the first frame.
-FRAME, MAP, CELL = 20_000, 100_000, 0.01
+# Points of a frame and of the map that are drawn.
+FRAME_POINTS, MAP_POINTS = 20_000, 100_000
+# Edge of the map's cells over the median range of the first frame.
+CELL_RANGES = 0.01
 # Drawings that are kept: the page may be one frame behind.
 KEPT = 3
 # Ranges of the first frame that the drawing takes for its size.
@@ -94,11 +96,11 @@ class Story:
         if np.isfinite(found).all() and len(frame):
             if not self._cell:
                 far = float(np.median(np.linalg.norm(frame, axis=1)))
-                self._cell, self._frame = CELL * far, Frame(np.zeros(3), WIDE * far)
+                self._cell, self._frame = CELL_RANGES * far, Frame(np.zeros(3), WIDE * far)
                 state["size"] = WIDE * far
             state["T"] = drawn_pose(found, 1.0, self._frame, self._frame)
             state["path"].append(self._frame.to_drawn(found[:3, 3]).tolist())
-            state["frame"] = self._drawn("frame", frame[:: max(1, len(frame) // FRAME)], lit=True)
+            state["frame"] = self._drawn("frame", frame[:: max(1, len(frame) // FRAME_POINTS)], lit=True)
             if result.verdict.level == "accepted":
                 self._grow(pose.apply(found, frame))
                 middles = np.asarray(self._cells + 0.5, dtype=np.float64) * self._cell
@@ -116,7 +118,7 @@ class Story:
     def _grow(self, points: FloatArray) -> None:
         cells = np.unique(np.floor(points / self._cell).astype(np.int64), axis=0)
         self._cells = np.unique(np.concatenate([self._cells, cells]), axis=0)
-        while len(self._cells) > MAP:
+        while len(self._cells) > MAP_POINTS:
             # A coarser map of all of it, rather than a part of it.
             self._cell *= 2.0
             self._cells = np.unique(self._cells // 2, axis=0)

@@ -27,7 +27,8 @@ FORMAT, VERSION = "dqreg_studio", 1
 # File of a visit that a run writes a line to at each stage and iteration; the server reads on in it.
 PROGRESS = "progress.jsonl"
 # Largest numbers of each, so that a visit stays small.
-MOST_CUTS, MOST_PAIRS, MOST_CORNERS, MOST_WORDS = 100, 200, 2_000, 400
+MAX_CUTS, MAX_PAIRS = 100, 200
+MAX_CORNERS, MAX_WORDS = 2_000, 400
 UNITS = ("mm", "cm", "m", "inch", "ft")
 
 
@@ -121,9 +122,9 @@ class Visit:
 
     def __post_init__(self) -> None:
         for name, most in (
-            ("cuts", MOST_CUTS),
-            ("pairs", MOST_PAIRS),
-            ("references", MOST_PAIRS),
+            ("cuts", MAX_CUTS),
+            ("pairs", MAX_PAIRS),
+            ("references", MAX_PAIRS),
             ("labels", 50),
             ("sections", 20),
             ("weights", len(self.chosen)),
@@ -131,8 +132,8 @@ class Visit:
         ):
             if len(getattr(self, name)) > most:
                 raise InputError(f"{name}: {most} at most; got {len(getattr(self, name))}")
-        if any(len(cut.polygon) > MOST_CORNERS for cut in self.cuts):
-            raise InputError(f"a lasso has {MOST_CORNERS} corners at most")
+        if any(len(cut.polygon) > MAX_CORNERS for cut in self.cuts):
+            raise InputError(f"a lasso has {MAX_CORNERS} corners at most")
         _require_lengths(self)
         for side in (self.scan, self.part):
             if side is not None and side.units is not None and side.units not in UNITS:
@@ -142,8 +143,8 @@ class Visit:
         if self.T_start is not None and np.shape(self.T_start) != (4, 4):
             raise InputError("a pose is four rows of four numbers")
         for key, words in self.head:
-            if key not in HEAD or len(words) > MOST_WORDS:
-                raise InputError(f"the head has {', '.join(HEAD)}, {MOST_WORDS} letters each; got {key!r:.40}")
+            if key not in HEAD or len(words) > MAX_WORDS:
+                raise InputError(f"the head has {', '.join(HEAD)}, {MAX_WORDS} letters each; got {key!r:.40}")
 
     def changed(self, values: dict[str, Any]) -> Visit:
         """The visit with some fields replaced by plain values, each checked; files are not changed this way."""

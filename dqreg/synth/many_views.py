@@ -14,7 +14,7 @@ from dqreg.synth.parts import box
 from dqreg.synth.parts.plain import Mesh
 from dqreg.synth.raycast import centre_and_diagonal
 from dqreg.synth.scanner import scan_mesh
-from dqreg.synth.street import HALF_LENGTH, street, swept, together, with_range_noise
+from dqreg.synth.street import HALF_LENGTH_M, street, swept, together, with_range_noise
 
 # Elevations of the rings of the LiDAR of a room and of that of a car, rad; its columns, for each ring and at all.
 ROOM, CAR = (-0.9, 0.7), (np.deg2rad(-24.8), np.deg2rad(2.0))
@@ -22,7 +22,7 @@ FOR_EACH, COLUMNS = 12, 1_200
 # A car's LiDAR stands so high, and sees no farther, m.
 HIGH, REACH = 1.75, 80.0
 # Longest way along a street, m: houses stand before and behind the car all the way.
-LONGEST = 2.0 * HALF_LENGTH - REACH
+LONGEST = 2.0 * HALF_LENGTH_M - REACH
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -18,9 +18,10 @@ from dqreg.synth.parts.plain import Mesh
 
 def check_mesh(vertices: ArrayLike, faces: ArrayLike) -> tuple[FloatArray, IntArray]:
     """Return the checked arrays of a triangle mesh."""
-    V, F = as_vectors(vertices, "vertices"), np.asarray(faces)
-    if F.ndim != 2 or F.shape[1] != 3 or F.dtype.kind not in "iu":
-        raise InputError(f"faces must be whole numbers of shape (f, 3); got {F.dtype} of shape {F.shape}")
+    V, given = as_vectors(vertices, "vertices"), as_vectors(faces, "faces")
+    F = np.asarray(faces)
+    if F.dtype.kind not in "iu":
+        raise InputError(f"faces must be whole numbers of shape (f, 3); got {F.dtype} of shape {given.shape}")
     if not F.size or F.min() < 0 or F.max() >= len(V):
         raise InputError(f"faces must hold at least one row, and indices from 0 to {len(V) - 1}")
     if not np.ptp(V, axis=0).any():

@@ -18,8 +18,10 @@ from dqreg.synth.raycast import centre_and_diagonal, joined
 KINDS = ("none", "table", "bin")
 # What clutter is made of, each at its default size before it is scaled; the rest of the part's shelf-mates.
 _CLUTTER = ("angle", "block", "bracket", "cylinder", "flange", "prism")
-# Thickness of table and walls in diagonals of the part; positions tried for each object; the most objects.
-_SHEET, _TRIES, _MOST = 0.03, 2_000, 200
+# Thickness of table and walls in diagonals of the part.
+_SHEET_THICKNESS_DIAGONALS = 0.03
+# Positions tried for each object; the most objects.
+_MAX_POSITIONS, _MAX_OBJECTS = 2_000, 200
 
 
 @dataclass(frozen=True)
@@ -67,8 +69,8 @@ class Scene:
             raise InputError.of("must lie between 1 and 100 diagonals of the part", name="size", given=self.size)
         if not is_within(self.wall_height, 0.0, 100.0):
             raise InputError.of("must lie between 0 and 100 diagonals", name="wall_height", given=self.wall_height)
-        if isinstance(self.clutter, bool) or not isinstance(self.clutter, int) or not 0 <= self.clutter <= _MOST:
-            raise InputError.of(f"must be a whole number from 0 to {_MOST}", name="clutter", given=self.clutter)
+        if isinstance(self.clutter, bool) or not isinstance(self.clutter, int) or not 0 <= self.clutter <= _MAX_OBJECTS:
+            raise InputError.of(f"must be a whole number from 0 to {_MAX_OBJECTS}", name="clutter", given=self.clutter)
         if self.clutter and self.kind == "none":
             raise InputError.of('needs something to lie on; give kind = "table" or "bin"', name="clutter")
 
@@ -104,9 +106,11 @@ class Scene:
         upright = vertices @ R.T
         centre, diagonal = centre_and_diagonal(upright)
         floor = np.array([centre[0], centre[1], upright[:, 2].min()])
-        mesh = _table(self.size * diagonal, _SHEET * diagonal)
+        mesh = _table(self.size * diagonal, _SHEET_THICKNESS_DIAGONALS * diagonal)
         if self.kind == "bin":
-            mesh = joined(mesh, _walls(self.size * diagonal, self.wall_height * diagonal, _SHEET * diagonal))
+            mesh = joined(
+                mesh, _walls(self.size * diagonal, self.wall_height * diagonal, _SHEET_THICKNESS_DIAGONALS * diagonal)
+            )
         footprint = float(np.linalg.norm(upright[:, :2] - centre[:2], axis=1).max())
         for thing in _scatter(self.clutter, 0.5 * self.size * diagonal, footprint, diagonal, rng):
             mesh = joined(mesh, thing)
@@ -148,7 +152,7 @@ def _scatter(count: int, half: float, footprint: float, diagonal: float, rng: np
     for number in range(count):
         vertices, faces = _thing(diagonal, rng)
         radius = float(np.linalg.norm(vertices[:, :2], axis=1).max())
-        tries = rng.uniform(-1.0, 1.0, (_TRIES, 2)) * max(half - radius, 0.0)
+        tries = rng.uniform(-1.0, 1.0, (_MAX_POSITIONS, 2)) * max(half - radius, 0.0)
         gaps = np.linalg.norm(tries[:, None] - middles, axis=2) - radii - radius
         free = np.flatnonzero(gaps.min(axis=1) > 0.0)
         if not len(free) or radius > half:

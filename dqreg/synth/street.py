@@ -10,8 +10,10 @@ from dqreg.synth.parts import box
 from dqreg.synth.parts.plain import Mesh
 from dqreg.synth.raycast import first_hits
 
-# The street runs along x for so much to both sides of the origin; kerbs are so far from its middle, and so high.
-HALF_LENGTH, KERB, STEP = 120.0, 5.0, 0.15
+# The street runs along x for so much to both sides of the origin.
+HALF_LENGTH_M = 120.0
+# Kerbs are so far from its middle, and so high.
+KERB_DISTANCE_M, KERB_HEIGHT_M = 5.0, 0.15
 # Leaves of a tree, and their size.
 LEAVES, LEAF = 600, 0.12
 
@@ -20,8 +22,8 @@ def street(rng: np.random.Generator) -> Mesh:
     """A street with houses, cars, trees and posts at random along both sides: vertices and faces."""
     parts = [_ground(rng)]
     for side in (-1.0, 1.0):
-        x = -HALF_LENGTH
-        while x < HALF_LENGTH:
+        x = -HALF_LENGTH_M
+        while x < HALF_LENGTH_M:
             width, deep, high = rng.uniform([6.0, 6.0, 4.0], [20.0, 12.0, 14.0])
             away = side * (rng.uniform(9.0, 16.0) + 0.5 * deep)
             if rng.random() < 0.75:
@@ -29,11 +31,13 @@ def street(rng: np.random.Generator) -> Mesh:
                     _block((width, deep, high), (x + 0.5 * width, away, 0.5 * high - 1.0), 0.03 * rng.normal())
                 )
             x += width + rng.uniform(0.0, 6.0)
-        for x in rng.uniform(-HALF_LENGTH, HALF_LENGTH, 24):
+        for x in rng.uniform(-HALF_LENGTH_M, HALF_LENGTH_M, 24):
             parts += _car(x, side * rng.uniform(4.0, 7.0), rng)
-        for x in rng.uniform(-HALF_LENGTH, HALF_LENGTH, int(rng.integers(8, 20))):
+        for x in rng.uniform(-HALF_LENGTH_M, HALF_LENGTH_M, int(rng.integers(8, 20))):
             parts += _tree(x, side * rng.uniform(7.0, 15.0), rng)
-        parts += [_block((0.16, 0.16, 6.0), (x, side * 6.5, 3.0)) for x in rng.uniform(-HALF_LENGTH, HALF_LENGTH, 16)]
+        parts += [
+            _block((0.16, 0.16, 6.0), (x, side * 6.5, 3.0)) for x in rng.uniform(-HALF_LENGTH_M, HALF_LENGTH_M, 16)
+        ]
     return together(parts)
 
 
@@ -67,12 +71,12 @@ def with_range_noise(points: FloatArray, sigma: float, rng: np.random.Generator)
 
 def _ground(rng: np.random.Generator) -> Mesh:
     """Low waves, a kerb high on both sides and lower in the lane."""
-    x, y = np.meshgrid(np.arange(-HALF_LENGTH, HALF_LENGTH + 1.0), np.arange(-60.0, 61.0), indexing="ij")
+    x, y = np.meshgrid(np.arange(-HALF_LENGTH_M, HALF_LENGTH_M + 1.0), np.arange(-60.0, 61.0), indexing="ij")
     waves = np.zeros(x.shape)
     for _ in range(6):
         (k, m), (a, b), height = rng.uniform(0.05, 0.4, 2), rng.uniform(0.0, 2.0 * np.pi, 2), rng.uniform(0.0, 0.08)
         waves += height * np.sin(k * x + a) * np.cos(m * y + b)
-    z = np.where(np.abs(y) < KERB, 0.3 * waves, waves + STEP)
+    z = np.where(np.abs(y) < KERB_DISTANCE_M, 0.3 * waves, waves + KERB_HEIGHT_M)
     row = np.arange(x.size).reshape(x.shape)
     a, b, c, d = (some.ravel() for some in (row[:-1, :-1], row[1:, :-1], row[1:, 1:], row[:-1, 1:]))
     faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])

@@ -86,8 +86,13 @@ def closed_hole(evidence: Evidence) -> Iterator[str]:
 
 
 def one_plane(evidence: Evidence) -> Iterator[str]:
-    """Both scans have one face in common."""
-    if evidence.largest_plane > ONE_PLANE_SHARE:
+    """Both scans have one face in common, or that of a part shows one alone from a side that is not known."""
+    if evidence.largest_plane > ONE_PLANE_SHARE and math.isnan(evidence.faces_apart) and evidence.search:
+        yield (
+            "the scan lies in one plane, which holds three motions, and nothing tells its sides: turned over, or on "
+            "another face, its rims may fit as well: scan more of the sides, or give normals, a viewpoint or a start"
+        )
+    elif evidence.largest_plane > ONE_PLANE_SHARE:
         yield (
             f"{100 * evidence.largest_plane:.0f} % of what both scans show lie in one plane, in which other poses fit "
             "as well: scan more of the sides"

@@ -79,6 +79,8 @@ def test_sides_of_a_tolerance_stand_on_the_command_line(tmp_path: Path, capsys: 
     assert run(*common, "--tolerance", "+0.12/-0.06", "--csv", tmp_path / "s.csv", "--json", tmp_path / "s.json") == 0
     assert "PASS: part against +0.12/-0.06 mm" in capsys.readouterr().out
     found = json.loads((tmp_path / "s.json").read_text())
+    assert (found["units"], found["angle_units"]) == ("mm", "rad")
+    assert {"T_target_source", "alignment", "characteristics"} == set(found["conventions"]) <= set(found)
     assert (found["decision"]["low"], found["decision"]["high"]) == (-0.06, 0.12)
     rows = [line.split(",") for line in (tmp_path / "s.csv").read_text().splitlines()]
     assert rows[1][1:9] == ["points within the tolerance", "share", "%", "100", "95", "", "100", ""]

@@ -55,6 +55,26 @@ def test_locked_motions_stay_as_in_the_start(tmp_path, case, start, capsys):
     assert "dof" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("words", [["--viewpoint", "none"], ["--viewpoint=none"]])
+def test_no_viewpoint_is_used_where_none_is_asked_for(tmp_path, words, capsys):
+    points = np.random.default_rng(0).normal(size=(300, 3))
+    scan, target = tmp_path / "scan.pcd", tmp_path / "target.ply"
+    head = "FIELDS x y z\nSIZE 8 8 8\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 300\nHEIGHT 1\nVIEWPOINT 0 0 9 1 0 0 0\nPOINTS 300"
+    scan.write_text(f"VERSION .7\n{head}\nDATA ascii\n" + "\n".join(" ".join(map(str, row)) for row in points))
+    write_cloud(target, points)
+    given = "register", scan, target, "--start", "identity", "--search", "never", "--json"
+    found = []
+    for more in ([], words):
+        run(*given, *more)
+        found.append(json.loads(capsys.readouterr().out)["settings"])
+    assert found[0]["source_viewpoint"] == [0.0, 0.0, 9.0]
+    assert "source_viewpoint" not in found[1]
+    assert run(*given, *words, "--viewpoint", "0", "0", "9") == 2
+    assert "stands alone" in capsys.readouterr().err
+    assert run(*given, "--viewpoint", "0", "here", "9") == 2
+    assert "'here' is neither a number nor none" in capsys.readouterr().err
+
+
 def test_a_pose_that_is_locked_is_judged_where_it_is(tmp_path, case, capsys):
     start, out = tmp_path / "right.txt", tmp_path / "result.json"
     np.savetxt(start, case.T_target_source)

@@ -12,7 +12,7 @@ from dqreg.geometry.unit_check import find_unit_mistake, principal_spreads, requ
 from dqreg.rigid import pose
 from dqreg.synth.parts import bracket
 
-FACTORS = [10.0, 25.4, 304.8, 1000.0]
+FACTORS = [2.54, 1.0 / 0.3048, 10.0, 12.0, 25.4, 30.48, 1.0 / 0.0254, 304.8, 1000.0]
 RNG = np.random.default_rng(0)
 
 

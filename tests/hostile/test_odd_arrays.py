@@ -11,15 +11,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import dqreg
-from dqreg import inspection, quaternion, solvers
+from dqreg import inspection, quaternion, solvers, synth
 from dqreg.errors import DqregError, InputError
-from dqreg.geometry import Mesh, MeshSurface, sample_mesh
+from dqreg.geometry import CloudSurface, Mesh, MeshSurface, sample_mesh
 from dqreg.rigid import pose
 from dqreg.synth.parts import box
 
 PART = Mesh(*box((3.0, 2.0, 1.0)))
 SURFACE = MeshSurface(PART)
 CLOUD = sample_mesh(PART, 300, np.random.default_rng(0)).points
+NEAREST = CloudSurface(dqreg.PointCloud(CLOUD))
 TURN = pose.exp([0.3, -0.2, 0.1, 1.0, 2.0, 3.0])
 FACES = inspection.part_faces(PART)
 DEVIATIONS = inspection.measure_deviations(CLOUD, PART, SURFACE)
@@ -44,6 +45,8 @@ ANSWERS: dict[str, Callable[[Any], Any]] = {
     "deviations": lambda p: inspection.measure_deviations(p, PART, SURFACE).values,
     "fit_feature": lambda p: inspection.fit_feature(p, "sphere").point,
     "cloud": lambda p: dqreg.PointCloud(p).points,
+    "closest of a mesh": lambda p: SURFACE.closest(p).points,
+    "closest of a cloud": lambda p: NEAREST.closest(p).points,
 }
 
 
@@ -61,6 +64,11 @@ def test_a_frame_over_the_bytes_of_a_message_is_followed() -> None:
     assert dqreg.Odometry().register_frame(frame).verdict.level == "accepted"
 
 
+RAGGED = [[1.0, 2.0], [1.0]]
+NOT_QUERIES: list[tuple[Any, str]] = [
+    *((np.ones(shape), r"points must have shape \(n, 3\)") for shape in ((5, 2), (5, 4), (3,), (0,), (), (2, 5, 3))),
+    *((x, "points must be an array of real numbers") for x in (CLOUD + 0j, "abc", [["a", "b", "c"]], None, RAGGED)),
+]
 NOT_A_PLACE = [None, "abc", [1.0, 2.0], np.full(3, np.nan), np.zeros((3, 3)), {"x": 1.0}]
 MATCHES = solvers.read_matches(CLOUD, CLOUD)
 REFUSED: list[tuple[Callable[[], Any], str]] = [
@@ -76,6 +84,21 @@ REFUSED: list[tuple[Callable[[], Any], str]] = [
     (lambda: inspection.fit_feature(1e-200 * CLOUD, "cone"), "finer unit"),
     (lambda: solvers.cramer_rao(CLOUD[:0]), r"points must have shape \(..., n, 3\) with n > 0"),
     (lambda: solvers.cramer_rao(CLOUD, CLOUD[None]), "leading axes"),
+    *((lambda x=x: SURFACE.closest(x), said) for x, said in NOT_QUERIES),
+    *((lambda x=x: NEAREST.closest(x), said) for x, said in NOT_QUERIES),
+    (lambda: NEAREST.closest(np.full((2, 3), np.nan)), "points holds 6 numbers that are NaN"),
+    (lambda: NEAREST.closest(1e200 * CLOUD), "points hold coordinates up to"),
+    *((lambda x=x: solvers.cramer_rao(CLOUD, centre=x), "centre ") for x in ([1.0, 2.0], np.full(3, np.nan), 3.0)),
+    *((lambda x=x: solvers.cramer_rao(CLOUD, sigma_p=x), "sigma_p and sigma_n") for x in ("a", None, CLOUD, 0.0)),
+    *((lambda x=x: inspection.align_points(*[CLOUD] * 3, sigma=x), "sigma must") for x in ("a", CLOUD, [1.0], -1.0)),
+    *((lambda x=x: inspection.measure_deviations(CLOUD, PART, SURFACE, origin=x), "origin") for x in ("a", [1.0])),
+    *((lambda x=x: inspection.measure_deviations(CLOUD, PART, SURFACE, covariance=x), "cov") for x in ("a", [1.0])),
+    *((lambda x=x: inspection.measure_deviations(CLOUD, PART, SURFACE, centre=x), "centre") for x in ("a", [1.0])),
+    (lambda: inspection.measure_deviations(CLOUD, PART, SURFACE, exclude=["a"]), "a box to exclude"),
+    (lambda: dqreg.DualQuaternion.from_matrix(RAGGED), "T_target_source must be an array of real numbers"),
+    (lambda: dqreg.Odometry().register_frame(RAGGED), "points must be an array of real numbers"),
+    (lambda: dqreg.PointCloud.from_depth(RAGGED, np.eye(3)), "depth must have rows of one length"),
+    (lambda: synth.visible_share(CLOUD, RAGGED, synth.Scanner([[0, 0, 1.0]], 9)), "faces must be an array"),
 ]  # fmt: skip
 
 
@@ -106,6 +129,9 @@ def doors(value: Any) -> Iterator[Callable[[], Any]]:
     yield lambda: dqreg.solve(value, value)
     yield lambda: dqreg.solve(CLOUD[:5], CLOUD[:5], value, value)
     yield lambda: solvers.cramer_rao(value)
+    yield lambda: solvers.cramer_rao(CLOUD, centre=value)
+    yield lambda: SURFACE.closest(value)
+    yield lambda: NEAREST.closest(value)
     yield lambda: dqreg.PoseCost.points(value, value).minimise()
     yield lambda: inspection.fit_feature(value, "plane")
     yield lambda: inspection.align_points(value, value, value)

@@ -97,6 +97,9 @@ def test_what_the_sigmas_are_against_is_said(turned: Turned) -> None:
 def test_a_saved_result_is_the_result(turned: Turned, tmp_path: Path) -> None:
     _, _, result = turned
     result.save(tmp_path / "poses.json")
+    told = result.to_dict()
+    assert (told["units"], told["angle_units"]) == (result.settings["units"], "rad")
+    assert set(told["conventions"]) <= set(told)
     again = dqreg.Multiway.load(tmp_path / "poses.json")
     np.testing.assert_array_equal(again.T_world_scan, result.T_world_scan)
     np.testing.assert_array_equal(again.joint, result.joint)

@@ -117,6 +117,9 @@ def test_the_file_is_strict_json_with_the_documented_keys(tmp_path: Path, make: 
     content = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"), parse_constant=refuse)
     assert set(content) == {
         "format",
+        "units",
+        "angle_units",
+        "conventions",
         "T_target_source",
         "dual_quaternion",
         "verdict",
@@ -133,6 +136,9 @@ def test_the_file_is_strict_json_with_the_documented_keys(tmp_path: Path, make: 
         "scale_sigma",
         "partial_information",
     }
+    assert (content["units"], content["angle_units"]) == (None, "rad")
+    assert good(target_units="mm").to_dict()["units"] == "mm"
+    assert set(content["conventions"]) <= set(content)
     assert set(content["verdict"]) == {"level", "reasons", "codes", "checks", "confidence"}
     if make is failed:
         assert content["dual_quaternion"] is None

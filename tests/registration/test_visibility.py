@@ -7,7 +7,7 @@ import pytest
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
-from dqreg.geometry import Mesh
+from dqreg.geometry import Mesh, PointCloud
 from dqreg.registration.register import register
 from dqreg.registration.result import Registration
 from dqreg.report.summary import viewpoint_words
@@ -106,6 +106,15 @@ def test_between_clouds_a_viewpoint_tells_what_was_looked_through() -> None:
     assert "looked_through" not in plain.verdict.codes
     assert "looked_through" in told.verdict.codes
     np.testing.assert_array_equal(told.T_target_source, plain.T_target_source)
+    # A place that the scan itself tells is used likewise, unless none is to be.
+    placed = PointCloud(empty, viewpoint=above)
+    of_scan, unused = (
+        register(placed, full, "identity", effort="fast", search="never", viewpoint=given) for given in (None, "none")
+    )
+    assert "looked_through" in of_scan.verdict.codes
+    assert "looked_through" not in unused.verdict.codes
+    assert "source_viewpoint" not in unused.settings
+    np.testing.assert_array_equal(unused.T_target_source, plain.T_target_source)
     with pytest.raises(InputError, match="takes one: got 2"):
         register(empty, full, "identity", viewpoint=[above, above])
 
@@ -136,3 +145,19 @@ def test_a_viewpoint_on_the_other_side_is_named(start: str | None) -> None:
 def test_a_viewpoint_that_is_not_finite_is_refused() -> None:
     with pytest.raises(InputError, match="finite"):
         register(np.eye(3), bracket_mesh(), "identity", viewpoint=[0.0, np.nan, 1.0])
+
+
+def test_one_flat_face_without_sides_is_not_accepted_from_nothing() -> None:
+    # Below the plate the same face lies as well, and turned over too; normals or an initial pose tell the sides.
+    rng, plate = np.random.default_rng(1), Mesh(*box((30.0, 20.0, 4.0)))
+    face = np.insert(rng.uniform([-15.0, -10.0], [15.0, 10.0], (6_000, 2)), 2, 2.0, axis=1)
+    points = face + rng.normal(scale=0.005, size=face.shape)
+    found = register(points, plate)
+    assert found.verdict.level == "suspect"
+    assert "one_plane" in found.verdict.codes
+    assert "holds three motions" in found.verdict.reasons[found.verdict.codes.index("one_plane")]
+    for given in (
+        register(points, plate, "identity"),
+        register(PointCloud(points, np.eye(3)[[2] * len(points)]), plate),
+    ):
+        assert "one_plane" not in given.verdict.codes

@@ -8,7 +8,7 @@ from dqreg.geometry import Mesh
 from dqreg.geometry.morton import morton_order
 from dqreg.geometry.sampling import sample_mesh
 from dqreg.rigid import pose, twist
-from dqreg.solvers.sandwich import BLOCK, LEAST_LEFT, _Patches, scatter_of
+from dqreg.solvers.sandwich import BLOCK, MIN_NOISE_SHARE, _Patches, scatter_of
 from dqreg.synth import parts
 from dqreg.trust import Information, without_free_motion
 from tests.trust.shapes import box, judged, plane
@@ -173,4 +173,4 @@ def test_what_shared_noise_adds_and_leaves_are_products_of_matrices(count: int) 
     meant, hat = shared * (normals @ normals.T), (pulls / weights).T @ bread @ pulls
     residual = (np.eye(count) - hat) @ meant @ (np.eye(count) - hat).T
     expected = float(np.vdot(residual, meant)) / float(np.vdot(meant, meant))
-    assert left == pytest.approx(max(expected, LEAST_LEFT), abs=1e-10)
+    assert left == pytest.approx(max(expected, MIN_NOISE_SHARE), abs=1e-10)

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import FloatArray, as_pose, as_vectors, require_workable
+from dqreg._arrays import FloatArray, as_pose, as_vectors, as_weights, require_workable
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.inspection.alignment.priors import inverse_within, prior_about
 from dqreg.solvers import Freedom, PoseCost
@@ -95,8 +95,8 @@ def align_points(
     if not (lengths > 0.0).all():
         raise InputError(f"direction {int(np.argmin(lengths))} has no length")
     n = n / lengths[:, None]
-    spread = np.broadcast_to(np.asarray(sigma, dtype=np.float64), len(p))
-    if not ((spread > 0.0) & np.isfinite(spread)).all():
+    spread = as_weights(sigma, "sigma", len(p))
+    if not (spread > 0.0).all():
         raise InputError("sigma must be a length above 0 for each point")
     cost = PoseCost.planes(p, q, n, spread**-2.0)
     centre = q.mean(axis=0)
