@@ -45,6 +45,7 @@ from dqreg.registration.same_poses import but_on_the_way
 from dqreg.registration.slides import without_slide
 from dqreg.registration.visibility import on_visible_faces
 from dqreg.registration.wall_sides import equal_sides, on_best_sides
+from dqreg.solvers.search_stage import SearchStage
 from dqreg.trust import judge
 from dqreg.trust.records import Alternative, Reason, Verdict
 
@@ -115,7 +116,7 @@ def seen_alone(fit: Fit) -> Fit:
         return on_visible_faces(fit, fit.problem.viewpoints)
 
 
-def concluded(fit: Fit, known: Known, search: str, gain: float) -> Registration:
+def concluded(fit: Fit, known: Known, search: SearchStage, gain: float) -> Registration:
     """The answer; where the time is up before all is known that two clouds say, as of a loop that the limit ended."""
     found, deadline = None, fit.problem.watch.deadline
     with suppress(TimeUpError), until(deadline if fit.problem.target.kind == "cloud" else np.inf):
@@ -127,7 +128,9 @@ def concluded(fit: Fit, known: Known, search: str, gain: float) -> Registration:
     return registration_of(fit, *found)
 
 
-def judged(fit: Fit, known: Known, search: str, gain: float) -> tuple[Uncertainty, Verdict, tuple[Alternative, ...]]:
+def judged(
+    fit: Fit, known: Known, search: SearchStage, gain: float
+) -> tuple[Uncertainty, Verdict, tuple[Alternative, ...]]:
     """How sure a fit is, and the other poses known that explain the scan as well."""
     uncertainty = uncertainty_of(fit)
     alternatives = alternatives_of(fit, known.others, equal_sides(fit), known.turned)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 
+from dqreg.solvers.search_stage import is_finished
 from dqreg.solvers.status import Status
 from dqreg.trust.evidence import Evidence
 from dqreg.trust.limits import (
@@ -217,7 +218,7 @@ def _alternative_poses(evidence: Evidence) -> Iterator[str]:
 
 
 def _search_time_limit(evidence: Evidence) -> Iterator[str]:
-    if evidence.search not in ("", "judged"):
+    if not is_finished(evidence.search):
         yield (
             f'the time limit ended the global search after its stage "{evidence.search}": its poses were not compared; '
             "allow more time, or give an initial pose"
