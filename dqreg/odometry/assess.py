@@ -21,7 +21,7 @@ from dqreg.rigid import single_pose
 from dqreg.solvers.row_sums import MotionSums
 from dqreg.solvers.status import Status
 from dqreg.trust import Evidence, Information, information_of, judge
-from dqreg.trust.records import Reason, Verdict
+from dqreg.trust.records import Code, Reason, Verdict
 
 # Fraction of inliers below which there is no pose to speak of: a frame of another place reaches 0.3.
 LOST = 1.0 / 3.0
@@ -188,14 +188,16 @@ def _without(information: Information, motion: FloatArray) -> Information:
 
 
 # Reasons after which the place of a frame is not known.
-LOOSE = {
-    "unconstrained",
-    "alternative_poses",
-    "low_inlier_fraction",
-    "falling_inlier_fraction",
-    "lost",
-    "no_correspondences",
-}
+PLACE_UNKNOWN: frozenset[Code] = frozenset(
+    {
+        "unconstrained",
+        "alternative_poses",
+        "low_inlier_fraction",
+        "falling_inlier_fraction",
+        "lost",
+        "no_correspondences",
+    }
+)
 
 
 class MapLink:
@@ -212,7 +214,7 @@ class MapLink:
         if self._frame is not None and not self._for_good and accepted and not place.is_weak:
             self._frame = None
         before = self._frame
-        if before is None and LOOSE.intersection(result.verdict.codes):
+        if before is None and PLACE_UNKNOWN.intersection(result.verdict.codes):
             merged = place.is_escaped or fits
             self._for_good = merged
             self._frame = number if merged or place.is_weak else None

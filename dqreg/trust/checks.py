@@ -225,7 +225,7 @@ QUESTIONS: dict[Code, tuple[str, Relation, Unit, Figures]] = {
     "not_converged": ("ICP converged", "at most", "", lambda e: (math.nan, 0.0)),
 }
 # Answered without a figure.
-YES_OR_NO: Collection[Code] = ("search_time_limit", "not_converged")
+YES_OR_NO: frozenset[Code] = frozenset({"search_time_limit", "not_converged"})
 # Asked in place of the number of points where they are few.
 SLIDING: tuple[str, Relation, Unit, Figures] = (
     "Log-likelihood that a displacement along the weakest motion costs",
