@@ -166,10 +166,9 @@ def across_normals(motions: FloatArray, arms: FloatArray, normals: FloatArray, w
     none, all_rows = np.zeros(len(arms)), np.zeros(1, dtype=np.int64)
     along = MotionSums.of(arms, normals, normals, none, weights, np.zeros(3), 1.0, all_rows, np.eye(6)).information()
     weighed = arms * weights[:, None]
-    x, y, z = np.einsum("ij->j", weighed)
     second, whole = product(weighed.T, arms), float(weights.sum()) * np.eye(6)
     whole[:3, :3] = np.trace(second) * np.eye(3) - second
-    whole[:3, 3:] = [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
+    whole[:3, 3:] = single_pose.cross_matrix(*np.einsum("ij->j", weighed))
     whole[3:, :3] = whole[:3, 3:].T
     across = whole - along
     return np.asarray(np.einsum("ik,ij,jk->k", motions, across, motions))
