@@ -8,6 +8,7 @@ import sys
 import threading
 
 from dqreg.cli.signals import Signals, leave, leave_at_once, listen, say
+from dqreg.errors import DqregError, printable
 
 BAD_INPUT, BROKEN, STOPPED = 2, 4, 130
 # What is wrong with a path itself, wherever it is first used.
@@ -59,8 +60,6 @@ def _tell(error: BaseException) -> int:
     """Say what went wrong, the trace with what nobody has expected; what ends Python goes on as it is."""
     import click
 
-    from dqreg.errors import DqregError
-
     if isinstance(error, click.ClickException):
         return _bad(error.format_message())
     if isinstance(error, click.Abort):
@@ -87,8 +86,6 @@ def _tell(error: BaseException) -> int:
 
 def _bad(message: str, code: int = BAD_INPUT) -> int:
     import click
-
-    from dqreg.errors import printable
 
     try:
         click.echo(f"dqreg: error: {printable(' '.join(message.split()))}", err=True)
