@@ -17,7 +17,7 @@ from dqreg.geometry.vector_rows import nonzero_rows
 from dqreg.icp import Alignment, Correspondences, smallest_kernel_scale
 from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.icp.rejectors import at_boundary
-from dqreg.registration.evenly_asked import LATE_POINTS, evenly_asked
+from dqreg.registration.even_correspondences import LATE_POINTS, evenly_asked
 from dqreg.registration.local_evidence import LocalEvidence, share
 from dqreg.registration.surroundings import TOGETHER, Surroundings, displaced_of, surroundings_of
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
