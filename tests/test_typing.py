@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     dqreg.Odometry(method="magic")  # type: ignore[arg-type]
     dqreg.Odometry(voxel_size=1.0, deskew=False)
     dqreg.register_many([points], effort="quick")  # type: ignore[arg-type]
+    dqreg.register_many([points], order="random")  # type: ignore[arg-type]
+    dqreg.register_many([points], edges="all")  # type: ignore[arg-type]
+    dqreg.register_many([points], edges=[(0, 1)], order="sequence")
     result = target.register(points)
     _ = result.verdict.level == "acepted"  # type: ignore[comparison-overlap]
     result.covariance_in("world")  # type: ignore[arg-type]

@@ -13,7 +13,7 @@ import click
 from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, say
 from dqreg.cli.overwriting import require_apart
 from dqreg.cli.values import FILE
-from dqreg.errors import printable
+from dqreg.errors import InputError, printable
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -97,8 +97,6 @@ def compare(inputs: tuple[Path, ...], show: bool, as_json: bool, quiet: bool, **
 
 def _refuse(options: dict[str, Any], names: Sequence[str], why: str) -> None:
     """Raise where an option was given that the sweep at hand does not have."""
-    from dqreg.errors import InputError
-
     for name in names:
         if options[name]:
             raise InputError(f"--{name.replace('_', '-')} {why}")
@@ -108,7 +106,6 @@ def _trust(
     console: Console, shown: Console, inputs: tuple[Path, ...], options: dict[str, Any], *, as_json: bool
 ) -> int:
     from dqreg.cli.trust_sweep import list_kinds, run_trust_sweep
-    from dqreg.errors import InputError
 
     if inputs:
         raise InputError(f"--sweep trust makes its own tasks; it takes no {inputs[0]}")
@@ -127,7 +124,6 @@ def _run(console: Console, shown: Console, inputs: tuple[Path, ...], options: di
     from dqreg.compare import compare as run
     from dqreg.compare.output import Goals, to_json, write
     from dqreg.compare.tables import footer, tables
-    from dqreg.errors import InputError
     from dqreg.report.table import print_tables
     from dqreg.report.work_bar import WorkBar
 
@@ -173,7 +169,6 @@ def _tasks(inputs: tuple[Path, ...], options: dict[str, Any], protocol: Any) -> 
     import dataclasses
 
     from dqreg.compare import read_sweep
-    from dqreg.errors import InputError
 
     tasks: list[Any] = []
     if options["sweep"] is not None:

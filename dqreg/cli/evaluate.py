@@ -12,6 +12,7 @@ import click
 from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, say
 from dqreg.cli.overwriting import require_apart
 from dqreg.cli.values import FILE
+from dqreg.errors import InputError, printable
 
 if TYPE_CHECKING:
     from dqreg._arrays import FloatArray
@@ -95,8 +96,6 @@ def _show(console: Any, figures: list[tuple[str, str]]) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from dqreg.errors import printable
-
     table = Table(box=None, show_header=False, pad_edge=False)
     table.add_column()
     table.add_column(justify="right")
@@ -111,7 +110,6 @@ def _ground_truth(truth: Path, target: Path | None, scan: Path | None) -> tuple[
 
     from dqreg.compare import from_pair, read_truth
     from dqreg.compare.judge import GroundTruth
-    from dqreg.errors import InputError
     from dqreg.geometry.opening import open_geometry
 
     true = read_truth(truth)

@@ -12,6 +12,7 @@ import click
 from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, say
 from dqreg.cli.overwriting import require_apart
 from dqreg.cli.values import FILE
+from dqreg.errors import DegenerateGeometryError, InputError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -69,7 +70,6 @@ def hand_eye_command(file: Path, eye: Path | None, **options: Any) -> int:
 
     Exit codes: 0 calibrated, 2 bad input, such as one motion only or parallel axes.
     """
-    from dqreg.errors import DegenerateGeometryError, InputError
     from dqreg.files.atomic import require_writable, write_atomically
     from dqreg.files.strict_json import plain
 
@@ -119,7 +119,6 @@ def _matched(file: Path, eye: Path) -> tuple[FloatArray, FloatArray]:
     """Poses of two trajectories at the same times, or row by row."""
     import numpy as np
 
-    from dqreg.errors import InputError
     from dqreg.files.trajectories import read_poses
 
     (hand, hand_times), (sensor, eye_times) = read_poses(file), read_poses(eye)
@@ -160,7 +159,6 @@ def _fit(hand: FloatArray, sensor: FloatArray, place: str, noise: dict[str, Any]
 
 def _other_convention(hand: FloatArray, sensor: FloatArray, options: dict[str, Any], now: float) -> str | None:
     """The options under each of which the rotations agree far better than to ``now``, where that is bad."""
-    from dqreg.errors import DegenerateGeometryError
     from dqreg.rigid import pose
 
     if math.degrees(now) < DOUBTFUL_DEG:

@@ -8,6 +8,7 @@ import sys
 import threading
 
 from dqreg.cli.signals import Signals, leave, leave_at_once, listen, say
+from dqreg.errors import DqregError, printable
 
 BAD_INPUT, UNEXPECTED_ERROR = 2, 4
 STOPPED = 130
@@ -60,8 +61,6 @@ def _tell(error: BaseException) -> int:
     """Say what went wrong, the trace with what nobody has expected; what ends Python goes on as it is."""
     import click
 
-    from dqreg.errors import DqregError
-
     if isinstance(error, click.ClickException):
         return _bad(error.format_message())
     if isinstance(error, click.Abort):
@@ -90,8 +89,6 @@ def _tell(error: BaseException) -> int:
 
 def _bad(message: str, code: int = BAD_INPUT) -> int:
     import click
-
-    from dqreg.errors import printable
 
     try:
         click.echo(f"dqreg: error: {printable(' '.join(message.split()))}", err=True)

@@ -14,6 +14,7 @@ from dqreg.cli.lazy_group import Choice, SectionedCommand
 from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, say
 from dqreg.cli.overwriting import require_apart
 from dqreg.cli.values import FILE
+from dqreg.errors import InputError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -107,8 +108,6 @@ def multiway_command(scans: tuple[str, ...], quiet: bool, as_json: bool, **optio
 
 def _files(scans: tuple[str, ...]) -> list[Path]:
     """Files of names and patterns, in the order given; those of a pattern by name."""
-    from dqreg.errors import InputError
-
     found: list[Path] = []
     for text in scans:
         matched = [text] if Path(text).exists() else sorted(glob.glob(text))  # noqa: PTH207 - a pattern may begin anywhere
@@ -122,8 +121,6 @@ def _files(scans: tuple[str, ...]) -> list[Path]:
 
 
 def _place(text: str | None) -> str | list[float] | None:
-    from dqreg.errors import InputError
-
     if text is None or text == "origin":
         return text
     try:
@@ -136,8 +133,6 @@ def _place(text: str | None) -> str | list[float] | None:
 
 
 def _folder(out: Path | None, *, resume: bool) -> Path | None:
-    from dqreg.errors import InputError
-
     # Beside a device, such as /dev/null, nothing is kept.
     if out is None or (out.exists() and not out.is_file()):
         if resume:
@@ -167,7 +162,6 @@ def _kept(folder: Path | None) -> Iterator[None]:
 
 
 def _check(files: list[Path], options: dict[str, Any]) -> None:
-    from dqreg.errors import InputError
     from dqreg.files.atomic import require_writable
     from dqreg.report.page_file import page_path
 

@@ -12,6 +12,7 @@ from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option
 from dqreg.cli.overwriting import require_apart
 from dqreg.cli.signals import PoliteSignals, write
 from dqreg.cli.values import FILE
+from dqreg.errors import InputError, MissingDependencyError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -149,8 +150,6 @@ def _refuse_contradictions(options: dict[str, Any]) -> None:
     """Raise where an option was given that the engine does not have; a default is no wish."""
     from click.core import ParameterSource
 
-    from dqreg.errors import InputError
-
     engine, context = options["engine"], click.get_current_context()
     if engine == "dq":
         return
@@ -188,8 +187,6 @@ def _motion(console: Console, path: Path, scans: Scans, options: dict[str, Any])
 def _first(scans: Scans, count: int | None) -> Scans:
     import dataclasses
 
-    from dqreg.errors import InputError
-
     if count is None:
         return scans
     if count < 1:
@@ -201,7 +198,6 @@ def _first(scans: Scans, count: int | None) -> Scans:
 def _truth(file: Path | None, scans: Scans) -> FloatArray | None:
     import numpy as np
 
-    from dqreg.errors import InputError
     from dqreg.multiway.starts import read_result_poses
     from dqreg.odometry.scores import match_truth
     from dqreg.odometry.trajectory import read_trajectory
@@ -241,7 +237,6 @@ def _run(
 
 def _compare(console: Console, scans: Scans, settings: Any) -> list[TrajectoryRun]:
     """The other engines."""
-    from dqreg.errors import MissingDependencyError
     from dqreg.odometry.frame import read_frame
     from dqreg.odometry.peers import peers, run_engine
     from dqreg.report.work_bar import WorkBar

@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
+from dqreg.compare.engines.registry import OURS
 from dqreg.compare.records import RunRecord
 from dqreg.compare.run import Comparison
 from dqreg.compare.summary import SummaryRow, summarise
@@ -182,7 +183,7 @@ def _styles(engines: Sequence[str]) -> dict[str, Style]:
     styles = {}
     for index, engine in enumerate(engines):
         turn = index // len(PALETTE)
-        ours = engine.startswith("dqreg")
+        ours = engine in OURS
         styles[engine] = {
             "color": PALETTE[index % len(PALETTE)],
             "linestyle": LINES[turn % len(LINES)],

@@ -14,6 +14,7 @@ from dqreg.icp.estimators import plane_to_plane_form
 from dqreg.solvers import Fit
 from dqreg.solvers.newton import local_minimum
 from dqreg.solvers.quadratic import QuadraticForm
+from dqreg.solvers.robust import Huber, Tukey
 
 # A pose has six unknowns: fewer pairs than this fix none, whatever the step.
 FEWEST_PAIRS = 3
@@ -72,13 +73,13 @@ def kernel_weights(kernel: Any, residuals: FloatArray) -> FloatArray:
         return np.asarray(1.0 / np.maximum(r, LEAST))
     k = float(getattr(kernel, "k", np.nan))
     if name == "HuberLoss":
-        return np.asarray(k / np.maximum(r, k))
+        return Huber(k).weight(r)
     if name == "CauchyLoss":
         return np.asarray(1.0 / (1.0 + (r / k) ** 2))
     if name == "GMLoss":
         return np.asarray(k / (k + r**2) ** 2)
     if name == "TukeyLoss":
-        return np.asarray((1.0 - np.minimum(1.0, r / k) ** 2) ** 2)
+        return Tukey(k).weight(r)
     raise InputError(
         f"unknown robust kernel {name}; known are L2Loss, L1Loss, HuberLoss, CauchyLoss, GMLoss, TukeyLoss"
     )

@@ -64,14 +64,12 @@ class PointCloud2:
     is_dense: bool
 
 
-def cloud_to_open3d(points: FloatArray, normals: FloatArray | None, colours: FloatArray | None = None) -> Any:
-    """Open3D's (legacy) cloud; colours from 0 to 1."""
+def cloud_to_open3d(points: FloatArray, normals: FloatArray | None) -> Any:
+    """Open3D's (legacy) cloud."""
     o3d = load_open3d()
     made = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
     if normals is not None:
         made.normals = o3d.utility.Vector3dVector(normals)
-    if colours is not None:
-        made.colors = o3d.utility.Vector3dVector(colours)
     return made
 
 

@@ -84,9 +84,9 @@ def fit_planes(
     return _fit_near(nearest, len(at), cloud, min(count, tree.size))
 
 
-def fit_planes_at(tree: NeighbourTree, cloud: FloatArray, rows: IntArray, count: int = NEIGHBOURS) -> PlaneFits:
+def fit_planes_at(tree: NeighbourTree, cloud: FloatArray, rows: IntArray) -> PlaneFits:
     """The same at points of the tree itself, (m,) rows."""
-    return _fit_near(lambda part: tree.nearest_to(rows[part], count), len(rows), cloud, min(count, tree.size))
+    return _fit_near(lambda part: tree.nearest_to(rows[part], NEIGHBOURS), len(rows), cloud, min(NEIGHBOURS, tree.size))
 
 
 def _fit_near(

@@ -6,6 +6,7 @@ import dataclasses
 
 from dqreg._arrays import FloatArray, warn_of_old_name
 from dqreg._records import read_only
+from dqreg.solvers.search_stage import SearchStage
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,6 +50,6 @@ class Iteration:
 class Stage:
     """Report of one stage of the global search."""
 
-    name: str  # What was done: "proposed", "screened", "refined roughly", "refined", "turned" or "refined finely"
+    name: SearchStage  # What was done
     poses: int  # Poses that are left
     seconds: float  # Time since the search began

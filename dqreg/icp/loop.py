@@ -1,4 +1,4 @@
-"""The loop: correspond, weigh, solve, compare, stop. Everything it uses is a part that can be exchanged."""
+"""The loop: correspond, weigh, solve, compare, stop. Estimator, kernel and weights are parts that can be exchanged."""
 
 from __future__ import annotations
 

@@ -15,10 +15,7 @@ from dqreg.inspection.coverage import scanned_share
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.places import COVERAGE, OutOfTolerance, places_of
 from dqreg.inspection.regions import Cut, Outcome, Region, cut_of, regions_of, require_faces
-from dqreg.inspection.tolerances import PointLimits, Tolerance, limits_at, require_share, tolerance_of
-
-# Share of the points that must be within the tolerance, of the scan and of each region, unless another one is asked.
-REQUIRED_SHARE = 0.95
+from dqreg.inspection.tolerances import REQUIRED_SHARE, PointLimits, Tolerance, limits_at, require_share, tolerance_of
 
 
 @dataclasses.dataclass(frozen=True)

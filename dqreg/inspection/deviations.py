@@ -19,7 +19,7 @@ from dqreg.geometry.mesh import Mesh
 from dqreg.inspection.deviation_files import decimals_of, require_suffix, write_array, write_coloured, write_table
 from dqreg.inspection.membership import ON_PART, Counts, Flags, ReachFrom, by_reach, counts_of
 from dqreg.inspection.statistics import Bands, Place, Summary, bands_of, require_length, summary_of, worst_places
-from dqreg.inspection.tolerances import PointLimits
+from dqreg.inspection.tolerances import REQUIRED_SHARE, PointLimits
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -187,7 +187,7 @@ class Deviations:
         """
         return summary_of(self.values[self.counted], len(self), self._allowed(tolerance), overwrite_input=True)
 
-    def bands(self, tolerance: float | None = None, *, required_share: float = 0.95) -> Bands:
+    def bands(self, tolerance: float | None = None, *, required_share: float = REQUIRED_SHARE) -> Bands:
         """Shares of the counted points per band of deviation, and whether enough of them are within the tolerance.
 
         Parameters

@@ -14,6 +14,8 @@ from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.errors import InputError
 from dqreg.inspection.statistics import require_length
 
+# Share of the points that must be within the tolerance, of the scan and of each region, unless another one is asked.
+REQUIRED_SHARE = 0.95
 NUMBER = r"(\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+(?:[eE][-+]?\d+)?)"
 SIDES = re.compile(rf"([-+]?){NUMBER}/([-+]?){NUMBER}")
 

@@ -97,5 +97,5 @@ def keep_maps() -> None:
     count_on_runs(steps, keys, first, grid)
     count_at_shifts(0, 0, steps, steps, np.zeros((1, 1), dtype=np.bool_), grid[0])
     figures, planes = np.zeros(FIGURES), (flat, flat, one, one)
-    step_on_planes(flat, flat, *planes, np.ones(10), 0, np.eye(4), np.zeros(3), figures)
-    step_on_planes_of_sweep(flat, one, *planes, np.ones(9), 0, np.eye(4), np.zeros(6), np.zeros(3), figures)
+    step_on_planes(flat, flat, *planes, np.ones(11), 0, np.eye(4), np.zeros(3), figures)
+    step_on_planes_of_sweep(flat, one, *planes, np.ones(10), 0, np.eye(4), np.zeros(6), np.zeros(3), figures)

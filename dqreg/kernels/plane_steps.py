@@ -13,8 +13,22 @@ from dqreg.kernels.row_products import COLUMNS, LANES, PRODUCTS, SIX, WEIGHT, ad
 
 # Damping of unknowns that nothing holds, over the mean of their kind.
 DAMPING = 1e-3
-# What is written of the last step: scale, fraction, energy, weights, squares, rows with a weight, motion.
-FIGURES = 7
+# Places of the limits, and of the figures of the last step: what is learned from each.
+SCALE, FRACTION = 0, 1
+# Of the limits of both kernels: largest distance; least fraction of inliers and of those that are none; least scale and
+# largest fall of it in a step; root mean square range of the points; motion below which the step is the last; and
+# information, in variances of the normals, below which a translation is left as it is.
+FARTHEST, LEAST_FRACTION = 2, 3
+FLOOR, STEEPEST = 4, 5
+LEVER, ENOUGH = 6, 7
+LEAST_INFORMATION = 8
+# Of the limits of this one: least cosine of the normals; whether a point without a plane says nothing: it counts as the
+# others do on average.
+COSINE, SILENT = 9, 10
+# Of the figures: the energy; sums of the weights and of the weighed squares; rows with a weight; and the motion.
+ENERGY, TOTAL = 2, 3
+SQUARES, USED = 4, 5
+MOTION, FIGURES = 6, 7
 # Products of densities are added up once they are below this.
 TINY = 1e-200
 
@@ -36,17 +50,11 @@ def step_on_planes(
     """Move a pose, (4, 4), onto planes, step by step, and learn the mixture of the distances in each. O(steps n).
 
     Points slide along the planes through their feet, as far aside of these as they were found; without a plane a point
-    says how well it fits, and moves nothing. Weights and figures are those before the last step.
-
-    Limits: largest distance, least cosine of the normals, scale, fraction of inliers, the least scale, the largest fall
-    of the scale in a step, root mean square range of the points, motion below which the step is the last, whether a
-    point without a plane says nothing: it counts as the others do on average; and information, in variances of the
-    normals, below which a translation is left as it is.
+    says how well it fits, and moves nothing. Weights and figures are those before the last step, but for the mixture.
     """
     count = len(points)
-    farthest, cosine, scale, fraction = limits[0], limits[1], limits[2], limits[3]
-    floor, steepest, lever, enough = limits[4], limits[5], limits[6], limits[7]
-    silent = limits[8] > 0.0
+    farthest, cosine, scale, fraction = limits[FARTHEST], limits[COSINE], limits[SCALE], limits[FRACTION]
+    silent = limits[SILENT] > 0.0
     aside, A, g = np.zeros(count), np.zeros((SIX, SIX)), np.zeros(SIX)
     # Of the type of other numbers: for a plain one what it is given to would be compiled once more.
     none = int(np.int64(0))
@@ -98,18 +106,32 @@ def step_on_planes(
         add_rows(rows, sums)
         place_sums(sums[0], A, g, none, none)
         energy += math.log(many)
-        figures[0], figures[1], figures[3], figures[4], figures[5] = scale, fraction, total, squares, used
-        figures[2] = -2.0 * scale * scale * (energy / count - math.log1p(odds))
-        figures[6] = 0.0
+        put_figures(figures, scale, fraction, total, squares, used)
+        figures[ENERGY] = -2.0 * scale * scale * (energy / count - math.log1p(odds))
         if used < SIX or not total > 0.0:
             return
-        figures[6] = _move(A, g, lever, limits[9] * noise, T)
-        learned = max(math.sqrt(squares / total), floor)
-        figures[0] = max(learned, steepest * scale)
-        figures[1] = min(max(total / near, 1e-3), 1.0 - 1e-3)
-        if figures[6] <= enough:
+        figures[MOTION] = _move(A, g, limits[LEVER], limits[LEAST_INFORMATION] * noise, T)
+        learn(figures, limits, near)
+        if figures[MOTION] <= limits[ENOUGH]:
             return
-        scale, fraction = figures[0], figures[1]
+        scale, fraction = figures[SCALE], figures[FRACTION]
+
+
+@inside_kernels
+def put_figures(figures: FloatArray, scale: float, fraction: float, total: float, squares: float, used: float) -> None:
+    """Write what is known of a step before it is taken."""
+    figures[SCALE], figures[FRACTION] = scale, fraction
+    figures[TOTAL], figures[SQUARES], figures[USED] = total, squares, used
+    figures[ENERGY] = figures[MOTION] = 0.0
+
+
+@inside_kernels
+def learn(figures: FloatArray, limits: FloatArray, near: float) -> None:
+    """Update scale and fraction of inliers by the sums of a step over so many points near their planes: EM."""
+    learned = max(math.sqrt(figures[SQUARES] / figures[TOTAL]), limits[FLOOR])
+    figures[SCALE] = max(learned, limits[STEEPEST] * figures[SCALE])
+    least = limits[LEAST_FRACTION]
+    figures[FRACTION] = min(max(figures[TOTAL] / near, least), 1.0 - least)
 
 
 @inside_kernels

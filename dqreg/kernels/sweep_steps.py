@@ -9,8 +9,24 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.kernels.compiled import compiled, inside_kernels
 from dqreg.kernels.free_shifts import hold_free_shifts
-from dqreg.kernels.plane_steps import solve_in_place, turn_and_shift
+from dqreg.kernels.plane_steps import (
+    ENOUGH,
+    FARTHEST,
+    FRACTION,
+    LEAST_INFORMATION,
+    LEVER,
+    MOTION,
+    SCALE,
+    learn,
+    put_figures,
+    solve_in_place,
+    turn_and_shift,
+)
 from dqreg.kernels.row_products import COLUMNS, LANES, PRODUCTS, SIX, WEIGHT, add_rows, place_sums
+
+# Place among the limits, after those of both kernels: share of the weights that has to face a motion for it to count;
+# at this share, half of it is believed in a step.
+HELD = 9
 
 
 @compiled
@@ -31,15 +47,10 @@ def step_on_planes_of_sweep(
     """Move a pose, (4, 4), and a twist of the sensor during the sweep, (6,), as `step_on_planes` moves a pose.
 
     A point of time s, -1 to 0, lies at ``T (x + s (w x x + v))``, with the twist (w, v) in the axes of the sensor.
-    Points without a plane count as the others do on average. O(steps n).
-
-    Limits: largest distance, scale, fraction of inliers, the least scale, the largest fall of the scale in a step, root
-    mean square range of the points, motion below which the step is the last, share of the weights that has to face a
-    motion for it to count: at this share, half of it is believed in a step; and information, in variances of the
-    normals, below which a translation is left as it is.
+    Points without a plane count as the others do on average, and no energy is asked. O(steps n).
     """
     count, unknowns = len(points), 2 * SIX
-    farthest, scale, fraction, floor, steepest, lever = limits[0], limits[1], limits[2], limits[3], limits[4], limits[5]
+    farthest, scale, fraction, lever = limits[FARTHEST], limits[SCALE], limits[FRACTION], limits[LEVER]
     A, g = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
     # Of the type of other numbers: for each plain one what it is given to would be compiled once more.
     none, twist, shift = int(np.int64(0)), int(np.int64(SIX)), int(np.int64(3))
@@ -83,22 +94,20 @@ def step_on_planes_of_sweep(
         for k in range(SIX):
             for j in range(k):
                 A[SIX + j, k] = A[SIX + k, j]
-        figures[0], figures[1], figures[3], figures[4], figures[5] = scale, fraction, total, squares, used
-        figures[2] = figures[6] = 0.0
+        put_figures(figures, scale, fraction, total, squares, used)
         if used < unknowns or not total > 0.0:
             return
-        hold_free_shifts(A, shift, limits[8] * noise)
-        hold_free_shifts(A, twist + shift, limits[8] * noise * second / total)
-        damping = limits[7] * max(second - first * first / total, 0.0) + 1e-9 * total
+        hold_free_shifts(A, shift, limits[LEAST_INFORMATION] * noise)
+        hold_free_shifts(A, twist + shift, limits[LEAST_INFORMATION] * noise * second / total)
+        damping = limits[HELD] * max(second - first * first / total, 0.0) + 1e-9 * total
         for k in range(unknowns):
             A[k, k] += damping
         solve_in_place(A, g)
-        figures[6] = _move(g, lever, T, change)
-        learned = max(math.sqrt(squares / total), floor)
-        figures[0], figures[1] = max(learned, steepest * scale), min(max(total / near, 1e-3), 1.0 - 1e-3)
-        if figures[6] <= limits[6]:
+        figures[MOTION] = _move(g, lever, T, change)
+        learn(figures, limits, near)
+        if figures[MOTION] <= limits[ENOUGH]:
             return
-        scale, fraction = figures[0], figures[1]
+        scale, fraction = figures[SCALE], figures[FRACTION]
 
 
 @inside_kernels

@@ -14,7 +14,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.errors import DqregError
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.multiway.edges import PART, Edge, sureness
+from dqreg.multiway.edges import PART, UNHELD, Edge, sureness
 from dqreg.multiway.merge import merged_target
 from dqreg.multiway.scans import View
 from dqreg.registration.options import Effort, Search
@@ -22,6 +22,7 @@ from dqreg.registration.register import register
 from dqreg.registration.result import Registration
 from dqreg.registration.target import Target
 from dqreg.rigid import pose
+from dqreg.trust.records import Code
 
 # Seeds that are grown, poses of a scan that are tried in a round, and rounds over the scans that are left.
 SEEDS, TRIED, ROUNDS = 3, 3, 4
@@ -29,8 +30,8 @@ SEEDS, TRIED, ROUNDS = 3, 3, 4
 SAME_RAD, SAME = np.deg2rad(6.0), 0.05
 # Points by which poses are compared before, and distance in spacings at which one lies on the others.
 POINTS, NEAR = 600, 2.0
-# What may be doubted of the only pose of a scan that fits all others: how well its motions are known.
-UNHELD = frozenset({"weakly_constrained", "unconstrained", "large_uncertainty", "scale_unobservable"})
+# What may be doubted of the only pose of a scan that fits all others: how well its motions are known, and its scale.
+UNHELD_AMONG_ALL: frozenset[Code] = UNHELD | {"scale_unobservable"}
 # Least confidence of such a pose; that of the next best one, as a share of it, beyond which nobody can tell which of
 # them is right; and confidence below which a pose is not tried again when more scans are in.
 LIKELY, RIVAL, HOPELESS = 0.5, 0.65, 0.016
@@ -122,7 +123,9 @@ class ConsistentSet:
 
     def _admit_loose(self, k: int) -> None:
         """Admit a scan of which only one pose fits, though some of its motions are held by little."""
-        found = [fit for fit in self._fits(k, self._candidates(k)[: 2 * TRIED]) if set(fit.verdict.codes) <= UNHELD]
+        found = [
+            fit for fit in self._fits(k, self._candidates(k)[: 2 * TRIED]) if set(fit.verdict.codes) <= UNHELD_AMONG_ALL
+        ]
         found.sort(key=lambda fit: -fit.verdict.confidence)
         if not found or found[0].verdict.confidence < LIKELY:
             self.ambiguous |= {k} if found else set()

@@ -12,6 +12,7 @@ from dqreg._arrays import FloatArray
 from dqreg.multiway.graph import PoseGraph
 from dqreg.registration.result import Registration
 from dqreg.rigid import pose
+from dqreg.trust.records import Code
 
 # What an edge was used for, or why it was not.
 EdgeCode = Literal[
@@ -42,20 +43,13 @@ WORDS: dict[EdgeCode, str] = {
     "ambiguous": "not used: its scan fits all others together in several ways, or is held by too little",
     "elsewhere": "not used: it joins scans that are not placed",
 }
-# What a verdict may doubt of a right pose: how well its motions are known, and whether the search and the steps have
-# come to an end. That says nothing against where a scan stands.
-LOOSE = frozenset(
-    {
-        "weakly_constrained",
-        "unconstrained",
-        "large_uncertainty",
-        "alternative_poses",
-        "not_converged",
-        "search_time_limit",
-    }
-)
+# What a verdict may doubt of a scan that fits: how well its motions are known.
+UNHELD: frozenset[Code] = frozenset({"weakly_constrained", "unconstrained", "large_uncertainty"})
+# What it may doubt of a right pose: that, and whether the search and the steps have come to an end. That says nothing
+# against where a scan stands.
+LOOSE: frozenset[Code] = UNHELD | {"alternative_poses", "not_converged", "search_time_limit"}
 # May be doubted of pairs that all agree, since loops tell it: how well motions are held, and whether beyond one plane.
-HELD_BY_LOOPS = frozenset({"weakly_constrained", "unconstrained", "large_uncertainty", "one_plane"})
+HELD_BY_LOOPS: frozenset[Code] = UNHELD | {"one_plane"}
 # Node of a part in whose frame all scans are placed.
 PART = -1
 

@@ -19,6 +19,7 @@ from dqreg.multiway.loops import LIMIT, covariances_of
 from dqreg.multiway.scans import View
 from dqreg.multiway.turntable import OTHER, step_of
 from dqreg.rigid import DualQuaternion, pose
+from dqreg.trust.records import Code
 
 # Accepted pairs of near places that agree with the step, at least, and their share of all of these.
 FEWEST, SHARE = 3, 0.5
@@ -27,7 +28,7 @@ NEAR = 2
 # Median of the sum of three squares of unit variance.
 MEDIAN = 2.366
 # What the steps tell of a pair besides how well it is held: which of several poses it is, and that of one plane.
-TOLD = LOOSE | {"one_plane"}
+TOLD: frozenset[Code] = LOOSE | {"one_plane"}
 
 
 @dataclasses.dataclass(frozen=True)

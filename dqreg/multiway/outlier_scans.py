@@ -13,7 +13,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.errors import DqregError
 from dqreg.multiway.edge_selection import EdgeSelection, select_edges
-from dqreg.multiway.edges import HELD_BY_LOOPS, Edge, EdgeCode
+from dqreg.multiway.edges import HELD_BY_LOOPS, UNHELD, Edge, EdgeCode
 from dqreg.multiway.equal_steps import EqualSteps
 from dqreg.multiway.merge import merged_target
 from dqreg.multiway.pairs import Pair
@@ -22,19 +22,18 @@ from dqreg.multiway.sides import Sides
 from dqreg.registration.options import Effort
 from dqreg.registration.register import register
 from dqreg.rigid import pose
+from dqreg.trust.records import Code
 
 # Scans that are left out for a trial, those first that most speaks against; and share of all that may be left out.
 TRIED, MOST = 6, 0.5
 # Scans that are put to the test against all others together, those that the others stand without, and scans that make
 # a test.
 TESTED, FEWEST = 8, 3
-# What may be doubted of a scan that fits: how well its motions are known.
-UNHELD = frozenset({"weakly_constrained", "unconstrained", "large_uncertainty"})
-# What may be doubted of such a scan where all pairs agree: how well it is held, also by one plane; and its normals,
-# which are guesses for a plate seen from its edge.
-AGREED = HELD_BY_LOOPS | {"disagreeing_normals"}
+# What may be doubted of a scan that fits, where all pairs agree: how well it is held, also by one plane; and its
+# normals, which are guesses for a plate seen from its edge.
+AGREED: frozenset[Code] = HELD_BY_LOOPS | {"disagreeing_normals"}
 # The same where the steps of a table confirm its pairs: they tell which of several poses it is.
-ON_TABLE = AGREED | {"alternative_poses"}
+ON_TABLE: frozenset[Code] = AGREED | {"alternative_poses"}
 # Motion, in sizes of a scan, by which a pose may differ from that of its pairs.
 MOVED = 0.05
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import combinations, pairwise
-from typing import Any
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -16,8 +16,11 @@ from dqreg.search.fpfh import FpfhCloud
 
 # All pairs of that many scans are tried; beyond, those that look alike.
 ALL_PAIRS = 40
+Order = Literal["any", "sequence", "turntable"]
+ORDERS: tuple[Order, ...] = get_args(Order)
+# Pairs are (target, source).
+Edges = Literal["auto", "chain", "ring"] | Iterable[Iterable[int]]
 EDGES = ("auto", "chain", "ring")
-ORDERS = ("any", "sequence", "turntable")
 
 # Pairs tried of one scan, points that describe it, and kinds of places that are told apart.
 ALIKE, POINTS, WORDS = 8, 5_000, 128
@@ -29,7 +32,7 @@ ROUNDS = 12
 Pair = tuple[int, int]
 
 
-def asked_pairs(edges: Any, order: str, usable: Sequence[int], count: int) -> list[Pair]:
+def asked_pairs(edges: Edges, order: Order, usable: Sequence[int], count: int) -> list[Pair]:
     """Pairs (target, source) to begin with; empty where ``edges="auto"`` leaves many scans to retrieval."""
     if not isinstance(order, str) or order not in ORDERS:
         raise InputError(f"order must be one of {', '.join(ORDERS)}; got {order!r:.60}")
@@ -46,7 +49,7 @@ def asked_pairs(edges: Any, order: str, usable: Sequence[int], count: int) -> li
     return _given(edges, usable, count)
 
 
-def _given(edges: Any, usable: Sequence[int], count: int) -> list[Pair]:
+def _given(edges: Iterable[Iterable[int]], usable: Sequence[int], count: int) -> list[Pair]:
     try:
         pairs = np.array([tuple(pair) for pair in edges])
         whole = pairs.dtype.kind in "iu" and pairs.ndim == 2 and pairs.shape[1] == 2

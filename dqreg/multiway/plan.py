@@ -12,7 +12,7 @@ from dqreg.multiway.edge_selection import EdgeSelection
 from dqreg.multiway.edges import PART, Edge, better, is_refused, is_weak
 from dqreg.multiway.overlap import overlap_matrix
 from dqreg.multiway.pair_runs import PairJob, PairRunner
-from dqreg.multiway.pairs import Pair, alike_pairs
+from dqreg.multiway.pairs import Order, Pair, alike_pairs
 from dqreg.multiway.scans import typical_size
 from dqreg.multiway.starts import FAR, FAR_RAD
 from dqreg.multiway.turntable import on_turntable
@@ -25,7 +25,7 @@ ROUNDS, NEIGHBOURS = 2, 6
 
 
 def first_edges(
-    runner: PairRunner, pairs: Sequence[Pair], known: Sequence[FloatArray | None], order: str, *, automatic: bool
+    runner: PairRunner, pairs: Sequence[Pair], known: Sequence[FloatArray | None], order: Order, *, automatic: bool
 ) -> list[Edge]:
     """All edges that do not ask where other edges put the scans."""
     usable = [k for k, view in enumerate(runner.views) if view.usable]
@@ -79,7 +79,7 @@ def _is_far(runner: PairRunner, edge: Edge, start: FloatArray) -> bool:
     return float(pose.angle_between(start, T)) > FAR_RAD or shift > FAR * typical_size(runner.views)
 
 
-def _between(known: Sequence[FloatArray | None], i: int, j: int, order: str) -> FloatArray | None:
+def _between(known: Sequence[FloatArray | None], i: int, j: int, order: Order) -> FloatArray | None:
     T_i, T_j = known[i], known[j]
     if T_i is not None and T_j is not None:
         return pose.inverse(T_i) @ T_j

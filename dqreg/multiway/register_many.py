@@ -19,7 +19,7 @@ from dqreg.multiway.equal_steps import EqualSteps
 from dqreg.multiway.outlier_scans import Judge, without_foreign, without_misfits
 from dqreg.multiway.overlap import overlap_matrix
 from dqreg.multiway.pair_runs import PairRunner, Progress, workers_of
-from dqreg.multiway.pairs import asked_pairs
+from dqreg.multiway.pairs import Edges, Order, asked_pairs
 from dqreg.multiway.plan import first_edges, rescued
 from dqreg.multiway.refine import refined
 from dqreg.multiway.result import Multiway
@@ -42,8 +42,8 @@ def register_many(
     target: Any = None,
     starts: Any = None,
     viewpoints: Any = None,
-    edges: Any = "auto",
-    order: str = "any",
+    edges: Edges = "auto",
+    order: Order = "any",
     anchor: int = 0,
     effort: Effort = "normal",
     seed: int = 0,

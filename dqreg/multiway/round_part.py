@@ -17,7 +17,7 @@ from dqreg._arrays import FloatArray
 from dqreg.multiway.confirm import joined_by
 from dqreg.multiway.edges import PART, Edge, graph_of, is_refused
 from dqreg.multiway.pair_runs import PairJob, PairRunner
-from dqreg.multiway.pairs import Pair
+from dqreg.multiway.pairs import Order, Pair
 from dqreg.multiway.refine import Refined
 from dqreg.multiway.scans import typical_size
 from dqreg.multiway.wobble import Line, moved_line, wobble
@@ -64,7 +64,7 @@ class RoundPart:
 
 
 def laid_by_angles(
-    runner: PairRunner, edges: list[Edge], known: Sequence[FloatArray | None], order: str
+    runner: PairRunner, edges: list[Edge], known: Sequence[FloatArray | None], order: Order
 ) -> tuple[list[Edge], RoundPart | None]:
     """The edges, at angles that fit together where the part looks round; else as they are."""
     lines = [(edge, line) for edge in edges if (line := _line_of(edge)) is not None]

@@ -19,6 +19,7 @@ from dqreg.geometry.normals import orient_towards
 from dqreg.multiway.bodies import Body
 from dqreg.multiway.edges import PART, Edge, EdgeCode
 from dqreg.multiway.free_space import FreeSpace
+from dqreg.multiway.pairs import Order
 from dqreg.multiway.scans import View
 from dqreg.multiway.viewpoints import Viewpoint, Viewpoints, common_viewpoints, given_viewpoints
 from dqreg.rigid import pose
@@ -48,7 +49,7 @@ def body_of(view: View, viewpoint: Viewpoint | None) -> Body:
     return Body(scan, CloudSurface(cloud, view.surface.fitted, derived=True), view.origin)
 
 
-def viewpoints_of(views: Sequence[View], order: str, edges: Sequence[Edge] = ()) -> Viewpoints:
+def viewpoints_of(views: Sequence[View], order: Order, edges: Sequence[Edge] = ()) -> Viewpoints:
     """Where each scan was taken from; None where nothing tells.
 
     A line of sight that serves all scans is one where accepted pairs agree with it; on a turntable it is one in any
@@ -92,7 +93,7 @@ class Sides:
     known: dict[tuple[int, int, bytes], EdgeCode | None] = dataclasses.field(default_factory=dict)
 
     @staticmethod
-    def of(views: Sequence[View], order: str, edges: Sequence[Edge] = ()) -> Sides:
+    def of(views: Sequence[View], order: Order, edges: Sequence[Edge] = ()) -> Sides:
         """Scans of a known order; accepted edges may tell where the scanner stood."""
         viewpoints = viewpoints_of(views, order, edges)
         bodies = [

@@ -14,6 +14,7 @@ from dqreg.multiway.round_part import RoundPart
 from dqreg.multiway.scans import View, typical_size
 from dqreg.multiway.symmetric_part import symmetric_axis
 from dqreg.rigid import DualQuaternion, pose
+from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 
 # Points of a view that are looked at, views, and rounds of the fit of the axis.
 POINTS, VIEWS, ROUNDS = 1_500, 6, 15
@@ -164,7 +165,7 @@ def axis_of_revolution(points: FloatArray, normals: FloatArray, size: float) -> 
         axis = np.linalg.eigh(squares[:3, :3] + squares[:3, 3:] @ shift)[1][:, 0]
         missed = np.abs(rows @ np.r_[axis, shift @ axis])
         point = centre + size * np.cross(axis, shift @ axis)
-        scale = max(1.4826 * float(np.median(missed)), 0.25 * ROUND)
+        scale = max(GAUSSIAN_MEDIAN * float(np.median(missed)), 0.25 * ROUND)
         weights = 1.0 / (1.0 + (missed / (2.0 * scale)) ** 2) ** 2
     return axis, point, float(np.mean(missed < ROUND))
 

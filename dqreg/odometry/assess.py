@@ -21,7 +21,7 @@ from dqreg.rigid import single_pose
 from dqreg.solvers.row_sums import MotionSums
 from dqreg.solvers.status import Status
 from dqreg.trust import Evidence, Information, information_of, judge
-from dqreg.trust.records import Reason, Verdict
+from dqreg.trust.records import Code, Reason, Verdict
 
 # Fraction of inliers below which there is no pose to speak of: a frame of another place reaches 0.3.
 LOST = 1.0 / 3.0
@@ -166,10 +166,9 @@ def across_normals(motions: FloatArray, arms: FloatArray, normals: FloatArray, w
     none, all_rows = np.zeros(len(arms)), np.zeros(1, dtype=np.int64)
     along = MotionSums.of(arms, normals, normals, none, weights, np.zeros(3), 1.0, all_rows, np.eye(6)).information()
     weighed = arms * weights[:, None]
-    x, y, z = np.einsum("ij->j", weighed)
     second, whole = product(weighed.T, arms), float(weights.sum()) * np.eye(6)
     whole[:3, :3] = np.trace(second) * np.eye(3) - second
-    whole[:3, 3:] = [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
+    whole[:3, 3:] = single_pose.cross_matrix(*np.einsum("ij->j", weighed))
     whole[3:, :3] = whole[:3, 3:].T
     across = whole - along
     return np.asarray(np.einsum("ik,ij,jk->k", motions, across, motions))
@@ -188,14 +187,16 @@ def _without(information: Information, motion: FloatArray) -> Information:
 
 
 # Reasons after which the place of a frame is not known.
-LOOSE = {
-    "unconstrained",
-    "alternative_poses",
-    "low_inlier_fraction",
-    "falling_inlier_fraction",
-    "lost",
-    "no_correspondences",
-}
+PLACE_UNKNOWN: frozenset[Code] = frozenset(
+    {
+        "unconstrained",
+        "alternative_poses",
+        "low_inlier_fraction",
+        "falling_inlier_fraction",
+        "lost",
+        "no_correspondences",
+    }
+)
 
 
 class MapLink:
@@ -212,7 +213,7 @@ class MapLink:
         if self._frame is not None and not self._for_good and accepted and not place.is_weak:
             self._frame = None
         before = self._frame
-        if before is None and LOOSE.intersection(result.verdict.codes):
+        if before is None and PLACE_UNKNOWN.intersection(result.verdict.codes):
             merged = place.is_escaped or fits
             self._for_good = merged
             self._frame = number if merged or place.is_weak else None

@@ -25,6 +25,7 @@ from dqreg.odometry.kiss import rigid
 from dqreg.odometry.map_surface import CellPlanes, MapSurface
 from dqreg.odometry.sweep import swept_by
 from dqreg.rigid import single_pose
+from dqreg.solvers.robust import LEAST_FRACTION
 from dqreg.solvers.status import Status
 
 # A step that is so much shorter than the way since the search waits for the next search.
@@ -126,11 +127,16 @@ def _steps(
     found, scan, T = pairs.closest, pairs.scan, pairs.T_target_source.copy()
     weights, figures = np.zeros(len(scan)), np.zeros(FIGURES)
     angle = min(max(math.pi * mixture.scale / mixture.limit, NEAR_ANGLE_RAD), 0.5 * math.pi)
-    scales = mixture.scale, mixture.inlier_fraction, ends[0], STEEPEST
-    limits = np.array([mixture.limit, math.cos(angle), *scales, *ends[1:3], float(how.cells), ends[3]])
+    limits = _limits(mixture, ends, math.cos(angle), float(how.cells))
     points, own = as_plain(scan.points), as_plain(scan._gating)
     step_on_planes(points, own, *_planes(found), limits, how.steps, T, weights, figures)
     return T, weights, figures
+
+
+def _limits(mixture: InlierMixture, ends: tuple[float, float, float, float], *own: float) -> FloatArray:
+    """Limits in the order of `plane_steps`, a kernel's own after those of both."""
+    learned = mixture.scale, mixture.inlier_fraction, mixture.limit, LEAST_FRACTION
+    return np.array([*learned, ends[0], STEEPEST, *ends[1:], *own])
 
 
 def _planes(found: Closest) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -172,10 +178,7 @@ class Sweep:
         self._frame.whole.begin()
         found, scan, T = pairs.closest, pairs.scan, pairs.T_target_source.copy()
         weights, figures, change = np.zeros(len(scan)), np.zeros(FIGURES), np.zeros(6)
-        limits = np.array(
-            [mixture.limit, mixture.scale, mixture.inlier_fraction, ends[0], STEEPEST, *ends[1:3], HELD, ends[3]]
-        )
-        planes, points = _planes(found), as_plain(scan.points)
+        planes, points, limits = _planes(found), as_plain(scan.points), _limits(mixture, ends, HELD)
         step_on_planes_of_sweep(points, self._back, *planes, limits, how.steps, T, change, weights, figures)
         self.is_still = off_at(self._frame.reach, change) <= self._worthwhile
         self._step = self._step + change

@@ -27,6 +27,7 @@ from dqreg.registration.rivals import gain_if_freed, is_scene
 from dqreg.registration.slides import SLIDE, slide_of
 from dqreg.rigid import pose
 from dqreg.solvers.motion_words import Vector
+from dqreg.solvers.search_stage import SearchStage
 from dqreg.trust import (
     Evidence,
     Information,
@@ -107,7 +108,7 @@ def evidence_of(
     uncertainty: Uncertainty,
     alternatives: tuple[Alternative, ...] = (),
     *,
-    search: str = "",
+    search: SearchStage = "",
     mirror_gain: float = -np.inf,
 ) -> Evidence:
     """All that the verdict on a fit is made of; see `Evidence` for the meaning of each number."""

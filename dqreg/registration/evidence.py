@@ -17,7 +17,7 @@ from dqreg.geometry.vector_rows import nonzero_rows
 from dqreg.icp import Alignment, Correspondences, smallest_kernel_scale
 from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.icp.rejectors import at_boundary
-from dqreg.registration.evenly_asked import LATE_POINTS, evenly_asked
+from dqreg.registration.even_correspondences import LATE_POINTS, evenly_asked
 from dqreg.registration.local_evidence import LocalEvidence, share
 from dqreg.registration.surroundings import TOGETHER, Surroundings, displaced_of, surroundings_of
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
@@ -41,6 +41,11 @@ USUAL, LEAST = 3.0, 3e-4
 STRAINED, SOME_STRAYS = 3_000, 0.05
 
 
+def near_limit(max_distance: float) -> float:
+    """Distance within which a point counts as the part's."""
+    return NEAR * max_distance
+
+
 def agreement_of(
     run: Alignment,
     scan: Scan,
@@ -58,7 +63,7 @@ def agreement_of(
     that came with a cloud are witnesses of their own.
     """
     mixture = run.mixture
-    near = NEAR * max_distance
+    near = near_limit(max_distance)
     width = min(INLIER_SIGMAS * mixture.scale, near)
     pairs = evenly_asked(run, scan, surface, mixture.scale) if pairs is None else pairs
     on = pairs.distances <= width
@@ -112,7 +117,7 @@ def agreement_in_time(
     run: Alignment, scan: Scan, surface: Surface, max_distance: float, *, has_border: bool = False
 ) -> Evidence:
     """The same where the time is up and no pose is accepted: how many points are inliers, and how far off they are."""
-    scale, near = run.mixture.scale, NEAR * max_distance
+    scale, near = run.mixture.scale, near_limit(max_distance)
     pairs = evenly_asked(run, scan, surface, scale, LATE_POINTS)
     border = surface, scale, min(INLIER_SIGMAS * scale, near), near
     close = _within_border(pairs, *border) if has_border else pairs.distances <= near
@@ -125,7 +130,7 @@ def _counted(
     run: Alignment, surface: Surface, pairs: Correspondences, close: BoolArray, max_distance: float, *, has_border: bool
 ) -> Evidence:
     """How many points are inliers, of those that count, (n,), and how far off they are; nothing else is known."""
-    near = NEAR * max_distance
+    near = near_limit(max_distance)
     on = pairs.distances <= min(INLIER_SIGMAS * run.mixture.scale, near)
     here, aside = np.flatnonzero(on), pairs.point_to_plane[on]
     return Evidence(

@@ -41,6 +41,7 @@ from dqreg.rigid import pose
 from dqreg.solvers.status import INTERRUPTED
 from dqreg.trust.evidence import Evidence
 from dqreg.trust.limits import own_noise
+from dqreg.trust.records import Code
 
 # Fraction of the points near a part that lie off it beyond which the same is done: right poses leave 0.002, and half
 # of the strays. Fewer than the verdict allows are evidence where they are no strays.
@@ -50,7 +51,7 @@ DOUBTFUL_TOGETHER_SHARE = 5e-3
 # Fraction of all points off the target, of a scan that is no scene with the part in it, from which on the same is done.
 DOUBTFUL_OFF_TARGET_SHARE = 0.15
 # Reasons of a verdict that another pose cannot mend.
-REASONS_OF_SCAN: frozenset[str] = frozenset({"unconstrained", "alternative_poses", "outliers", "not_converged"})
+REASONS_OF_SCAN: frozenset[Code] = frozenset({"unconstrained", "alternative_poses", "outliers", "not_converged"})
 # Poses within so much of the best mean log-likelihood explain the scan about as well; within so many standard errors,
 # and what is left of refinements that have not quite ended, they are as likely as the best.
 EQUAL_LOG_LIKELIHOOD, EQUAL_SIGMAS = 0.02, 3.0
@@ -66,7 +67,7 @@ DOUBTFUL: dict[bool, Key[bool]] = {False: Key(), True: Key()}
 
 
 @dataclasses.dataclass(frozen=True)
-class Known:
+class BestPoses:
     """The best of the poses that are known."""
 
     fit: Fit
@@ -75,10 +76,10 @@ class Known:
     turned: FloatArray = dataclasses.field(default_factory=lambda: NO_POSES)  # (k, 4, 4): Turns of a ring as likely
 
 
-def best_known(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
+def best_known(fit: Fit, start: InitialPose, search: GlobalSearch) -> BestPoses:
     """The best of a fit and, where that is in doubt, of what a global search finds."""
     problem, is_given = fit.problem, fit.problem.start is not None
-    known = Known(fit, start.others)
+    known = BestPoses(fit, start.others)
     if problem.watch.is_over or fit.run.status in INTERRUPTED or not start.is_judged:
         return known
     if is_given and not may_search(fit):
@@ -87,7 +88,7 @@ def best_known(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
     beside = np.concatenate([start.others, start.unlikely])
     kernel_scale = search.kernel_scale if problem.options.method == "auto" else None
     if not is_asked and ((not is_given and not len(beside)) or not is_doubtful(fit)):
-        return Known(fit, but_on_the_way(fit, start.others, kernel_scale))
+        return BestPoses(fit, but_on_the_way(fit, start.others, kernel_scale))
     if is_given:
         found = search.candidates(_compared(fit))
         others = np.array([c.T_target_source for c in found]).reshape(-1, 4, 4)
@@ -177,7 +178,7 @@ def is_sound(fit: Fit, *, ask_mirror: bool = False) -> bool:
     evidence = evidence_of(fit, uncertainty_of(fit), mirror_gain=gain)
     verdict = verdict_on(fit, evidence)
     # A wrong pose of two clouds often lies on one face, where the right one would have more.
-    between = {"unconstrained"} if fit.target.kind == "cloud" else set()
+    between: set[Code] = {"unconstrained"} if fit.target.kind == "cloud" else set()
     return verdict.level == "accepted" or (REASONS_OF_SCAN - between).issuperset(verdict.codes)
 
 
@@ -190,15 +191,15 @@ def _was_near(fit: Fit) -> bool:
     return bool(given is None or np.median(distances) <= fit.problem.reach(fit.prepared))
 
 
-def _best(fits: list[Fit], start: FloatArray | None) -> Known:
+def _best(fits: list[Fit], start: FloatArray | None) -> BestPoses:
     """The first fit, or another one that nothing speaks against or that explains the scan better."""
     found = [fit for fit in fits if fit.found]
     if not found:
-        return Known(fits[0], NO_POSES, searched=True)
+        return BestPoses(fits[0], NO_POSES, searched=True)
     candidates = _Candidates(found, start, has_first=found[0] is fits[0])
     best = candidates.best()
     others = np.array([found[k].T_target_source for k in candidates.equals_of(best)]).reshape(-1, 4, 4)
-    return Known(found[best], others, searched=True)
+    return BestPoses(found[best], others, searched=True)
 
 
 class _Candidates:

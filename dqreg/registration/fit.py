@@ -30,7 +30,7 @@ from dqreg.icp.history import Iteration
 from dqreg.icp.noise_by_face import weights_by_face
 from dqreg.registration.constraints import PoseConstraints
 from dqreg.registration.derived import Derived, Key
-from dqreg.registration.evenly_asked import evenly_asked
+from dqreg.registration.even_correspondences import evenly_asked
 from dqreg.registration.evidence import agreement_in_time, agreement_of
 from dqreg.registration.held_motions import own_normals, stretch_of
 from dqreg.registration.prepared import Prepared

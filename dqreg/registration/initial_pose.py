@@ -18,6 +18,7 @@ from dqreg.registration.prepared import Prepared
 from dqreg.registration.problem import Problem
 from dqreg.registration.target_index import TargetIndex
 from dqreg.search import Candidate, search
+from dqreg.solvers.search_stage import SearchStage, is_finished
 from dqreg.trust.rays import BothRays
 
 # How near the global search comes to the pose, in diagonals of the target.
@@ -89,14 +90,14 @@ class InitialPose:
     T_target_source: FloatArray  # (4, 4): Between the centred frames
     kernel_scale: float | None = None  # Scale of the kernel to start with; None where the loop finds it
     others: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((0, 4, 4)))  # (k, 4, 4): Equally likely
-    search: str = ""  # Stage in which the search ended; empty where there was none
+    search: SearchStage = ""  # Stage in which the search ended
     # (k, 4, 4): Poses in a scene that explain less of it, one of which may be the part's
     unlikely: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((0, 4, 4)))
 
     @property
     def is_judged(self) -> bool:
         """Whether no time limit ended the search for it."""
-        return self.search in ("", "judged")
+        return is_finished(self.search)
 
 
 def initial_pose(problem: Problem, global_search: GlobalSearch) -> InitialPose:

@@ -11,9 +11,9 @@ import numpy as np
 
 from dqreg.errors import InputError
 from dqreg.inspection import Characteristic, Decision, Deviations, Inspection, Plan, decide, inspect
-from dqreg.inspection.decision import REQUIRED_SHARE, worst_of
+from dqreg.inspection.decision import worst_of
 from dqreg.inspection.regions import Outcome
-from dqreg.inspection.tolerances import Tolerance, limits_at, tolerance_of
+from dqreg.inspection.tolerances import REQUIRED_SHARE, Tolerance, limits_at, tolerance_of
 from dqreg.registration.result import Registration
 from dqreg.report.decision_rows import DecisionRow, decision_rows
 

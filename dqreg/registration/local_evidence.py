@@ -12,7 +12,7 @@ from dqreg.geometry import CloudSurface, Scan, Surface
 from dqreg.geometry.vector_rows import nonzero_rows, row_dots
 from dqreg.icp import Alignment, Correspondences, smallest_kernel_scale
 from dqreg.icp.coarse_to_fine import noise_on
-from dqreg.registration.evenly_asked import fitted_pairs
+from dqreg.registration.even_correspondences import fitted_pairs
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 from dqreg.trust.limits import DISAGREEING_NORMAL_SHARE
 from dqreg.trust.neighbourhoods import DISAGREEING_COS, MAX_ROUGHNESS, Neighbourhoods, apart_in_cells

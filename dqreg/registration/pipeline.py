@@ -24,10 +24,10 @@ from dqreg.registration.assess import (
     without_drift,
 )
 from dqreg.registration.common_faces import on_common_faces
-from dqreg.registration.fallback import Known, best_known, is_doubtful, meant_copy
+from dqreg.registration.continued_fit import all_points_say_more, in_doubt_on_all_points, on_all_points, settled
+from dqreg.registration.fallback import BestPoses, best_known, is_doubtful, meant_copy
 from dqreg.registration.fit import Fit, coarse_to_fine
 from dqreg.registration.free_space import viewpoint_behind
-from dqreg.registration.going_on import all_points_say_more, in_doubt_on_all_points, on_all_points, settled
 from dqreg.registration.initial_pose import GlobalSearch, InitialPose, initial_pose
 from dqreg.registration.prepared import Prepared
 from dqreg.registration.problem import Problem, SourceAndTarget
@@ -45,6 +45,7 @@ from dqreg.registration.same_poses import but_on_the_way
 from dqreg.registration.slides import without_slide
 from dqreg.registration.visibility import on_visible_faces
 from dqreg.registration.wall_sides import equal_sides, on_best_sides
+from dqreg.solvers.search_stage import SearchStage
 from dqreg.trust import judge
 from dqreg.trust.records import Alternative, Reason, Verdict
 
@@ -115,7 +116,7 @@ def seen_alone(fit: Fit) -> Fit:
         return on_visible_faces(fit, fit.problem.viewpoints)
 
 
-def concluded(fit: Fit, known: Known, search: str, gain: float) -> Registration:
+def concluded(fit: Fit, known: BestPoses, search: SearchStage, gain: float) -> Registration:
     """The answer; where the time is up before all is known that two clouds say, as of a loop that the limit ended."""
     found, deadline = None, fit.problem.watch.deadline
     with suppress(TimeUpError), until(deadline if fit.problem.target.kind == "cloud" else np.inf):
@@ -127,7 +128,9 @@ def concluded(fit: Fit, known: Known, search: str, gain: float) -> Registration:
     return registration_of(fit, *found)
 
 
-def judged(fit: Fit, known: Known, search: str, gain: float) -> tuple[Uncertainty, Verdict, tuple[Alternative, ...]]:
+def judged(
+    fit: Fit, known: BestPoses, search: SearchStage, gain: float
+) -> tuple[Uncertainty, Verdict, tuple[Alternative, ...]]:
     """How sure a fit is, and the other poses known that explain the scan as well."""
     uncertainty = uncertainty_of(fit)
     alternatives = alternatives_of(fit, known.others, equal_sides(fit), known.turned)
@@ -145,23 +148,23 @@ def not_judged(fit: Fit) -> Registration:
     return registration_of(fit, uncertainty, verdict, ())
 
 
-def second_try(fit: Fit, start: InitialPose, search: GlobalSearch) -> Known:
+def second_try(fit: Fit, start: InitialPose, search: GlobalSearch) -> BestPoses:
     """The best of a fit, its near symmetries and, where that is in doubt, of a search; of what there is time for.
 
     Each step may be the last one, where the time is up: what is known after it is the answer.
     """
     is_given, kernel_scale = fit.problem.start is not None, search.kernel_scale
     T_given = start.T_target_source if is_given else None
-    known, equals = Known(fit, start.others), NO_POSES
+    known, equals = BestPoses(fit, start.others), NO_POSES
     with suppress(TimeUpError), until(fit.problem.watch.deadline):
         fit, _ = without_slide(down_to_noise(fit))
-        known = Known(fit, start.others)
+        known = BestPoses(fit, start.others)
         if T_given is not None:
             begin_judging(fit)
             fit, equals = best_near_symmetric(fit, kernel_scale)
             # What is asked of a pose is asked of the answer, with its unconstrained motions as they were given.
             fit = without_drift(fit, T_given)
-            known = Known(fit, start.others)
+            known = BestPoses(fit, start.others)
         fit = in_doubt_on_all_points(fit)
         known = best_known(fit, start, search)
         if is_doubtful(known.fit):

@@ -18,7 +18,7 @@ from dqreg.registration.aligned import Alignment, after_alignment
 from dqreg.registration.invariants import as_failed, violated_invariant
 from dqreg.registration.problem import SourceAndTarget
 from dqreg.registration.result_json import as_text, read_fields, to_plain
-from dqreg.registration.shown_result import ShownResult
+from dqreg.registration.result_views import ShownResult
 from dqreg.registration.uncertain_pose import UncertainPose
 from dqreg.solvers.status import Status
 from dqreg.trust.records import Alternative, Direction, Verdict

@@ -9,7 +9,7 @@ from dqreg.geometry import Mesh, MeshSurface
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.registration.derived import Key
-from dqreg.registration.evidence import NEAR
+from dqreg.registration.evidence import near_limit
 from dqreg.registration.fit import Fit
 from dqreg.registration.free_space import both_rays, met_at, met_by
 from dqreg.registration.near_places import is_same_place, near_maps
@@ -58,24 +58,21 @@ NO_POSES: FloatArray = np.zeros((0, 4, 4))
 
 def limit_of(fit: Fit) -> float:
     """Distance beyond which a point is an outlier to a comparison of poses, whatever ``max_distance`` was given."""
-    return NEAR * fit.problem.reach(fit.prepared)
+    return near_limit(fit.problem.reach(fit.prepared))
 
 
-def scores_of(fit: Fit, poses: FloatArray, count: int = JUDGING_POINTS, narrowest: float = np.inf) -> PoseScores:
+def scores_of(fit: Fit, poses: FloatArray, count: int = JUDGING_POINTS) -> PoseScores:
     """How some poses, (k, 4, 4), explain those of so many points of the scan that one of them puts on the target.
 
-    What lies on it under none is another object, the same to all; among much of it no difference would be left. The
-    width of the distances may be as narrow as the scan's noise asks for, or as given.
+    What lies on it under none is another object, the same to all; among much of it no difference would be left.
     """
-    return scores_and_rows(fit, poses, count, narrowest)[0]
+    return scores_and_rows(fit, poses, count)[0]
 
 
-def scores_and_rows(
-    fit: Fit, poses: FloatArray, count: int = JUDGING_POINTS, narrowest: float = np.inf
-) -> tuple[PoseScores, IntArray]:
+def scores_and_rows(fit: Fit, poses: FloatArray, count: int = JUDGING_POINTS) -> tuple[PoseScores, IntArray]:
     """The same, and which points of the scan they are of."""
     rows = sample_rows(len(fit.prepared.scan), count)
-    scores, on = _of_those_on(fit, _distances(fit, poses, rows), narrowest)
+    scores, on = _of_those_on(fit, _distances(fit, poses, rows))
     return scores, rows[on]
 
 
@@ -88,7 +85,7 @@ def _distances(fit: Fit, poses: FloatArray, rows: IntArray) -> FloatArray:
 def _of_those_on(fit: Fit, distances: FloatArray, narrowest: float = np.inf) -> tuple[PoseScores, BoolArray]:
     """Scores of poses with such distances, (k, n), by the points that one of them puts on the target; and which, (n,).
 
-    By all where none does.
+    By all where none does. The width of the distances may be as narrow as the scan's noise asks for, or as given.
     """
     scores = scored(distances, limit_of(fit), min(fit.floor, narrowest))
     on = scores.distances.min(axis=0) <= INLIER_SIGMAS * scores.width
@@ -269,7 +266,7 @@ def _some_apart(fit: Fit) -> bool:
         # Rows that stand for many points scatter less than those of one: beside them each of these would seem far.
         pairs = fit.evenly_asked()
     size = surface.diagonal
-    near = pairs.distances <= NEAR * fit.problem.reach(fit.prepared)
+    near = pairs.distances <= limit_of(fit)
     aside = np.abs(pairs.point_to_plane[near])
     # Where more than half are beyond a length, so is the median: of noise about the width, that settles it.
     least = BELOW_MEDIAN_SIGMAS * fit.run.mixture.scale

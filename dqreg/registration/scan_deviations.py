@@ -9,7 +9,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.inspection import Deviations, measure_deviations
-from dqreg.registration.evidence import NEAR
+from dqreg.registration.evidence import near_limit
 from dqreg.registration.problem import SourceAndTarget
 
 
@@ -37,7 +37,7 @@ def scan_deviations(
         origin=target.origin,
         reach=reach,
         # A result of old has the largest distance of a correspondence alone.
-        limit=settings.get("reach", NEAR * settings["max_distance"]),
+        limit=settings.get("reach", near_limit(settings["max_distance"])),
         units=settings.get("target_units"),
         spacing=settings.get("source_spacing"),
         noise=None if keep else settings.get("source_noise"),

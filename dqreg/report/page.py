@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from dqreg.files.strict_json import plain
 from dqreg.inspection import Decision, Deviations, Inspection, PlannedReport
-from dqreg.inspection.decision import REQUIRED_SHARE
+from dqreg.inspection.tolerances import REQUIRED_SHARE
 from dqreg.report import page_tables as tables
 from dqreg.report.cameras import VIEWS
 from dqreg.report.charts import NARROW, WIDE, convergence

@@ -29,6 +29,8 @@ STATES = ("deviation", "before", "after")
 MOST_POINTS = 400_000
 # Pixels of an inch, and the colours of paper and words.
 PER_INCH = 100
+# Of a panel of a picture that is saved.
+WIDTH, HEIGHT = 900, 640
 PAPER, INK, PENCIL = "#ffffff", "#1a1c20", "#5a5f68"
 MARGIN = 14
 TITLE_HEIGHT, LEGEND_HEIGHT = 44, 86
@@ -56,7 +58,9 @@ def parse_panels(text: str) -> tuple[Panel, ...]:
     return tuple(panels)
 
 
-def draw(data: ReportData, panels: Sequence[Panel], width: int = 900, height: int = 640, columns: int = 2) -> Figure:
+def draw(
+    data: ReportData, panels: Sequence[Panel], width: int = WIDTH, height: int = HEIGHT, columns: int = 2
+) -> Figure:
     """A picture of several panels."""
     columns = min(columns, len(panels))
     rows = -(-len(panels) // columns)
@@ -75,12 +79,10 @@ def draw(data: ReportData, panels: Sequence[Panel], width: int = 900, height: in
     return figure
 
 
-def save_picture(
-    data: ReportData, path: str | Path, panels: Sequence[Panel], width: int = 900, height: int = 640
-) -> None:
+def save_picture(data: ReportData, path: str | Path, panels: Sequence[Panel]) -> None:
     """Write a picture, whole or not at all."""
     goal = picture_path(path)
-    figure = draw(data, panels, width, height)
+    figure = draw(data, panels)
     write_atomically(goal, encode(figure, "png" if goal.suffix.lower() == ".png" else "jpeg"))
 
 

@@ -17,10 +17,11 @@ from rich.table import Table
 from rich.text import Text
 
 from dqreg.icp.history import Iteration, Stage
+from dqreg.solvers.search_stage import SearchStage
 
 # Share of the time that is usually gone when a stage of the search ends, from reading to the verdict: measured on the
 # scan that ships with dqreg.
-SEARCHED = {
+SEARCHED: dict[SearchStage, float] = {
     "proposed": 0.35,
     "screened": 0.38,
     "refined roughly": 0.42,
@@ -55,7 +56,7 @@ class Steps:
         if self.began is None:
             object.__setattr__(self, "began", self._time())
 
-    def searched(self, name: str, words: str) -> Steps:
+    def searched(self, name: SearchStage, words: str) -> Steps:
         """After a stage of the search."""
         names = list(SEARCHED)
         at = names.index(name) if name in names else len(names) - 1
@@ -121,7 +122,7 @@ COLUMNS = ("iteration", "stage", "points", "inliers", "rms", "kernel", "rotation
 LENGTHS = ("rms", "kernel")
 READING = "reading and measuring source and target"
 # What the search does after each of its stages.
-NEXT = {
+NEXT: dict[SearchStage, str] = {
     "proposed": "screening {} poses",
     "screened": "refining {} poses roughly",
     "refined roughly": "refining {} poses",

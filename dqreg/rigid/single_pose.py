@@ -33,6 +33,11 @@ def apply(T: FloatArray, points: FloatArray) -> FloatArray:
     return moved
 
 
+def cross_matrix(x: float, y: float, z: float) -> FloatArray:
+    """Matrix of the cross product with one vector from the left, (3, 3)."""
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
 def exp(twist: FloatArray) -> FloatArray:
     """Pose of one screw motion. Shapes: twist (6,), returns (4, 4)."""
     u, v, w, x, y, z = twist.tolist()
@@ -41,7 +46,7 @@ def exp(twist: FloatArray) -> FloatArray:
     one = 1.0 - angle**2 / 6.0 if small else math.sin(angle) / angle
     two = 0.5 - angle**2 / 24.0 if small else 2.0 * (math.sin(0.5 * angle) / angle) ** 2
     three = 1.0 / 6.0 - angle**2 / 120.0 if small else (1.0 - one) / angle**2
-    W = np.array([[0.0, -w, v], [w, 0.0, -u], [-v, u, 0.0]])
+    W = cross_matrix(u, v, w)
     square = W @ W
     T = _IDENTITY.copy()
     T[:3, 3] = (T[:3, :3] + two * W + three * square) @ (x, y, z)

@@ -83,10 +83,8 @@ class Planes:
         return float(sum(share.sum() for share in self.shares))
 
 
-def plane_maps(
-    scan: Planes, target: Planes, size: float, *, mirrored: bool = False, reaching: FloatArray | None = None
-) -> FloatArray:
-    """Motions, or improper ones, that put the planes of a scan at its pose into others of a target, (k, 4, 4).
+def plane_maps(scan: Planes, target: Planes, size: float, *, reaching: FloatArray | None = None) -> FloatArray:
+    """Motions that put the planes of a scan at its pose into others of a target, (k, 4, 4).
 
     What planes along two directions leave open, the ends of both may close, given points, (n, 3), of those of the scan.
     """
@@ -96,7 +94,7 @@ def plane_maps(
     laid: Laid = {}
     found = [
         lost_and_map
-        for R in _rotations(scan, target, mirrored=mirrored)
+        for R in _rotations(scan, target)
         for lost_and_map in _shifted(R, scan, target, ends, SAME_PLANE_DIAGONALS * size, laid, reaching)
     ]
     middle = scan.points.mean(axis=0)
@@ -129,19 +127,19 @@ def _ends(heights: FloatArray, within: float) -> tuple[float, float]:
     return float(heights[beyond]) - within, float(heights[-1 - beyond]) + within
 
 
-def _rotations(scan: Planes, target: Planes, *, mirrored: bool) -> list[FloatArray]:
-    """Orthogonal matrices that lay the two largest directions of one shape along two of another."""
+def _rotations(scan: Planes, target: Planes) -> list[FloatArray]:
+    """Rotations that lay the two largest directions of one shape along two of another."""
     one = scan.directions[0]
     across = np.linalg.norm(np.cross(scan.directions, one), axis=1)
     other = scan.directions[int((across * [share.sum() for share in scan.shares]).argmax())]
-    back, third = _frame(one, other).T, -1.0 if mirrored else 1.0
+    back = _frame(one, other).T
     angles = np.arccos(np.clip(target.directions @ target.directions.T, -1.0, 1.0))
     least, found = np.arccos(np.clip(one @ other, -1.0, 1.0)), []
     for first, second in itertools.permutations(range(len(target.directions)), 2):
         for sign, angle in ((1.0, angles[first, second]), (-1.0, np.pi - angles[first, second])):
             if abs(angle - least) > SAME_DIRECTION_RAD:
                 continue
-            axes = _frame(target.directions[first], sign * target.directions[second]) * [1.0, 1.0, third]
+            axes = _frame(target.directions[first], sign * target.directions[second])
             # Both directions turned over leave what is across them.
             found += [axes @ back, axes * [-1.0, -1.0, 1.0] @ back]
     return found

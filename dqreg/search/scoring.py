@@ -36,6 +36,8 @@ CHANCE_LOG_RATIO = 20.0
 # A pose within so many standard errors of another one's mean log-likelihood is as likely, but never one farther behind
 # than the last number.
 EQUAL_SIGMAS, MAX_EQUAL_LOG_LIKELIHOOD = 2.0, 0.05
+# Blocks of neighbouring points whose errors are taken as independent.
+BLOCKS = 60
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,7 +54,7 @@ class PoseScores:
         means: FloatArray = self.likelihoods.mean(axis=1)
         return means
 
-    def deficit(self, best: int, blocks: int = 60) -> tuple[FloatArray, FloatArray]:
+    def deficit(self, best: int) -> tuple[FloatArray, FloatArray]:
         """Mean log-likelihood that each pose lacks against one of them, and the standard error of that.
 
         Only points that some pose puts near the target count: in a scene all others are the same to all poses. Errors
@@ -62,7 +64,7 @@ class PoseScores:
         near, gaps = self.distances.min(axis=0) < self.distances.max(), self.likelihoods[best] - self.likelihoods
         if near.any() and not near.all():
             gaps = gaps[:, near]
-        count = min(blocks, gaps.shape[1])
+        count = min(BLOCKS, gaps.shape[1])
         edges = np.arange(count + 1) * gaps.shape[1] // count
         means = np.add.reduceat(gaps, edges[:-1], axis=1) / np.diff(edges)
         error = means.std(axis=1, ddof=1) / np.sqrt(count) if count > 1 else np.zeros(len(gaps))

@@ -31,6 +31,7 @@ from dqreg.search.stages import (
     StageWatch,
     propose,
 )
+from dqreg.solvers.search_stage import SearchStage
 
 # Proposed poses that are compared where there is no time for more; those of the principal axes are fewer.
 HASTY_POSES, AXIS_POSES = 4_000, 48
@@ -50,7 +51,7 @@ class Candidate:
     T_target_source: FloatArray  # (4, 4): The pose after short refinements
     mean_nll: float  # Mean negative log-likelihood of the distances; the lower the better
     rms: float  # Truncated root mean square distance, a length
-    stage: str = "judged"  # The last stage that was finished: "judged", or what there was when the time was up
+    stage: SearchStage = "judged"  # The last stage that was finished
     # Whether it explains the scan about as well as the first one; in a scene the part may be where others explain more
     is_likely: bool = True
     # For a pose that is the first one followed by a symmetry of the part itself: its axis
@@ -80,7 +81,8 @@ def search(
     problem = SearchProblem(scan, surface, target, plan, table, rng, through)
     if known is not None and len(known):
         problem = dataclasses.replace(problem, known=Poses.of(known))
-    searched, reached = problem, "proposed"
+    searched = problem
+    reached: SearchStage = "proposed"
     back: Callable[[Poses], Poses] = _as_they_are
     poses: Poses | None = None
     # Far within a stage too; a clock that was given says nothing of this one.
@@ -121,7 +123,7 @@ def _smaller_in_larger(problem: SearchProblem) -> tuple[SearchProblem, Callable[
     return swapped, lambda poses: poses.inverse
 
 
-def _best(problem: SearchProblem, poses: Poses, stage: str) -> Poses:
+def _best(problem: SearchProblem, poses: Poses, stage: SearchStage) -> Poses:
     """The best alone; only the proposed ones are in no order, and of many a choice is compared."""
     if stage != "proposed":
         return poses.first(1)
@@ -137,7 +139,7 @@ def _best(problem: SearchProblem, poses: Poses, stage: str) -> Poses:
     return poses[np.argsort(-gains, kind="stable")[:1]]
 
 
-def _best_so_far(problem: SearchProblem, poses: Poses, stage: str) -> tuple[Candidate, ...]:
+def _best_so_far(problem: SearchProblem, poses: Poses, stage: SearchStage) -> tuple[Candidate, ...]:
     """The first pose alone: there was no time to compare."""
     if not len(poses):
         return ()
@@ -173,6 +175,6 @@ def _equally_likely(problem: SearchProblem, poses: Poses) -> tuple[Candidate, ..
     return tuple(found)
 
 
-def _candidate(poses: Poses, scores: PoseScores, row: int, stage: str) -> Candidate:
+def _candidate(poses: Poses, scores: PoseScores, row: int, stage: SearchStage) -> Candidate:
     rms = float(np.sqrt((scores.distances[row] ** 2).mean()))
     return Candidate(pose.from_parts(poses.R[row], poses.t[row]), float(-scores.means[row]), rms, stage)

@@ -16,6 +16,7 @@ from dqreg.search.fpfh import VOXEL_DIAGONALS, FpfhCloud, match_hypotheses
 from dqreg.search.pairs import pair_hypotheses
 from dqreg.search.poses import Poses
 from dqreg.search.problem import SearchProblem
+from dqreg.solvers.search_stage import SearchStage
 
 # Screening: points for all poses, where there are many, and the share of these that is left.
 FIRST_SCREEN_POINTS, FIRST_SCREEN_SHARE = 20, 0.25
@@ -91,7 +92,7 @@ class StageWatch:
         is_own = self._now is time.perf_counter
         return self._began + self._limit if is_own and self._limit is not None else np.inf
 
-    def is_over(self, stage: str, poses: Poses) -> bool:
+    def is_over(self, stage: SearchStage, poses: Poses) -> bool:
         """Report a finished stage; whether the search shall end here."""
         seconds = self._now() - self._began
         if self._observe is not None and self._observe(Stage(stage, len(poses), seconds)) is False:
@@ -181,7 +182,7 @@ def refine_finely(problem: SearchProblem, poses: Poses) -> Poses:
 
 
 # In their order, by the names that are reported.
-STAGES: tuple[tuple[str, Callable[[SearchProblem, Poses], Poses]], ...] = (
+STAGES: tuple[tuple[SearchStage, Callable[[SearchProblem, Poses], Poses]], ...] = (
     ("screened", screen),
     ("refined roughly", refine_roughly),
     ("refined", refine_on_target),

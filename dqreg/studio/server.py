@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dqreg.errors import DqregError, InputError
+from dqreg.files.strict_json import plain
 from dqreg.studio import uploads
-from dqreg.studio.equivalent_commands import cleaned_name
+from dqreg.studio.equivalent_commands import cleaned_name, commands_of
 from dqreg.studio.guard import REPORT_POLICY, App, Guard
 from dqreg.studio.plans import with_plan
 from dqreg.studio.sessions import NAMES, BrokenError, Session, Sessions, StoppedError
@@ -202,9 +203,6 @@ class Api:
 
 
 def _told(session: Session) -> Response:
-    from dqreg.files.strict_json import plain
-    from dqreg.studio.equivalent_commands import commands_of
-
     return _json(
         {
             "name": session.name,

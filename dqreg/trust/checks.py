@@ -81,9 +81,8 @@ def _free(evidence: Evidence) -> tuple[float, float]:
 
 
 def _uncertainty(evidence: Evidence) -> tuple[float, float]:
-    # A rotation as its displacement at half the diagonal.
-    sizes = {"rotation": limits.MAX_SIGMA_RAD / 2.0, "translation": limits.MAX_SIGMA_DIAGONALS}
-    known = [d.sigma / (sizes[d.kind] * evidence.size) for d in evidence.directions if d.kind in sizes]
+    most = limits.sigma_limits(evidence.size)
+    known = [d.sigma / most[d.kind] for d in evidence.directions if d.kind in most]
     return max((value for value in known if math.isfinite(value)), default=math.nan), 1.0
 
 
@@ -218,14 +217,20 @@ QUESTIONS: dict[Code, tuple[str, Relation, Unit, Figures]] = {
         lambda e: (e.random_ratio, limits.chance_limit(e)),
     ),
     "unconstrained": ("Unconstrained motions", "at most", "motions", _free),
-    "large_uncertainty": ("Standard deviation against 2 degrees or 2 % of the size", "at most", "times", _uncertainty),
+    "large_uncertainty": (
+        f"Standard deviation against {math.degrees(limits.MAX_SIGMA_RAD):g} degrees or "
+        f"{100.0 * limits.MAX_SIGMA_DIAGONALS:g} % of the size",
+        "at most",
+        "times",
+        _uncertainty,
+    ),
     "weakly_constrained": ("Points that constrain the weakest motion", "at least", "points", _carriers),
     "alternative_poses": ("Other poses that are equally likely", "at most", "poses", _others),
     "search_time_limit": ("The global search was finished", "at most", "", lambda e: (math.nan, 0.0)),
     "not_converged": ("ICP converged", "at most", "", lambda e: (math.nan, 0.0)),
 }
 # Answered without a figure.
-YES_OR_NO: Collection[Code] = ("search_time_limit", "not_converged")
+YES_OR_NO: frozenset[Code] = frozenset({"search_time_limit", "not_converged"})
 # Asked in place of the number of points where they are few.
 SLIDING: tuple[str, Relation, Unit, Figures] = (
     "Log-likelihood that a displacement along the weakest motion costs",

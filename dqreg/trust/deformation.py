@@ -6,15 +6,15 @@ only in the angles between them. All of them together are significant long befor
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import NamedTuple
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, product
+from dqreg._arrays import FloatArray
 from dqreg.solvers.quadratic import plane_rows
-from dqreg.solvers.sandwich import scatter_of
-from dqreg.trust.robust_fit import best_motion, known_before, robust_fit, unexplained, weights_of
+from dqreg.trust.robust_fit import RobustFit, best_motion, robust_fit, unexplained, weights_of
 from dqreg.trust.strain import COMPONENTS
 
 
@@ -118,13 +118,14 @@ def _may_be_told(
     rows, ones = np.concatenate([motions, modes]), np.ones(len(residuals))
     fits = (
         robust_fit(rows, residuals, lever, weights_of(residuals), rounds=2),
-        (robust_fit(rows, residuals, lever, ones, rounds=1)[0], ones),
+        # As the first round weighs them: all alike.
+        dataclasses.replace(robust_fit(rows, residuals, lever, ones, rounds=1), weights=ones),
     )
     least = [
         Limit(NEGLIGIBLE_SHARE * told.sigmas, NEGLIGIBLE_SHARE * told.shown, 0.0)
         for told in (*limits.few, *limits.many)
     ]
-    found = (_gained(rows, len(motions), *fit, residuals) for fit in fits)
+    found = (_gained(fit, len(motions)) for fit in fits)
     return any(each.exceeds(limit, size) for each in found for limit in least)
 
 
@@ -155,19 +156,15 @@ def _explained(
     """What some fields, (k, n, 3), explain of the residuals beside a motion; zeros where it is below all limits."""
     motions = plane_rows(points, normals, np.zeros(3), lever)
     modes = np.einsum("kni,ni->kn", fields, normals)
-    rows = np.vstack([motions, modes])
-    fitted, weights = robust_fit(rows, residuals, lever, weights_of(residuals))
-    left = residuals - fitted @ rows
-    variance = float(weights @ left**2 / max(weights.sum() - len(rows), 1.0))
-    if not variance > 0.0:
+    fit = robust_fit(np.vstack([motions, modes]), residuals, lever, weights_of(residuals))
+    if not fit.variance > 0.0:
         return _NOTHING
-    of_modes = fitted[len(motions) :]
-    gained, shown, _ = found = _gained(rows, len(motions), fitted, weights, residuals)
+    of_modes = fit.fitted[len(motions) :]
+    gained, shown, _ = found = _gained(fit, len(motions))
     if not any(found.exceeds(limit, size) for limit in told):
         # Whatever the scatter: that takes longest.
         return _NOTHING
-    known = known_before(product(rows * weights, rows.T), variance, lever)
-    scatter = scatter_of(rows, points, normals, left, weights, known, variance)
+    scatter = fit.scatter(points, normals)
     if scatter is None:
         return _NOTHING
     covariance = scatter[len(motions) :, len(motions) :]
@@ -181,15 +178,15 @@ def _explained(
     return _Found(sigmas, shown, math.sqrt(3.0) * by_points)
 
 
-def _gained(rows: FloatArray, motions: int, fitted: FloatArray, weights: FloatArray, residuals: FloatArray) -> _Found:
+def _gained(fit: RobustFit, motions: int) -> _Found:
     """What modes after the first rows, those of the motions, gain over the best motion, and what of them it leaves.
 
     In the variance that is left: few patches underestimate the scatter.
     """
-    left, rigid = residuals - fitted @ rows, best_motion(residuals, rows[:motions], weights)
-    variance = float(weights @ left**2 / max(weights.sum() - len(rows), 1.0))
-    gained = float(weights @ ((residuals - rigid @ rows[:motions]) ** 2 - left**2))
-    shown = unexplained(fitted[motions:] @ rows[motions:], rows[:motions], weights)
+    rigid, modes, variance = fit.rows[:motions], fit.rows[motions:], fit.variance
+    stiff = fit.residuals - best_motion(fit.residuals, rigid, fit.weights) @ rigid
+    gained = float(fit.weights @ (stiff**2 - fit.left**2))
+    shown = unexplained(fit.fitted[motions:] @ modes, rigid, fit.weights)
     return _Found(math.sqrt(max(gained / variance, 0.0)) if variance > 0.0 else math.inf, shown, math.inf)
 
 

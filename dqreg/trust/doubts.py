@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 
+from dqreg.solvers.search_stage import is_finished
 from dqreg.solvers.status import Status
 from dqreg.trust.evidence import Evidence
 from dqreg.trust.limits import (
     CONSTRAINT_LOG_LIKELIHOOD,
     DISAGREEING_NORMAL_SHARE,
     FREED_GAIN,
-    MAX_SIGMA_DIAGONALS,
-    MAX_SIGMA_RAD,
     MIN_FRACTION_OF_ALL,
     MIN_INLIER_FRACTION,
     MIN_INLIERS,
@@ -27,6 +26,7 @@ from dqreg.trust.limits import (
     most_patches_off,
     outlier_share,
     own_noise,
+    sigma_limits,
 )
 from dqreg.trust.records import Code
 from dqreg.trust.shape_doubts import (
@@ -188,8 +188,7 @@ def _unconstrained(evidence: Evidence) -> Iterator[str]:
 
 
 def _large_uncertainty(evidence: Evidence) -> Iterator[str]:
-    # A rotation by its displacement at half the diagonal.
-    limits = {"rotation": 0.5 * MAX_SIGMA_RAD * evidence.size, "translation": MAX_SIGMA_DIAGONALS * evidence.size}
+    limits = sigma_limits(evidence.size)
     for direction in evidence.directions:
         if direction.kind in limits and direction.sigma > limits[direction.kind]:
             yield (
@@ -217,7 +216,7 @@ def _alternative_poses(evidence: Evidence) -> Iterator[str]:
 
 
 def _search_time_limit(evidence: Evidence) -> Iterator[str]:
-    if evidence.search not in ("", "judged"):
+    if not is_finished(evidence.search):
         yield (
             f'the time limit ended the global search after its stage "{evidence.search}": its poses were not compared; '
             "allow more time, or give an initial pose"

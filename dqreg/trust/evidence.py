@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 
+from dqreg.solvers.search_stage import SearchStage
 from dqreg.solvers.status import Status
 from dqreg.trust.records import Alternative, Direction
 
@@ -38,7 +39,7 @@ class Evidence:
     alternatives : tuple of Alternative
         Other poses that are equally likely.
     search : str
-        The last stage that the global search finished: "judged" is all; "" where there was none.
+        The last stage that the global search finished, see `dqreg.solvers.search_stage`.
     has_border : bool
         Whether the target has a boundary: a cloud, an open mesh.
     units : str or None
@@ -145,7 +146,7 @@ class Evidence:
     max_distance: float
     directions: tuple[Direction, ...]
     alternatives: tuple[Alternative, ...]
-    search: str = ""
+    search: SearchStage = ""
     has_border: bool = False
     units: str | None = None
     stretch: float = 0.0

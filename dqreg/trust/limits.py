@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from dqreg.solvers.motion_words import Kind
 from dqreg.trust.evidence import Evidence
 
 # Inliers below this fraction of the points near the target: a local minimum, another part, or much clutter.
@@ -124,6 +125,11 @@ def is_rough(evidence: Evidence) -> bool:
     """Whether the residuals are far beyond the scan's own noise."""
     noise = own_noise(evidence)
     return noise > 0.0 and not evidence.width <= RESIDUAL_NOISE_RATIO * noise
+
+
+def sigma_limits(size: float) -> dict[Kind, float]:
+    """Largest standard deviations of motions of a target of a size, rotations as displacements at half of it."""
+    return {"rotation": 0.5 * MAX_SIGMA_RAD * size, "translation": MAX_SIGMA_DIAGONALS * size}
 
 
 def fewest_carriers(inliers: float, *, of_both: bool = False) -> float:

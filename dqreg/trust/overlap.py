@@ -212,8 +212,8 @@ class Overlap:
         if not lever > 0.0:
             return np.zeros(6), self.residuals, np.ones(len(self.residuals))
         rows = plane_rows(self.points, self.normals, middle, lever)
-        fitted, weights = robust_fit(rows, self.residuals, lever, weights_of(self.residuals))
-        return -fitted / np.r_[[lever] * 3, [1.0] * 3], np.asarray(self.residuals - fitted @ rows), weights
+        fit = robust_fit(rows, self.residuals, lever, weights_of(self.residuals))
+        return -fit.fitted / np.r_[[lever] * 3, [1.0] * 3], fit.left, fit.weights
 
     @property
     def _moved(self) -> FloatArray:

@@ -16,6 +16,7 @@ from dqreg._arrays import FloatArray, IntArray, median, quantile
 from dqreg.geometry.morton import morton_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
+from dqreg.trust.free_space import DEPTH_STEP_PIXELS, FAR_TO_NEAR_RATIO
 from dqreg.trust.limits import MAX_RAY_PASS_SHARE, MIN_RAY_MEETING_SHARE
 
 # Rays of which it is asked how far the neighbours are that surround them, and neighbours that may.
@@ -28,18 +29,15 @@ NEIGHBOUR_COUNTS = (4, 6, 8, 12, 16, 24, 32, 48, 64)
 MIN_PIXEL_RAD, POLE_SINE = 3e-3, float(np.sin(np.deg2rad(75.0)))
 # Points are apart from what rays met by so many standard deviations of the noise, and so much of a pixel.
 APART_SIGMAS, APART_PIXELS = 5.0, 0.25
-# A place is amid what it shows where the far points are so many times as far as the near ones:
-# see `free_space.FAR_TO_NEAR_RATIO`.
-FAR_TO_NEAR_RATIO = 2.8
-# Where rays are as far apart in angle be they long or short, fewer times tell: the exponent of that is 0, and -1 of the
-# points of a body, which are as far apart on its faces, as seen from inside.
+# A place is amid what it shows where the far points are `FAR_TO_NEAR_RATIO` times as far as the near ones. Where rays
+# are as far apart in angle be they long or short, fewer times tell: the exponent of that is 0, and -1 of the points of
+# a body, which are as far apart on its faces, as seen from inside.
 FAR_TO_NEAR_RATIO_OF_EVEN_RAYS, EVEN_RAY_EXPONENT = 1.5, -0.5
 # Ranges below this share of the largest are none.
 MIN_RANGE_SHARE = 1e-6
-# Points behind others in their own pixel at most, of scans from one place;
+# Points behind others in their own pixel at most, of scans from one place; by more than noise and slopes make, which is
+# `DEPTH_STEP_PIXELS`.
 MAX_HIDDEN_SHARE = 0.1
-# and what is far behind for noise and slopes, in pixels.
-DEPTH_STEP_PIXELS = 4.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
+from functools import cached_property
 
 import numpy as np
 
 from dqreg._arrays import FloatArray, dot, median, product
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
+from dqreg.solvers.sandwich import scatter_of
 
 # Rounds of the robust fit.
 MAX_ROUNDS = 8
@@ -20,6 +23,32 @@ SINGULAR_SHARE = 3e-9
 # Strains and motions expected beforehand, in extents of the scan: what the faces do not show stays at zero.
 PRIOR_SIGMA_EXTENTS = 0.2
 TINY = float(np.finfo(float).tiny)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class RobustFit:
+    """A weighted fit of few unknowns to residuals."""
+
+    rows: FloatArray  # (k, n): What each unknown adds to the residuals
+    residuals: FloatArray  # (n,)
+    lever: float  # Length that rotations are over
+    fitted: FloatArray  # (k,)
+    weights: FloatArray  # (n,)
+
+    @cached_property
+    def left(self) -> FloatArray:
+        """Residuals that remain, (n,)."""
+        return np.asarray(self.residuals - self.fitted @ self.rows)
+
+    @cached_property
+    def variance(self) -> float:
+        """Variance of what remains."""
+        return float(self.weights @ self.left**2 / max(self.weights.sum() - len(self.rows), 1.0))
+
+    def scatter(self, points: FloatArray, normals: FloatArray) -> FloatArray | None:
+        """Covariance of the unknowns, (k, k), by patches of points, (n, 3), and normals; None of too few."""
+        known = known_before(product(self.rows * self.weights, self.rows.T), self.variance, self.lever)
+        return scatter_of(self.rows, points, normals, self.left, self.weights, known, self.variance)
 
 
 def unexplained(displaced: FloatArray, motions: FloatArray, weights: FloatArray) -> float:
@@ -45,8 +74,8 @@ def robust_fit(
     first: FloatArray,
     is_small: Callable[[FloatArray], bool] = lambda _: False,
     rounds: int = MAX_ROUNDS,
-) -> tuple[FloatArray, FloatArray]:
-    """Least squares with Tukey's biweight, from the first weights; and the last weights.
+) -> RobustFit:
+    """Least squares with Tukey's biweight, from the first weights.
 
     What is small after two rounds is not fitted to the last digit.
     """
@@ -66,7 +95,7 @@ def robust_fit(
         weights = weights_of(left)
         if step @ information @ step <= CONVERGENCE_SIGMAS**2 * variance:
             break
-    return fitted, weights
+    return RobustFit(rows, residuals, lever, fitted, weights)
 
 
 def known_before(information: FloatArray, variance: float, lever: float) -> FloatArray:

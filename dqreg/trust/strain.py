@@ -8,13 +8,12 @@ import math
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, median, product
+from dqreg._arrays import FloatArray, median
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.vector_rows import second_moment
 from dqreg.solvers.motion_words import Vector
 from dqreg.solvers.quadratic import ROWS, plane_rows
-from dqreg.solvers.sandwich import scatter_of
-from dqreg.trust.robust_fit import known_before, robust_fit, unexplained, weights_of
+from dqreg.trust.robust_fit import robust_fit, unexplained, weights_of
 
 # Correspondences without which no strain is asked for.
 MIN_CORRESPONDENCES = 300
@@ -96,21 +95,18 @@ def strain_of(
         return Strain()
     rows, lever, factor, is_small = model.rows, model.lever, model.factor, model.is_small
     first = weights_of(residuals) if clutter else np.ones(len(residuals))
-    fitted, weights = robust_fit(rows, residuals, lever, first, is_small)
-    if strays and not clutter and not is_small(fitted):
+    fit = robust_fit(rows, residuals, lever, first, is_small)
+    if strays and not clutter and not is_small(fit.fitted):
         # Strays beside two faces stretch the fit to all; of a scan without them, they are the faces of another part.
         others = robust_fit(rows, residuals, lever, weights_of(residuals), is_small)
-        fits = (fitted, weights), others
-        fitted, weights = min(fits, key=lambda fit: median(np.abs(residuals - fit[0] @ rows)))
+        fit = min((fit, others), key=lambda each: median(np.abs(each.left)))
+    fitted = fit.fitted
     if is_small(fitted, NO_FAULT_SHARE if faults else NEGLIGIBLE_SHARE):
         return Strain()
-    shown = unexplained(fitted[6:] @ rows[6:], rows[:6], weights)
+    shown = unexplained(fitted[6:] @ rows[6:], rows[:6], fit.weights)
     if shown < least:
         return Strain()
-    left = residuals - fitted @ rows
-    variance = float(weights @ left**2 / max(weights.sum() - len(rows), 1.0))
-    known = known_before(product(rows * weights, rows.T), variance, lever)
-    scatter = scatter_of(rows, points, normals, left, weights, known, variance)
+    scatter = fit.scatter(points, normals)
     if scatter is None:
         return Strain()
     value, sigma, along = _principal(fitted[6:12] / lever, scatter[6:12, 6:12] / lever**2)
@@ -165,7 +161,7 @@ def _is_hardly_any(points: FloatArray, normals: FloatArray, residuals: FloatArra
         return False
     first = weights_of(residuals) if clutter else np.ones(len(residuals))
     is_small = functools.partial(model.is_small, share=NEGLIGIBLE_SHARE_OF_FIRST)
-    return is_small(robust_fit(model.rows, residuals, model.lever, first, is_small, rounds=2)[0])
+    return is_small(robust_fit(model.rows, residuals, model.lever, first, is_small, rounds=2).fitted)
 
 
 def _rows(
@@ -229,15 +225,11 @@ def drift_of(points: FloatArray, normals: FloatArray, residuals: FloatArray, tim
     if not lever > 0.0:
         return Drift()
     still = plane_rows(points, normals, middle, lever)
-    rows = np.vstack([still, times * still])
-    fitted, weights = robust_fit(rows, residuals, lever, weights_of(residuals))
-    left = residuals - fitted @ rows
-    variance = float(weights @ left**2 / max(weights.sum() - len(rows), 1.0))
-    known = known_before(product(rows * weights, rows.T), variance, lever)
-    scatter = scatter_of(rows, points, normals, left, weights, known, variance)
+    fit = robust_fit(np.vstack([still, times * still]), residuals, lever, weights_of(residuals))
+    scatter = fit.scatter(points, normals)
     if scatter is None:
         return Drift()
-    twist = fitted[6:]
+    twist = fit.fitted[6:]
     square = float(twist @ np.linalg.solve(scatter[6:, 6:] + np.eye(6) * 1e-12 * np.trace(scatter), twist))
     moved = np.cross(twist[:3] / lever, points - middle) + twist[3:]
     displacement = float(np.sqrt((moved**2).sum(axis=1).mean()))

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dqreg.cli.batch import thumbnail
+from dqreg.cli.batch import batch, thumbnail
+from dqreg.registration.batch import Workers
 from dqreg.registration.batch.row import Targets, run_row
 from dqreg.registration.register import register
 from dqreg.registration.result import Registration
@@ -34,6 +35,12 @@ def here(monkeypatch):
             yield row, run_row(row, targets, thumbnail)
 
     monkeypatch.setattr("dqreg.registration.batch.run.Workers.answers", answers)
+
+
+def test_a_row_may_take_as_long_as_from_python():
+    # The command does not load the room for its help, so it states the limit once more.
+    (timeout,) = (option.default for option in batch.params if option.name == "timeout")
+    assert timeout == Workers().timeout
 
 
 def test_writes_what_it_says_and_resumes(scene, tmp_path, capsys, monkeypatch, here):

@@ -19,7 +19,7 @@ def test_steps_on_planes_find_the_pose_among_outliers(outliers: int) -> None:
     # Normals of another face count for nothing.
     own[-50:], points[-50:] = own[:50], points[-50:] + 0.3
     distances = np.linalg.norm(points - feet, axis=1)
-    limits = np.array([2.0, 0.5, 0.5, 0.5, 1e-3, 0.5, 8.0, 0.0, 0.0, 0.0])
+    limits = np.array([0.5, 0.5, 2.0, 1e-3, 1e-3, 0.5, 8.0, 0.0, 0.0, 0.5, 0.0])
     step_on_planes(points, own, feet, normals, distances, np.zeros(900), limits, 60, T, weights, figures)
     assert not weights[-50:].any()
     # Points that slide on their planes stay as far aside as they were: the kernel's width is of that size.
@@ -32,7 +32,7 @@ def test_what_nothing_holds_stays() -> None:
     feet, normals = rng.uniform(-5, 5, (400, 3)) * [1.0, 1.0, 0.0], np.tile([0.0, 0.0, 1.0], (400, 1))
     points, T = feet + np.array([0.0, 0.0, 0.1]), np.eye(4)
     distances, weights, figures = np.full(400, 0.1), np.zeros(400), np.zeros(FIGURES)
-    limits = np.array([2.0, 0.5, 0.5, 0.5, 1e-3, 0.5, 5.0, 0.0, 0.0, 0.0])
+    limits = np.array([0.5, 0.5, 2.0, 1e-3, 1e-3, 0.5, 5.0, 0.0, 0.0, 0.5, 0.0])
     step_on_planes(points, normals, feet, normals, distances, np.zeros(400), limits, 10, T, weights, figures)
     np.testing.assert_allclose(T[:3, 3], [0.0, 0.0, -0.1], atol=1e-6)
 
@@ -47,7 +47,7 @@ def test_points_without_a_plane_may_say_nothing(silent: float) -> None:
         [np.zeros((400, 2)), np.where(np.arange(400) % 2, 0.01, 0.2) * rng.normal(size=400)]
     )
     T, weights, figures = np.eye(4), np.zeros(400), np.zeros(FIGURES)
-    limits = np.array([1.0, 0.5, 0.1, 0.9, 1e-3, 0.5, 5.0, 0.0, silent, 0.0])
+    limits = np.array([0.1, 0.9, 1.0, 1e-3, 1e-3, 0.5, 5.0, 0.0, 0.0, 0.5, silent])
     none = np.zeros(400)
     step_on_planes(points, np.zeros((400, 3)), feet, normals, none, none, limits, 20, T, weights, figures)
     if silent:
@@ -70,7 +70,7 @@ def test_what_the_noise_of_the_normals_alone_holds_stays(free: list[int], facing
     feet, shift = rng.uniform(-5, 5, (1200, 3)), 0.05 * turn.sum(axis=1)
     heights = 0.01 * rng.normal(size=(1200, 1)) * normals
     T, figures, variances = np.eye(4), np.zeros(FIGURES), np.full(1200, 2.0 * 0.03**2)
-    limits = np.array([2.0, 0.5, 0.3, 0.9, 1e-3, 0.5, 5.0, 0.0, 0.0, 1.5])
+    limits = np.array([0.3, 0.9, 2.0, 1e-3, 1e-3, 0.5, 5.0, 0.0, 1.5, 0.5, 0.0])
     none, planes = np.zeros((1200, 3)), (feet, normals, np.zeros(1200), variances)
     step_on_planes(feet - shift + heights, none, *planes, limits, 200, T, np.zeros(1200), figures)
     found = turn.T @ T[:3, 3]

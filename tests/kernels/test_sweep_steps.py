@@ -22,7 +22,7 @@ def test_pose_and_motion_of_a_sweep_are_found_at_once(outliers: int) -> None:
     weights, figures, distances = np.zeros(1200), np.zeros(FIGURES), np.zeros(1200)
     # One that met nothing, and one that met no plane.
     distances[-1], normals[-2] = 5.0, 0.0
-    limits = np.array([2.0, 0.5, 0.5, 1e-3, 0.5, 8.0, 0.0, 0.1, 0.0])
+    limits = np.array([0.5, 0.5, 2.0, 1e-3, 1e-3, 0.5, 8.0, 0.0, 0.0, 0.1])
     planes = feet, normals, distances, np.zeros(1200)
     step_on_planes_of_sweep(points, back, *planes, limits, 80, T, found, weights, figures)
     assert weights[-1] == 0.0
@@ -38,7 +38,7 @@ def test_what_no_point_faces_is_left_as_it_was() -> None:
     feet, normals = rng.uniform(-8, 8, (900, 3)), np.eye(3)[1 + np.arange(900) % 2]
     back, T, found = rng.uniform(-1, 0, 900), np.eye(4), np.zeros(6)
     points = feet + 0.01 * rng.normal(size=(900, 1)) * normals
-    limits = np.array([2.0, 0.5, 0.5, 1e-3, 0.5, 8.0, 0.0, 0.1, 0.0])
+    limits = np.array([0.5, 0.5, 2.0, 1e-3, 1e-3, 0.5, 8.0, 0.0, 0.0, 0.1])
     planes = feet, normals, np.zeros(900), np.zeros(900)
     step_on_planes_of_sweep(points, back, *planes, limits, 30, T, found, np.zeros(900), np.zeros(FIGURES))
     assert abs(T[0, 3]) < 1e-3
@@ -52,7 +52,7 @@ def test_neither_pose_nor_motion_follow_the_noise_of_the_normals() -> None:
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     back, T, found = rng.uniform(-1, 0, 900), np.eye(4), np.zeros(6)
     points = feet + 0.01 * rng.normal(size=(900, 1)) * normals - [0.0, 0.05, 0.05]
-    limits = np.array([2.0, 0.5, 0.5, 1e-3, 0.5, 8.0, 0.0, 1e-4, 1.5])
+    limits = np.array([0.5, 0.5, 2.0, 1e-3, 1e-3, 0.5, 8.0, 0.0, 1.5, 1e-4])
     planes = feet, normals, np.zeros(900), np.full(900, 2.0 * 0.03**2)
     step_on_planes_of_sweep(points, back, *planes, limits, 100, T, found, np.zeros(900), np.zeros(FIGURES))
     np.testing.assert_allclose(T[1:3, 3], 0.05, atol=5e-3)

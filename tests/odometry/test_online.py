@@ -66,12 +66,17 @@ def test_a_frame_comes_to_rest_along_a_corridor(seed):
 
 
 def test_a_prediction_and_a_pose_are_weighed_as_two_gaussians():
-    # By hand: one dimension, information 4 at 0 and 1 at 1 give 0.2 with variance 1/5.
+    # By hand: along x, information 4 at 5 and 1 at 6 give 5.2 with variance 1/5. The prediction turns about its own
+    # place, a lever of 1 from the frame's: its information about that, [[1, 1], [1, 2]] of a shift across and a turn,
+    # and 4 of each by the frame have the inverse [[6, -1], [-1, 5]] / 29, with the other sign along the other axis.
     T = pose.from_parts(np.eye(3), [5.0, 0.0, 0.0])
     expected = Prediction.of(pose.from_parts(np.eye(3), [6.0, 0.0, 0.0]), np.eye(6))
     found, covariance = expected.fused(T, 4.0 * np.eye(6))
     np.testing.assert_allclose(found[:3, 3], [5.2, 0.0, 0.0], atol=1e-12)
-    np.testing.assert_allclose(covariance[:3, :3] @ np.ones(3), np.full(3, 0.2), atol=0.2)
+    by_hand = np.diag([1 / 5, 5 / 29, 5 / 29, 1 / 5, 6 / 29, 6 / 29])
+    by_hand[1, 5] = by_hand[5, 1] = 1 / 29
+    by_hand[2, 4] = by_hand[4, 2] = -1 / 29
+    np.testing.assert_allclose(covariance, by_hand, atol=1e-12)
     # A prediction of a turned sensor pulls it about its own place.
     turned = Prediction.of(T @ twist.exp([0, 0, 0.1, 0, 0, 0]), 1e-6 * np.eye(6))
     found, _ = turned.fused(T, np.zeros((6, 6)))
@@ -122,6 +127,11 @@ def test_a_saved_map_is_followed_without_change_and_the_sensor_found_in_it(jerky
     found = carried.relocalise(jerky.frames[3])
     assert found.verdict.level == "accepted"
     assert np.abs(carried.last_pose - truth[3]).max() < 0.05
+    # From about where it was put: no search.
+    put = Odometry.load(tmp_path / "hall.npz")
+    found = put.relocalise(jerky.frames[3], start=truth[3] @ twist.exp([0.02, -0.02, 0.03, 0.1, 0.1, -0.05]))
+    assert (found.verdict.level, found.settings["start"]) == ("accepted", "given")
+    assert np.abs(put.last_pose - truth[3]).max() < 0.05
     with pytest.raises(InputError, match="no map"):
         Odometry().relocalise(jerky.frames[0])
 

@@ -162,6 +162,22 @@ def test_nees_of_errors_drawn_from_the_covariances_is_chi_square(seed):
     assert np.mean((values > 1.2373) & (values < 14.4494)) > 0.85
 
 
+@settings(deadline=None, max_examples=10)
+@given(st.integers(0, 2**31))
+def test_nees_allows_for_steps_of_a_truth_that_are_known_so_well(seed):
+    rng, sigma_deg, sigma = np.random.default_rng(seed), 0.5, 0.03
+    poses = walk(200, seed)
+    noise = np.r_[[np.deg2rad(sigma_deg)] * 3, [sigma] * 3]
+    steps = pose.inverse(poses[:-1]) @ poses[1:] @ twist.exp(noise * rng.normal(size=(199, 6)))
+    truth = [np.eye(4)]
+    for step in steps:
+        truth.append(truth[-1] @ step)
+    # All of the error is the truth's; the poses are known a thousand times better.
+    covariances = np.broadcast_to(1e-6 * np.diag(noise**2), (200, 6, 6))
+    values = nees(poses, covariances, np.stack(truth), sigma_deg, sigma)
+    assert abs(values.mean() - 6.0) < 5.0 * np.sqrt(12.0 / 199.0)
+
+
 @pytest.mark.parametrize("name", ["a.tum", "b.txt"])
 def test_a_trajectory_there_and_back_through_a_file(tmp_path, name):
     times = np.array([0.5, 1.0, 2.5])

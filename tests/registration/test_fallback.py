@@ -169,8 +169,8 @@ def test_a_sparse_scan_turned_inside_out_is_told_however_sure_its_first_pose_is(
 ) -> None:
     # Its 469 points read a noise of 3 % of the size: all residuals are small against that, and what spoke against its
     # first pose was the pose's own standard deviation. No pose is right; 30 % of the points are off the part at it.
-    monkeypatch.setattr("dqreg.trust.doubts.MAX_SIGMA_DIAGONALS", 1.0)
-    monkeypatch.setattr("dqreg.trust.doubts.MAX_SIGMA_RAD", 3.0)
+    monkeypatch.setattr("dqreg.trust.limits.MAX_SIGMA_DIAGONALS", 1.0)
+    monkeypatch.setattr("dqreg.trust.limits.MAX_SIGMA_RAD", 3.0)
     T = disturbance(np.random.default_rng(1), np.deg2rad(4.0), 0.02 * SIZE, np.zeros(3))
     verdict = dqreg.register(-bracket_points(25, seed=0), bracket_mesh(), T, effort="fast").verdict
     assert "mirrored" in verdict.codes

@@ -12,9 +12,9 @@ from dqreg.geometry import sample_mesh
 from dqreg.icp import stopwatch
 from dqreg.icp.history import Iteration
 from dqreg.kernels import threads
-from dqreg.registration import going_on, pipeline
+from dqreg.registration import continued_fit, pipeline
+from dqreg.registration.continued_fit import all_points_say_more, settled
 from dqreg.registration.fit import coarse_to_fine
-from dqreg.registration.going_on import all_points_say_more, settled
 from dqreg.registration.prepared import Prepared
 from dqreg.rigid import pose, twist
 from dqreg.synth import Noise, Scanner, disturbance, scan_mesh, worst_vertex_displacement
@@ -69,7 +69,7 @@ def test_cells_in_doubt_give_way_to_all_points_that_are_not(
     rng = np.random.default_rng(1)
     scan, stands = (DENSE + rng.normal(scale=0.003, size=DENSE.shape) for _ in range(2))
     doubts = {"cells": lambda fit: fit.prepared.cell_size > 0.0, "nothing": lambda _: False, "both": lambda _: True}
-    for room in (pipeline, going_on):
+    for room in (pipeline, continued_fit):
         monkeypatch.setattr(room, "is_doubtful", doubts[doubted])
     result = dqreg.register(moved_back(scan), stands, T, keep_inputs=False)
     assert (result.settings["cell_size"] == 0.0) is whole

@@ -64,7 +64,9 @@ def test_dense_clouds_become_equal_cells_with_a_plane_at_each() -> None:
     # A sheet of two by two in a thousand squares.
     assert sides.cell_size == pytest.approx(2.0 / np.sqrt(1_000), rel=0.1)
     assert isinstance(sides.surface, CloudSurface)
-    assert len(sides.surface.normals) == pytest.approx(1_000, rel=0.25)
+    # As many as a grid of such cells has that the sheet meets, wherever it begins.
+    across = np.ceil(2.0 / sides.cell_size)
+    assert across**2 <= len(sides.surface.normals) <= (across + 1.0) ** 2
 
 
 def test_sparse_clouds_and_meshes_stay_whole() -> None:

@@ -58,6 +58,8 @@ _ALL: tuple[Engine, ...] = (
 
 # Read-only: an engine of one's own is passed as an object, so that it also reaches processes that know only this list.
 ENGINES: Mapping[str, Engine] = MappingProxyType({item.name: item for item in _ALL})
+# Names of those that are dqreg itself.
+OURS = frozenset(item.name for item in _ALL if isinstance(item, (Dqreg, DqregLoop)))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -12,7 +12,7 @@ from dqreg._arrays import FloatArray, as_pose
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.inspection.alignment.priors import inverse_within, prior_about
 from dqreg.inspection.features import Feature
-from dqreg.rigid import pose, twist
+from dqreg.rigid import pose, single_pose, twist
 from dqreg.solvers import Freedom
 
 # A motion is constrained by a datum from that share of its full effect on: less of it is the tilt of a hole that
@@ -199,7 +199,7 @@ def _direction(T: FloatArray, datum: Datum, first: Datum, centre: FloatArray, si
     axis, nominal = T[:3, :3] @ datum.measured.axis, datum.nominal.axis
     axis = -axis if axis @ nominal < 0.0 else axis
     # A rotation vector w turns an axis a by w x a.
-    return axis - nominal, np.hstack([-_cross_matrix(axis), np.zeros((3, 3))])
+    return axis - nominal, np.hstack([-single_pose.cross_matrix(*axis), np.zeros((3, 3))])
 
 
 def _place(T: FloatArray, datum: Datum, first: Datum, centre: FloatArray, size: float) -> Rows:
@@ -213,7 +213,7 @@ def _place(T: FloatArray, datum: Datum, first: Datum, centre: FloatArray, size: 
     elif kind in ("line", "cylinder", "circle"):
         seen = np.eye(3) - np.outer(axis, axis)
     arm = (at - centre) / size
-    return seen @ (at - nominal) / size, seen @ np.hstack([-_cross_matrix(arm), np.eye(3)])
+    return seen @ (at - nominal) / size, seen @ np.hstack([-single_pose.cross_matrix(*arm), np.eye(3)])
 
 
 def _point(feature: Feature, first: Feature) -> FloatArray:
@@ -228,11 +228,6 @@ def _point(feature: Feature, first: Feature) -> FloatArray:
             meets: FloatArray = feature.point + (first.point - feature.point) @ first.axis / slope * feature.axis
             return meets
     return feature.point
-
-
-def _cross_matrix(v: FloatArray) -> FloatArray:
-    x, y, z = v
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def _covariance(

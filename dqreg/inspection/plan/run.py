@@ -11,7 +11,7 @@ from dqreg.errors import DegenerateGeometryError
 from dqreg.inspection.aligned_part import AlignedPart, AlignedStep, Alignment, aligned_part, entry
 from dqreg.inspection.characteristics import Frame, Measured
 from dqreg.inspection.coverage import FaceCoverage
-from dqreg.inspection.decision import REQUIRED_SHARE, Decision, decide, worst_of
+from dqreg.inspection.decision import Decision, decide, worst_of
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.measure import deviations_under
 from dqreg.inspection.plan.characteristics import ZONES, PlannedCharacteristic
@@ -20,7 +20,7 @@ from dqreg.inspection.plan.measured_values import faces_of_row, measured_value, 
 from dqreg.inspection.regions import Outcome
 from dqreg.inspection.scanned_part import ScannedPart
 from dqreg.inspection.sections import Section, section_on
-from dqreg.inspection.tolerances import Tolerance, limits_at
+from dqreg.inspection.tolerances import REQUIRED_SHARE, Tolerance, limits_at
 
 
 @dataclasses.dataclass(frozen=True)

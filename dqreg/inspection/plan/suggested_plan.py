@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh
@@ -55,12 +54,11 @@ def suggested_plan(
     covered: Mapping[int, float] | None = None,
     units: str | None = None,
     noise: float = 0.0,
-    origin: ArrayLike = (0.0, 0.0, 0.0),
 ) -> str:
     """A plan in TOML for a part, to be edited: three datums where it has them, its cylinders, its faces.
 
     ``covered`` is the share of each face that a scan covers: faces below a fifth are left out, with a comment.
-    ``noise`` is that of the scan: tolerances that it cannot decide are not suggested. The mesh is about ``origin``.
+    ``noise`` is that of the scan: tolerances that it cannot decide are not suggested.
 
     >>> from dqreg.synth.parts import box
     >>> print(suggested_plan(Mesh(*box((3.0, 2.0, 1.0)))).count("[[datum]]"))
@@ -84,7 +82,7 @@ def suggested_plan(
     datums = {each.name: each.face for each in chosen}
     if not datums:
         lines.append(NO_DATUMS)
-    places = {face.number: _place(face, face.centre + np.asarray(origin), mesh.diagonal) for face in faces}
+    places = {face.number: _place(face, mesh.diagonal) for face in faces}
     lines += [f'[[datum]]  # {each.reason}\nname = "{each.name}"\n{places[each.face.number]}\n' for each in chosen]
     rows: list[str] = []
     for letter, face in datums.items():
@@ -111,7 +109,7 @@ def suggested_plan(
     kept = rows[:MOST]
     if len(rows) > MOST:
         kept.append(f"# {len(rows) - MOST} smaller faces are left out: see dqreg faces.\n")
-    return "\n".join([*lines, *kept, SECTION.format(_middle(mesh, origin))])
+    return "\n".join([*lines, *kept, SECTION.format(", ".join(_short(mesh.centre, mesh.diagonal)))])
 
 
 def _slender(corners: FloatArray, face: Face) -> float:
@@ -123,17 +121,13 @@ def _slender(corners: FloatArray, face: Face) -> float:
     return float(np.ptp(local[:, 2])) / face.feature.diameter if gap < OPEN else 0.0
 
 
-def _place(face: Face, centre: FloatArray, size: float) -> str:
-    at = ", ".join(_short(centre, size))
+def _place(face: Face, size: float) -> str:
+    at = ", ".join(_short(face.centre, size))
     towards = ""
     if face.feature is not None and face.kind == "plane":
         towards = " towards (" + ", ".join(f"{x + 0.0:.3g}" for x in face.feature.axis.round(3)) + ")"
     kind = "hole" if face.is_hole else face.kind
     return f"face = {face.number:<12d} # {kind}{towards}, middle at ({at})"
-
-
-def _middle(mesh: Mesh, origin: ArrayLike) -> str:
-    return ", ".join(_short(mesh.centre + np.asarray(origin), mesh.diagonal))
 
 
 def _short(point: FloatArray, size: float) -> list[str]:

@@ -11,8 +11,6 @@ from dqreg.files.units import factor
 from dqreg.registration.batch.row import BATCH, Row, RowResult
 
 RESULTS, REPORTS = "results", "reports"
-# Of an inspection, as `Inspected.record` calls them.
-FIGURES = ("p95", "share_within", "scanned")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,11 +35,14 @@ class Line:
         """Whether the part passes: "pass", "fail", "undecided", or "" where that was not asked."""
         return "" if self.inspection is None else str(self.inspection["outcome"])
 
+    def figure(self, name: str) -> float:
+        """A figure of the inspection, as `Inspected.record` calls it; NaN where there is none."""
+        return _number((self.inspection or {}).get("figures", {}).get(name))
+
     @property
-    def figures(self) -> tuple[float, ...]:
-        """95 % deviation, share of the points within the tolerance, share of the part scanned; NaN for what is not."""
-        found = (self.inspection or {}).get("figures", {})
-        return tuple(_number(found.get(name)) for name in FIGURES)
+    def result(self) -> str:
+        """Result of the row, from the folder of the summary; "" where it has none."""
+        return f"{RESULTS}/{self.row.name}.json" if self.ran else ""
 
     @property
     def report(self) -> str:
@@ -66,16 +67,16 @@ def line_of(row: Row, done: RowResult, *, kept: bool = False) -> Line:
         return Line(row, done.status, (done.message,))
     shown = record[BATCH].get("shown") or {"units": (record.get("settings") or {}).get("target_units")}
     return Line(
-        row,
-        record["verdict"]["level"],
-        tuple(record["verdict"]["reasons"]),
-        _number(shown.get("rms", record["rms"])),
-        _number(record["inlier_fraction"]),
-        _number(record[BATCH]["seconds"]),
-        _pose(record),
-        kept,
-        str(shown["units"] or ""),
-        record[BATCH].get("inspection"),
+        row=row,
+        verdict=record["verdict"]["level"],
+        reasons=tuple(record["verdict"]["reasons"]),
+        rms=_number(shown.get("rms", record["rms"])),
+        inlier_fraction=_number(record["inlier_fraction"]),
+        seconds=_number(record[BATCH]["seconds"]),
+        pose=_pose(record),
+        kept=kept,
+        unit=str(shown["units"] or ""),
+        inspection=record[BATCH].get("inspection"),
     )
 
 

@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from dqreg.errors import DqregError, InputError, did_you_mean, printable
+from dqreg.files import READERS
 from dqreg.files.poses import START_WORDS, read_start
-from dqreg.files.untrusted import read_record
+from dqreg.files.untrusted import read_record, require_own_kind, require_readable
 from dqreg.inspection.plan.file import HEAD
 from dqreg.inspection.tolerances import Tolerance, share_of_percent, tolerance_from
 from dqreg.registration.batch.cell_options import check_options, option_name, parse_option
@@ -111,8 +112,6 @@ def _columns(path: Path, head: list[str]) -> list[str]:
 
 
 def _of_folder(folder: Path, defaults: Defaults) -> Iterator[tuple[int, dict[str, str]]]:
-    from dqreg.files import READERS
-
     if defaults.target is None:
         raise InputError(f"{folder} is a folder of scans; give their part with --target FILE")
     target = os.path.realpath(defaults.target)
@@ -125,8 +124,6 @@ def _of_folder(folder: Path, defaults: Defaults) -> Iterator[tuple[int, dict[str
 
 
 def _no_scans(folder: Path) -> str:
-    from dqreg.files import READERS
-
     return f"{folder} holds no scans; expected files that end in one of {' '.join(sorted(READERS))}"
 
 
@@ -201,9 +198,6 @@ def _as_written(values: Mapping[str, str], base: Path, defaults: Defaults) -> tu
 
 
 def _file(text: str, base: Path, column: str) -> Path:
-    from dqreg.files import READERS
-    from dqreg.files.untrusted import require_own_kind, require_readable
-
     if not text:
         raise InputError(f"the cell {column} is empty; expected a path")
     path = Path(os.path.abspath(base / text))  # noqa: PTH100 - keeps links as they are

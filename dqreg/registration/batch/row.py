@@ -82,10 +82,6 @@ class Targets:
         self._kept = kept
         self._prepared: OrderedDict[tuple[Any, ...], tuple[Target, ShownTarget]] = OrderedDict()
 
-    def get(self, path: Path) -> Target:
-        """Prepared target of a file."""
-        return self.shown(path)[0]
-
     def shown(
         self, path: Path, own: str | None = None, asked: RowInspection | None = None
     ) -> tuple[Target, ShownTarget]:

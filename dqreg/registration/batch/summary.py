@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 import os
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from dqreg.registration.batch.line import RESULTS, Line
+from dqreg.registration.batch.line import Line
 from dqreg.registration.batch.trends import trends_of, trends_on_page
 from dqreg.report.decision_rows import shown_outcome
 from dqreg.report.html import data_uri, render
@@ -20,8 +20,32 @@ from dqreg.report.table import to_csv
 VERDICTS = ("crashed", "timeout", "memory", "error", "not run", "failed", "suspect", "accepted")
 POSE = ("tx", "ty", "tz", "qw", "qx", "qy", "qz")
 LENGTHS = ("rms", "tx", "ty", "tz", "deviation_p95")
-COLUMNS = ("name", "verdict", "reasons", "rms", "inlier_fraction", "seconds", *POSE, "scan", "target", "result", "line",
-           "part", "report", "unit", "deviation_p95", "share_within", "share_scanned")  # fmt: skip
+# Of the CSV, with what stands in them.
+COLUMNS: dict[str, Callable[[Line], object]] = {
+    "name": lambda line: line.row.shown,
+    "verdict": lambda line: line.verdict,
+    "reasons": lambda line: "; ".join(line.reasons),
+    "rms": lambda line: line.rms,
+    "inlier_fraction": lambda line: line.inlier_fraction,
+    "seconds": lambda line: line.seconds,
+    "tx": lambda line: line.pose[0],
+    "ty": lambda line: line.pose[1],
+    "tz": lambda line: line.pose[2],
+    "qw": lambda line: line.pose[3],
+    "qx": lambda line: line.pose[4],
+    "qy": lambda line: line.pose[5],
+    "qz": lambda line: line.pose[6],
+    "scan": lambda line: line.row.scan,
+    "target": lambda line: line.row.target,
+    "result": lambda line: line.result,
+    "line": lambda line: line.row.line,
+    "part": lambda line: line.part,
+    "report": lambda line: line.report,
+    "unit": lambda line: line.unit,
+    "deviation_p95": lambda line: line.figure("p95"),
+    "share_within": lambda line: line.figure("share_within"),
+    "share_scanned": lambda line: line.figure("scanned"),
+}
 
 
 def summary_csv(lines: Sequence[Line]) -> str:
@@ -39,14 +63,9 @@ def summary_csv(lines: Sequence[Line]) -> str:
 
 
 def _csv_row(line: Line, fields: Sequence[str]) -> tuple[object, ...]:
-    numbers = (line.rms, line.inlier_fraction, line.seconds, *line.pose)
-    shown = ["" if math.isnan(number) else repr(number) for number in numbers]
-    result = f"{RESULTS}/{line.row.name}.json" if line.ran else ""
-    about = (line.row.shown, line.verdict, "; ".join(line.reasons))
-    files = (line.row.scan, line.row.target, result, line.row.line, line.part, line.report)
-    figures = ("" if math.isnan(number) else repr(number) for number in line.figures)
-    head = dict(line.row.asked.head)
-    return (*about, *shown, *files, line.unit, *figures, *(head.get(name, "") for name in fields))
+    cells, head = (cell(line) for cell in COLUMNS.values()), dict(line.row.asked.head)
+    written = ("" if isinstance(cell, float) and math.isnan(cell) else cell for cell in cells)
+    return (*written, *(head.get(name, "") for name in fields))
 
 
 def to_records(lines: Sequence[Line]) -> list[dict[str, Any]]:
@@ -63,7 +82,7 @@ def to_records(lines: Sequence[Line]) -> list[dict[str, Any]]:
             "pose": None if math.isnan(line.pose[0]) else dict(zip(POSE, line.pose, strict=True)),
             "scan": str(line.row.scan),
             "target": str(line.row.target),
-            "result": f"{RESULTS}/{line.row.name}.json" if line.ran else None,
+            "result": line.result or None,
             "line": line.row.line,
             "kept": line.kept,
             "part": line.part or None,

@@ -17,7 +17,7 @@ def written(scale: float, origin: tuple[float, float, float]) -> list[list[str]]
     """The middles of faces as a suggested plan writes them, of a box whose corners carry rounding."""
     corners, faces = box((3.0 * scale, 2.0 * scale, scale))
     rounding = 1e-16 * scale * np.random.default_rng(0).normal(size=corners.shape)
-    text = suggested_plan(Mesh(corners + rounding, faces), origin=origin)
+    text = suggested_plan(Mesh(corners + rounding + origin, faces))
     return [found.split(", ") for found in re.findall(r"middle at \((.*)\)", text)]
 
 

@@ -96,15 +96,15 @@ def rewrite(path: Path) -> None:
 
 def test_a_part_is_prepared_once_and_anew_when_it_changes(rows):
     targets = Targets(kept=1)
-    first = targets.get(rows[0].target)
-    assert targets.get(rows[0].target) is first
+    first = targets.shown(rows[0].target)[0]
+    assert targets.shown(rows[0].target)[0] is first
     os.utime(rows[0].target, ns=(1, 1))
-    assert targets.get(rows[0].target) is first
+    assert targets.shown(rows[0].target)[0] is first
     rewrite(rows[0].target)
-    second = targets.get(rows[0].target)
+    second = targets.shown(rows[0].target)[0]
     assert second is not first
-    targets.get(rows[1].target)
-    assert targets.get(rows[0].target) is not second
+    targets.shown(rows[1].target)
+    assert targets.shown(rows[0].target)[0] is not second
 
 
 @pytest.mark.parametrize("column", ["scan", "target"])

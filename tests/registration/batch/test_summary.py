@@ -25,6 +25,7 @@ RECORD = {
     "dual_quaternion": {"real": [1.0, 0.0, 0.0, 0.0], "dual": [0.0, 3.5, 4.0, 4.5]},
     "batch": {"seconds": 2.5},
 }
+HEADS = list(COLUMNS)
 LINES = [
     line_of(ROW, RowResult("ran", "", RECORD)),
     line_of(dataclasses.replace(ROW, name="b"), RowResult("crashed", NASTY)),
@@ -44,15 +45,15 @@ class Tags(HTMLParser):
 
 def test_csv_holds_every_digit_and_every_character():
     head, first, second = list(csv.reader(io.StringIO(summary_csv(LINES), newline="")))
-    assert tuple(head) == COLUMNS
-    assert [float(first[COLUMNS.index(name)]) for name in ("rms", "seconds", "tx", "qw")] == [
+    assert head == HEADS
+    assert [float(first[HEADS.index(name)]) for name in ("rms", "seconds", "tx", "qw")] == [
         RECORD["rms"], 2.5, 7.0, 1.0,
     ]  # fmt: skip
-    assert first[COLUMNS.index("scan")] == str(ROW.scan)
-    assert first[COLUMNS.index("reasons")] == f"{NASTY}; second"
-    assert first[COLUMNS.index("result")] == "results/a.json"
-    assert second[COLUMNS.index("verdict")] == "crashed"
-    assert second[COLUMNS.index("rms")] == second[COLUMNS.index("result")] == ""
+    assert first[HEADS.index("scan")] == str(ROW.scan)
+    assert first[HEADS.index("reasons")] == f"{NASTY}; second"
+    assert first[HEADS.index("result")] == "results/a.json"
+    assert second[HEADS.index("verdict")] == "crashed"
+    assert second[HEADS.index("rms")] == second[HEADS.index("result")] == ""
 
 
 def test_a_pass_on_an_alignment_that_is_not_trusted_is_counted_apart():
