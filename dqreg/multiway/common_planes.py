@@ -19,6 +19,7 @@ from dqreg.multiway.bodies import Body
 from dqreg.multiway.graph import PoseGraph, factorised, normal_matrix
 from dqreg.multiway.joint import SETTLED as CONVERGED
 from dqreg.multiway.pooled import Pieces, Pooled, centred
+from dqreg.multiway.spread import root_of
 from dqreg.multiway.step_prior import step_prior
 from dqreg.rigid import pose
 
@@ -124,10 +125,10 @@ def _refined(
             moved = max(moved, motion)
     if rough or _motion(bodies, begun, T, size) > FAR * spacing / size:
         return None
-    covariance = _covariance(pieces, T, places, size, carried=carried)
+    root = _root_of_covariance(pieces, T, places, size, carried=carried)
     found = _anchored(begun, T, free)
     found[:, :3, 3] = size * found[:, :3, 3] + middle
-    relative = _relative(covariance, free)
+    relative = _relative(root, free)
     return Placed(found, relative, middle, rounds, motion < CONVERGED * spacing / size)
 
 
@@ -137,14 +138,17 @@ def _anchored(begun: FloatArray, T: FloatArray, free: IntArray) -> FloatArray:
     return T.copy() if not len(held) else np.asarray(begun[held[0]] @ pose.inverse(T[held[0]]) @ T)
 
 
-def _relative(covariance: FloatArray, free: IntArray) -> FloatArray:
-    """The covariance of the increments of the free bodies against the one that is not, (6 k, 6 k)."""
-    count = len(covariance) // 6
+def _relative(root: FloatArray, free: IntArray) -> FloatArray:
+    """The covariance of the increments of the free bodies against the one that is not, (6 k, 6 k).
+
+    Of the root: all bodies may move together by far more than they move apart, which is a small difference.
+    """
+    count = len(root) // 6
     held = np.setdiff1d(np.arange(count), free)
     turn = np.eye(count)[free]
     turn[:, held] = -1.0
-    J = np.kron(turn, np.eye(6))
-    return np.asarray(J @ covariance @ J.T)
+    apart = np.kron(turn, np.eye(6)) @ root
+    return np.asarray(apart @ apart.T)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -259,8 +263,8 @@ def _placed(blocks: FloatArray, rows: IntArray, columns: IntArray, count: int) -
     return sparse.csc_matrix((blocks.ravel(), (r, c)), shape=(6 * count, 6 * count))
 
 
-def _covariance(pieces: Pieces, T: FloatArray, places: _Places, unit: float, *, carried: bool) -> FloatArray:
-    """Covariance of the increments about the world's origin, in lengths, (6 n, 6 n).
+def _root_of_covariance(pieces: Pieces, T: FloatArray, places: _Places, unit: float, *, carried: bool) -> FloatArray:
+    """What times its transpose is the covariance of increments about the world's origin, in lengths, (6 n, 6 n).
 
     A sandwich: pieces are independent of each other, whatever the scatter of each. Three numbers of a plane are fitted
     to its points, which makes their distances smaller than they are (HC3 of MacKinnon and White 1985).
@@ -270,9 +274,8 @@ def _covariance(pieces: Pieces, T: FloatArray, places: _Places, unit: float, *, 
     prior = places.about(T)[1]
     solve = factorised((counts.T @ matrix @ counts).tocsc() + prior, each).solve
     scores = counts.T @ pieces.scores(slopes, len(T))
-    covariance = solve(solve(((scores @ scores.T) + prior).toarray()).T).T
     units = np.tile(np.r_[[1.0] * 3, [unit] * 3], len(T))
-    return np.asarray(0.5 * (covariance + covariance.T) * np.outer(units, units))
+    return np.asarray(units[:, None] * solve(root_of(((scores @ scores.T) + prior).toarray())))
 
 
 def _motion(bodies: Sequence[Body], before: FloatArray, after: FloatArray, unit: float) -> float:

@@ -92,6 +92,9 @@ def refine_jointly(
             faster.restart()
             motions.clear()
         found = _correspond(matchings, T, found, new=new, strict=strict, soft=soft)
+        if not found:
+            # Sparse clouds may meet nowhere with half of the reach.
+            return Joint(T, (), rounds, converged=False)
         if soft > 0.0:
             soft = soft * HARDER if soft * HARDER > hard else 0.0
             motions.clear()

@@ -95,9 +95,10 @@ class Planes:
         along = rows - np.einsum("kij,kj->ki", rows, n)[:, :, None] * n[:, None]
         return np.asarray(np.einsum("k,kij,klj->il", share, along, along))
 
-    def scores(self, T_world_target: FloatArray, cell: float) -> tuple[IntArray, FloatArray]:
+    def scores(self, T_world_target: FloatArray, cell: float, relative: FloatArray) -> tuple[IntArray, FloatArray]:
         """Numbers of the cells of the world that hold points, and the slope of the cost by world increments of each.
 
+        Relative is the inverse of what all pairs together say of the source against the target, (6, 6).
         Shapes: cells (k,), slopes (k, 6).
         """
         kept = np.flatnonzero(self.weights > 0.0)
@@ -107,8 +108,7 @@ class Planes:
         rows = np.hstack([np.cross(x, n), n])
         cells, group = np.unique(cell_numbers(x, cell), return_inverse=True)
         slopes: FloatArray = np.column_stack([np.bincount(group, column * along, len(cells)) for column in rows.T])
-        leverage = _leverage(rows * np.sqrt(self.weights[kept])[:, None], group, len(cells))
-        return cells, slopes / np.sqrt(1.0 - np.minimum(leverage, MOST_LEVERAGE))[:, None]
+        return cells, _unfitted(slopes, rows * (np.sqrt(self.weights[kept]) / self.sigma)[:, None], group, relative)
 
 
 def _arms(points: FloatArray) -> FloatArray:
@@ -119,18 +119,25 @@ def _arms(points: FloatArray) -> FloatArray:
     return np.concatenate([turns, np.broadcast_to(np.eye(3), turns.shape)], axis=1)
 
 
-def _leverage(rows: FloatArray, group: IntArray, cells: int) -> FloatArray:
-    """Largest fraction of the information about any motion that each cell holds by itself, (cells,).
+def _unfitted(slopes: FloatArray, rows: FloatArray, group: IntArray, relative: FloatArray) -> FloatArray:
+    """Slopes of cells, (k, 6), as large as they were before the poses were fitted to them too.
 
-    A cell that alone holds a motion has residuals of zero there, whatever its error: their squares are divided by what
-    the others leave open, which makes the sandwich unbiased (HC2 of MacKinnon and White 1985).
+    A cell that alone holds a motion has residuals of zero there, whatever its error: along each motion the squares are
+    divided by the share that the others leave open, which makes the sandwich unbiased (HC2 of MacKinnon and White 1985,
+    of clusters Bell and McCaffrey 2002). Rows are in units of the noise, relative as in `Planes.scores`.
     """
-    total = rows.T @ rows
-    scale = np.sqrt(np.maximum(np.diag(total), np.finfo(float).tiny))
-    values, vectors = np.linalg.eigh(total / scale / scale[:, None])
-    whitened = (rows / scale) @ (vectors / np.sqrt(np.maximum(values, 1e-12)))
-    # The trace bounds the largest eigenvalue, and is it where one motion hangs on the cell.
-    return np.minimum(np.bincount(group, (whitened**2).sum(axis=1), cells), 1.0)
+    scale = np.sqrt(np.diag(relative))
+    values, vectors = np.linalg.eigh(relative / scale / scale[:, None])
+    root = np.sqrt(np.maximum(values, 1e-12))
+    whitened = (rows * scale) @ vectors * root
+    shares = np.zeros((len(slopes), 6, 6))
+    for i in range(6):
+        for j in range(i, 6):
+            shares[:, i, j] = shares[:, j, i] = np.bincount(group, whitened[:, i] * whitened[:, j], len(slopes))
+    own, turned = np.linalg.eigh(shares)
+    along = np.einsum("kij,ki->kj", turned, (slopes * scale) @ vectors * root)
+    along /= np.sqrt(1.0 - np.minimum(own, MOST_LEVERAGE))
+    return np.asarray(np.einsum("kij,kj->ki", turned, along) / root @ vectors.T / scale)
 
 
 def planes_of(
@@ -158,9 +165,10 @@ def planes_of(
     weights = mixture.weight(aside) * _sureness(matches, mixture.scale)
     # Below a millionth the weight is rounding.
     weights[weights < 1e-6] = 0.0
-    firm = matches.roughness <= source.rough
+    # The planes of a part are those of its faces, whatever lies around a point.
+    firm = np.ones(len(aside), dtype=bool)
     if target.scan is not None:
-        firm &= matches.target_roughness <= target.rough
+        firm = (matches.roughness <= source.rough) & (matches.target_roughness <= target.rough)
     found = Planes(*nodes, matches, weights, mixture, source.scan.spacing, firm)
     return found if found.count >= FEWEST_PLANES else None
 

@@ -14,7 +14,7 @@ from dqreg.multiway.edges import PART
 from dqreg.multiway.joint import refine_jointly
 from dqreg.multiway.overlap import CELL, overlap_matrix
 from dqreg.multiway.scans import View, typical_spacing
-from dqreg.multiway.spread import joint_covariance
+from dqreg.multiway.spread import beyond_noise, joint_covariance
 from dqreg.registration.options import Effort
 from dqreg.registration.target import Target
 from dqreg.rigid import pose
@@ -106,12 +106,20 @@ def _by_pairs(
     joint = refine_jointly(bodies, T, pairs, free, points)
     centre = np.mean(joint.T_world_body[:scans, :3, 3], axis=0)
     about = _shift(-centre) @ joint.T_world_body
+    if not joint.planes:
+        unknown = np.full((6 * len(free), 6 * len(free)), np.nan)
+        return Placed(joint.T_world_body, unknown, centre, joint.rounds, converged=False)
     spread = joint_covariance(about, joint.planes, free, cell, size)
     # Doubtful correspondences (blends of two faces, places that only one of two scans sees) bias motions that little
-    # else holds. What the poses change by without them is an error that no scatter shows.
+    # else holds. What the poses change by without them, beyond what noise does, is an error that no scatter shows.
     strict = refine_jointly(bodies, joint.T_world_body, pairs, free, points, strict=True)
-    change = pose.log(_shift(-centre) @ strict.T_world_body @ pose.inverse(about))[free].ravel()
-    return Placed(joint.T_world_body, spread + np.outer(change, change), centre, joint.rounds, joint.converged)
+    found = Placed(joint.T_world_body, spread.covariance, centre, joint.rounds, joint.converged)
+    if not strict.planes:
+        return found
+    moved = _shift(-centre) @ strict.T_world_body
+    change = pose.log(moved @ pose.inverse(about))[free]
+    biases = beyond_noise(change, spread, joint_covariance(moved, strict.planes, free, cell, size)).ravel()
+    return dataclasses.replace(found, covariance=spread.covariance + np.outer(biases, biases))
 
 
 def _pairs(views: Sequence[View], placed: Sequence[int], T: FloatArray, size: float) -> list[tuple[int, int]]:

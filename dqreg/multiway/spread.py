@@ -7,6 +7,7 @@ So the slopes of the cost are summed over small cells of the world, whatever pai
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
@@ -25,27 +26,78 @@ FREE = 1.0
 LEAST_HELD = 1e-3
 
 
-def joint_covariance(T: FloatArray, planes: Sequence[Planes], free: IntArray, cell: float, size: float) -> FloatArray:
-    """Covariance of the world increments of the free nodes about the world's origin, (6 k, 6 k).
+@dataclasses.dataclass(frozen=True)
+class Spread:
+    """Covariance of the world increments of the free nodes about the world's origin, and what cells add to them."""
 
-    Rows and columns of free motions are NaN. Coordinates are relative to the middle of the graph, as ``T`` is given.
+    covariance: FloatArray  # (6 k, 6 k): NaN in rows and columns of free motions
+    cells: IntArray  # (c,): Numbers
+    influences: FloatArray  # (6 k, c): What the errors of each cell do to the poses
+
+
+def joint_covariance(T: FloatArray, planes: Sequence[Planes], free: IntArray, cell: float, size: float) -> Spread:
+    """How sure the free nodes are. Coordinates are relative to the middle of the graph, as ``T`` is given.
+
+    Few cells tell the sizes of the errors and not how these go together: as far as there are few for the motions, the
+    scatter is taken to be that of equal residuals everywhere, as large as all cells have it (shrinkage, Ledoit and Wolf
+    2004).
     """
     faces = [each.on_faces for each in planes]
     graph, blocks, locked = _information(T, faces, planes)
-    matrix = normal_matrix(graph, blocks + locked)
     place = np.full(len(T), -1)
     place[free] = np.arange(len(free))
-    slopes = _by_cell(T, faces, place, cell)
-    scale = np.tile(np.r_[[1.0] * 3, [size] * 3], len(free))
-    solve = factorised(matrix, free).solve
-    middle = (slopes @ slopes.T).toarray()
     inner = (6 * free[:, None] + np.arange(6)).ravel()
-    middle += normal_matrix(graph, locked)[inner][:, inner].toarray()
-    covariance = solve(solve(middle).T).T
-    loose = np.diag(covariance) / scale**2 > FREE
+    solve = factorised(normal_matrix(graph, blocks + locked), free).solve
+    held, beside = (normal_matrix(graph, part)[inner][:, inner].toarray() for part in (blocks, locked))
+    inverse = solve(np.eye(len(inner)))
+    cells, slopes = _by_cell(T, faces, place, cell, inverse)
+    middle = (slopes @ slopes.T).toarray()
+    alike = min(1.0, len(inner) / max(len(cells), 1))
+    middle += alike * (float(np.trace(inverse @ middle)) / max(float(np.trace(inverse @ held)), 1.0) * held - middle)
+    root = solve(root_of(middle + beside))
+    covariance = root @ root.T
+    scale = np.tile(np.r_[[1.0] * 3, [size] * 3], len(free))
+    # Nothing is known of a node that met no other one.
+    loose = (np.diag(covariance) / scale**2 > FREE) | (np.diag(held + beside) <= 0.0)
     covariance[loose] = np.nan
     covariance[:, loose] = np.nan
-    return 0.5 * (covariance + covariance.T)
+    return Spread(covariance, cells, solve(slopes.toarray()))
+
+
+def root_of(matrix: FloatArray) -> FloatArray:
+    """A matrix that times its transpose is this one, which is symmetric and not negative but for rounding, (n, n).
+
+    Products of it with its transpose have no negative variances: two solutions with a matrix that is all but singular,
+    one after the other, leave rounding of any size.
+    """
+    scale = np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
+    scaled = matrix / scale / scale[:, None]
+    try:
+        root = np.linalg.cholesky(scaled)
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh(scaled)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+    return np.asarray(scale[:, None] * root)
+
+
+def beyond_noise(change: FloatArray, spread: Spread, other: Spread) -> FloatArray:
+    """The part of a change of all poses, (k, 6), from one spread to another, that errors of the cells do not explain.
+
+    Two estimates from the same points differ by their noise already: of the change of each pose the share is left by
+    which its square exceeds what is expected of six numbers (James and Stein 1961).
+    """
+    cells, place = np.unique(np.concatenate([spread.cells, other.cells]), return_inverse=True)
+    apart = np.zeros((len(spread.influences), len(cells)))
+    apart[:, place[: len(spread.cells)]] = spread.influences
+    apart[:, place[len(spread.cells) :]] -= other.influences
+    found = np.zeros_like(change)
+    for k, moved in enumerate(change):
+        rows = apart[6 * k : 6 * k + 6]
+        scale = np.maximum(np.linalg.norm(rows, axis=1), np.finfo(float).tiny)
+        rows, whitened = rows / scale[:, None], moved / scale
+        square = float(whitened @ np.linalg.pinv(rows @ rows.T, rcond=1e-12, hermitian=True) @ whitened)
+        found[k] = np.sqrt(max(1.0 - 6.0 / max(square, 6.0), 0.0)) * moved
+    return found
 
 
 def _information(
@@ -84,19 +136,28 @@ def less(information: FloatArray, apparent: FloatArray) -> FloatArray:
     return np.asarray((root * np.maximum(shares, LEAST_HELD)) @ root.T)
 
 
-def _by_cell(T: FloatArray, planes: Sequence[Planes], place: IntArray, cell: float) -> sparse.csc_matrix:
-    """Slopes of the cost by the increments of the free nodes, one column a cell, (6 k, cells)."""
+def _by_cell(
+    T: FloatArray, planes: Sequence[Planes], place: IntArray, cell: float, inverse: FloatArray
+) -> tuple[IntArray, sparse.csc_matrix]:
+    """Numbers of cells, and slopes of the cost by the increments of the free nodes, one column a cell, (6 k, cells)."""
     rows, cells, values = [], [], []
     inner = np.arange(6)
     for each in planes:
-        numbers, slopes = each.scores(T[each.target], cell)
-        for node, sign in ((each.source, 1.0), (each.target, -1.0)):
-            if place[node] >= 0:
-                rows.append(np.broadcast_to(6 * place[node] + inner, slopes.shape).ravel())
-                cells.append(np.repeat(numbers, 6))
-                values.append(sign * slopes.ravel())
+        ends = [(place[node], sign) for node, sign in ((each.source, 1.0), (each.target, -1.0)) if place[node] >= 0]
+        numbers, slopes = each.scores(T[each.target], cell, _between(inverse, ends))
+        for node, sign in ends:
+            rows.append(np.broadcast_to(6 * node + inner, slopes.shape).ravel())
+            cells.append(np.repeat(numbers, 6))
+            values.append(sign * slopes.ravel())
     size = 6 * int((place >= 0).sum())
     if not rows:
-        return sparse.csc_matrix((size, 0))
-    _, columns = np.unique(np.concatenate(cells), return_inverse=True)
-    return sparse.csc_matrix((np.concatenate(values), (np.concatenate(rows), columns)), shape=(size, columns.max() + 1))
+        return np.zeros(0, dtype=np.int64), sparse.csc_matrix((size, 0))
+    known, columns = np.unique(np.concatenate(cells), return_inverse=True)
+    where = np.concatenate(rows), columns
+    return known, sparse.csc_matrix((np.concatenate(values), where), shape=(size, len(known)))
+
+
+def _between(covariance: FloatArray, ends: Sequence[tuple[int, float]]) -> FloatArray:
+    """Covariance of the sum of the increments of some nodes, each with a sign, (6, 6)."""
+    blocks = [sign * other * covariance[6 * i : 6 * i + 6, 6 * j : 6 * j + 6] for i, sign in ends for j, other in ends]
+    return np.asarray(np.sum(blocks, axis=0))

@@ -68,8 +68,8 @@ class ScaleStep:
 def scale_step(matches: SurfaceMatches, *, hold: bool = False) -> ScaleStep:
     """Scale and motion that put a source on the tangent planes of its matches.
 
-    Minimises ``sum beta (n.(p + w x p' + v + s p' - q))^2`` over the twist (w, v) and s together, with p' from the
-    weighted mean of the points; the factor is ``exp(s)``.
+    Minimises ``sum beta (n.(p + w x p' + v + s q' - q))^2`` over the twist (w, v) and s together, with p' and q' from
+    the weighted mean of the points; the factor is ``exp(s)``.
     """
     used = (matches.weights > 0.0) & matches.normals.any(axis=1)
     count = int(np.count_nonzero(used))
@@ -79,8 +79,10 @@ def scale_step(matches: SurfaceMatches, *, hold: bool = False) -> ScaleStep:
     middle = weights @ p / weights.sum()
     # Lengths in sizes of the source, so that all seven columns are alike.
     size = _spread_of(p, weights)
-    away = (p - middle) / size
-    rows = np.column_stack([np.cross(away, n), n, np.einsum("ij,ij->i", n, away)])
+    away, met = (p - middle) / size, (matches.closest[used] - middle) / size
+    # The scale moves the places on the target: a point is off by its noise, which is in its gap too, so that each
+    # square of it would ask for a smaller source (errors in variables).
+    rows = np.column_stack([np.cross(away, n), n, np.einsum("ij,ij->i", n, met)])
     gaps = -np.einsum("ij,ij->i", n, p - matches.closest[used]) / size
     weighed = weights[:, None] * rows
     form, right = rows.T @ weighed, weighed.T @ gaps
