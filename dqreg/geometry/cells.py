@@ -123,7 +123,8 @@ class CellSurface(CloudSurface):
     def __init__(
         self, means: PointCloud, cells: Cells, in_rings: Callable[[], bool] = bool, *, widened: bool = False
     ) -> None:
-        # Whether planes are sought among more neighbours where the next ones make none; and where some were found.
+        # Whether the points lie in rings and are few: planes are sought among more neighbours where the next ones make
+        # none. And where some were found.
         self.cells, self._look_at_rings, self.widened = cells, in_rings, widened
         self.wide = np.zeros(len(cells.codes), dtype=bool)
         super().__init__(means, derived=True)
@@ -131,7 +132,7 @@ class CellSurface(CloudSurface):
     @unlocked_property
     def in_rings(self) -> bool:
         """Whether the points that the cells hold lie in rings, as a LiDAR's: looked at when first asked."""
-        return self._look_at_rings()
+        return self.widened or self._look_at_rings()
 
     def _ordered(self, points: FloatArray) -> IntArray:
         # Cells are in Morton order, and each has one mean.
