@@ -182,8 +182,9 @@ class CellSurface(CloudSurface):
 
     def on_rim(self, closest: Closest) -> BoolArray:
         """Whether the matches of some queries are boundary points: where cells make a plane, by these."""
-        if self._in_lines:
-            return super().on_rim(closest)
+        # Rings end everywhere: a floor that one or two of them meet is all rim, and nothing else may hold a motion.
+        if self.widened or self._in_lines:
+            return np.zeros(len(closest.elements), dtype=bool)
         _, rims, missing = self._of_cells
         found, searched = rims[closest.elements], np.flatnonzero(missing[closest.elements])
         found[searched] = self._boundary.at(closest.elements[searched], closest.normals[searched])

@@ -73,6 +73,14 @@ def test_planes_at_a_slant_do_not(noise: float) -> None:
     )
 
 
+def test_cells_of_rings_have_no_rims() -> None:
+    found = VoxelCloud.evened(PointCloud(sweep(32)), 10_000)
+    assert found.surface is not None
+    closest = found.surface.closest(found.cloud.points)
+    assert found.surface._of_cells[1].any()
+    assert not found.surface.on_rim(closest).any()
+
+
 def test_copies_of_a_point_are_no_line() -> None:
     assert not lie_in_rings(np.ones((500, 3)), np.arange(500))
     points = np.repeat(sphere(2_000), NEIGHBOUR_COUNT + 1, axis=0)
