@@ -10,7 +10,7 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.geometry.normals import sample_rows
+from dqreg.geometry.normals import MIN_SPREAD_RATIO, sample_rows
 from dqreg.kernels.threads import unlocked_property
 
 # Pieces that the free edges are cut into, about, so that their middles can be looked up.
@@ -184,6 +184,7 @@ def lie_in_rings(points: FloatArray, order: IntArray) -> bool:
 
     Neighbours along a line make no plane. Either many have such, or where a few rings graze a floor nothing else shows
     it, however many planes there are on walls: there is a direction that more lines lie across than normals along.
+    Those of a grazed part that are wider than noise are planes still.
     """
     from dqreg.kernels.lined_runs import lined_runs
     from dqreg.kernels.threads import as_plain, over_chunks
@@ -192,11 +193,16 @@ def lie_in_rings(points: FloatArray, order: IntArray) -> bool:
     if length <= NEIGHBOUR_COUNT:
         return False
     begins = sample_rows(len(order) - length + 1, RUN_COUNT)
-    lined, axes = np.zeros(len(begins), dtype=bool), np.zeros((len(begins), 3))
+    count = len(begins)
+    lined, axes, sums = np.zeros(count, dtype=bool), np.zeros((count, 3)), np.zeros((count, 2))
     given = as_plain(points), order, begins, length, NEIGHBOUR_COUNT, LINE
-    over_chunks(lined_runs, len(begins), *given, lined, axes)
+    over_chunks(lined_runs, count, *given, lined, axes, sums)
     # Copies of one point are no line.
     known = np.isfinite(axes[:, 0])
-    lines, normals, count = axes[known & lined], axes[known & ~lined], np.count_nonzero(known)
+    planes, count = known & ~lined, int(np.count_nonzero(known))
+    if np.count_nonzero(known & lined) > RING_SHARE * count or not planes.any():
+        return count > 0
+    variance = np.median(sums[planes, 0]) / (NEIGHBOUR_COUNT - 3)
+    lines, normals = axes[known & lined & (sums[:, 1] <= MIN_SPREAD_RATIO * NEIGHBOUR_COUNT * variance)], axes[planes]
     excess = len(lines) * np.eye(3) - lines.T @ lines - normals.T @ normals
-    return bool(len(lines) > RING_SHARE * count or np.linalg.eigvalsh(excess)[-1] > BY_CHANCE * count)
+    return bool(np.linalg.eigvalsh(excess)[-1] > BY_CHANCE * count)

@@ -21,12 +21,13 @@ def lined_runs(
     line: float,
     lined: BoolArray,
     axes: FloatArray,
+    sums: FloatArray,
 ) -> None:
     """Write which points amid runs first to last have their neighbours along a line, and this line or else the normal.
 
     The nearest of the run, so many; a line is where their second variance is at most a share of the first. The axis is
-    NaN of copies of one point. O(length) a run. Shapes: points (n, 3), order (n,), begins (m,), lined (m,), axes
-    (m, 3).
+    NaN of copies of one point. The sums are those of squares along the least and the second axis. O(length) a run.
+    Shapes: points (n, 3), order (n,), begins (m,), lined (m,), axes (m, 3), sums (m, 2).
     """
     rows, squares = np.zeros(count, np.int64), np.zeros(count)
     a, v = np.zeros(ELEMENTS), np.zeros((3, 3))
@@ -40,7 +41,8 @@ def lined_runs(
         least, most = 0, 0
         for k in range(1, 3):
             least, most = k if a[k] < a[least] else least, k if a[k] >= a[most] else most
-        lined[i] = a[3 - least - most] <= line * a[most]
+        sums[i, 0], sums[i, 1] = a[least], a[3 - least - most]
+        lined[i] = sums[i, 1] <= line * a[most]
         for k in range(3):
             axes[i, k] = v[k, most if lined[i] else least]
 

@@ -73,6 +73,17 @@ def test_planes_at_a_slant_do_not(noise: float) -> None:
     )
 
 
+def test_a_narrow_strip_is_a_line_only_where_noise_is_as_wide() -> None:
+    # One neighbourhood in eleven is on a strip that lies across the rest, eight times as long as wide.
+    front = np.stack(np.meshgrid(np.arange(100.0), np.arange(100.0)), axis=-1).reshape(-1, 2)
+    steps = np.arange(1_000)
+    strip = np.c_[0.1 * steps, np.full(1_000, 120.0), 0.05 * (-1.0) ** steps]
+    points, across = np.r_[np.c_[front, np.zeros(10_000)], strip], np.repeat([2, 1], [10_000, 1_000])
+    noise = np.random.default_rng(4).normal(size=(11_000, 1)) * np.eye(3)[across]
+    assert not are_rings(points + 0.01 * noise)
+    assert are_rings(points + 0.05 * noise)
+
+
 def test_cells_of_rings_have_no_rims() -> None:
     found = VoxelCloud.evened(PointCloud(sweep(32)), 10_000)
     assert found.surface is not None
