@@ -10,7 +10,7 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.geometry.normals import sample_rows
+from dqreg.geometry.normals import MIN_SPREAD_RATIO, sample_rows
 from dqreg.kernels.threads import unlocked_property
 
 # Pieces that the free edges are cut into, about, so that their middles can be looked up.
@@ -116,15 +116,17 @@ LINE = 0.15
 # fifth of them decides where it shows less or more than these, three standard errors off: clouds came to 0.12 at most.
 LINED, SAMPLE = 0.2, 500
 FIRST, CLEARLY = 5, (0.08, 0.34)
-# Points whose neighbours are looked at, in runs along the order of space: so many runs, points a run, and points amid
-# each that are asked. A run is wide enough to hold the neighbours of these, so that no tree is built for a glance.
-RUN_COUNT = 40
-RUN_POINTS, ASKED_A_RUN = 200, 5
+# Points whose neighbours are looked at, each amid a run along the order of space, which is wide enough to hold these:
+# no tree is built for a glance.
+RUN_COUNT, RUN_POINTS = 1_000, 100
 # Neighbours that are on a point's own ring where rings are farther apart than the points on one.
 NEIGHBOUR_COUNT = 8
 # A cloud of which more than this share has its neighbours along a line lies in rings. Sweeps of 16 to 64 rings in rooms
 # and on a road came to 0.2 to 0.9, cameras, range scans and simulated views of parts to 0.09 at most.
 RING_SHARE = 0.15
+# The same of how many more lines there are across some direction than normals along it, for less than this may be by
+# chance. Halls with few rings on the floor came to 0.02 and more, flat plates before a camera to 0.004 at most.
+BY_CHANCE = 0.01
 
 
 class CloudBoundary:
@@ -178,24 +180,29 @@ class CloudBoundary:
 
 
 def lie_in_rings(points: FloatArray, order: IntArray) -> bool:
-    """Whether points, (n, 3), lie in rings; an order of space, (n,), tells which are near each other."""
-    from dqreg.kernels.rims import line_rows
+    """Whether points, (n, 3), lie in rings; an order of space, (n,), tells which are near each other.
+
+    Neighbours along a line make no plane. Either many have such, or where a few rings graze a floor nothing else shows
+    it, however many planes there are on walls: there is a direction that more lines lie across than normals along.
+    Those of a grazed part that are wider than noise are planes still.
+    """
+    from dqreg.kernels.lined_runs import lined_runs
     from dqreg.kernels.threads import as_plain, over_chunks
 
     length = min(RUN_POINTS, len(order))
     if length <= NEIGHBOUR_COUNT:
         return False
     begins = sample_rows(len(order) - length + 1, RUN_COUNT)
-    runs = order[begins[:, None] + np.arange(length)]
-    asked = (length - ASKED_A_RUN) // 2 + np.arange(ASKED_A_RUN)
-    places = points[runs]
-    squares = ((places[:, asked, None] - places[:, None]) ** 2).sum(axis=-1)
-    nearest = np.argsort(squares, axis=-1, kind="stable")[..., : NEIGHBOUR_COUNT + 1]
+    count = len(begins)
+    lined, axes, sums = np.zeros(count, dtype=bool), np.zeros((count, 3)), np.zeros((count, 2))
+    given = as_plain(points), order, begins, length, NEIGHBOUR_COUNT, LINE
+    over_chunks(lined_runs, count, *given, lined, axes, sums)
     # Copies of one point are no line.
-    farthest = np.take_along_axis(squares, nearest[..., -1:], axis=-1)[..., 0]
-    rows = np.take_along_axis(runs[:, None], nearest, axis=-1)[farthest > 0.0]
-    if not len(rows):
-        return False
-    found = np.zeros(len(rows), dtype=bool)
-    over_chunks(line_rows, len(rows), as_plain(points), rows.astype(np.int32), LINE, found)
-    return float(found.mean()) > RING_SHARE
+    known = np.isfinite(axes[:, 0])
+    planes, count = known & ~lined, int(np.count_nonzero(known))
+    if np.count_nonzero(known & lined) > RING_SHARE * count or not planes.any():
+        return count > 0
+    variance = np.median(sums[planes, 0]) / (NEIGHBOUR_COUNT - 3)
+    lines, normals = axes[known & lined & (sums[:, 1] <= MIN_SPREAD_RATIO * NEIGHBOUR_COUNT * variance)], axes[planes]
+    excess = len(lines) * np.eye(3) - lines.T @ lines - normals.T @ normals
+    return bool(np.linalg.eigvalsh(excess)[-1] > BY_CHANCE * count)

@@ -123,7 +123,8 @@ class CellSurface(CloudSurface):
     def __init__(
         self, means: PointCloud, cells: Cells, in_rings: Callable[[], bool] = bool, *, widened: bool = False
     ) -> None:
-        # Whether planes are sought among more neighbours where the next ones make none; and where some were found.
+        # Whether the points lie in rings and are few: planes are sought among more neighbours where the next ones make
+        # none. And where some were found.
         self.cells, self._look_at_rings, self.widened = cells, in_rings, widened
         self.wide = np.zeros(len(cells.codes), dtype=bool)
         super().__init__(means, derived=True)
@@ -131,7 +132,7 @@ class CellSurface(CloudSurface):
     @unlocked_property
     def in_rings(self) -> bool:
         """Whether the points that the cells hold lie in rings, as a LiDAR's: looked at when first asked."""
-        return self._look_at_rings()
+        return self.widened or self._look_at_rings()
 
     def _ordered(self, points: FloatArray) -> IntArray:
         # Cells are in Morton order, and each has one mean.
@@ -181,8 +182,9 @@ class CellSurface(CloudSurface):
 
     def on_rim(self, closest: Closest) -> BoolArray:
         """Whether the matches of some queries are boundary points: where cells make a plane, by these."""
-        if self._in_lines:
-            return super().on_rim(closest)
+        # Rings end everywhere: a floor that one or two of them meet is all rim, and nothing else may hold a motion.
+        if self.widened or self._in_lines:
+            return np.zeros(len(closest.elements), dtype=bool)
         _, rims, missing = self._of_cells
         found, searched = rims[closest.elements], np.flatnonzero(missing[closest.elements])
         found[searched] = self._boundary.at(closest.elements[searched], closest.normals[searched])

@@ -105,7 +105,7 @@ class VoxelCloud:
         in_rings = partial(lie_in_rings, points, cells.order)
         if not is_dense and len(points) >= RINGED * MIN_VOXEL_POINTS and in_rings():
             size = first_size(points, count, cloud._ends, RINGED)
-            return VoxelCloud.across_lines(cloud, size, in_rings=partial(bool, 1), widened=True)
+            return VoxelCloud.across_lines(cloud, size, widened=True)
         found = VoxelCloud.across_lines(cloud, size, cells=cells, in_rings=in_rings)
         if is_dense or found.size > size or cells.unevenness > UNEVEN:
             return found

@@ -10,6 +10,7 @@ from dqreg.kernels.cell_planes import cell_planes
 from dqreg.kernels.close_points import close_points, facing_matches
 from dqreg.kernels.depth_pixels import count_before, count_behind, directions_from, fill_nearest, least_around
 from dqreg.kernels.edge_planes import edge_plane_rows, with_others_rows
+from dqreg.kernels.lined_runs import lined_runs
 from dqreg.kernels.majority_planes import majority_plane_rows
 from dqreg.kernels.morton import count_cells, morton_cells, new_places, sorted_rows, take_points
 from dqreg.kernels.plane_steps import FIGURES, step_on_planes
@@ -50,6 +51,7 @@ def fit_neighbourhoods() -> None:
     quadric_residual_rows(0, 0, corners, rows, np.zeros((1, 3)), 0.5, np.zeros(1))
     majority_plane_rows(0, 0, corners, rows, corners, np.zeros((1, 3), dtype=np.int64), 1, 0.5, 0.5, np.zeros(1))
     edge_plane_rows(0, 0, corners, rows, 1, 0.5, 1.0, 1, 1, np.zeros((1, 3)), np.zeros(1), none)
+    lined_runs(0, 0, corners, FIRST, FIRST, 1, 1, 0.5, none, np.zeros((1, 3)), np.zeros((1, 2)))
     with_others_rows(0, 0, FIRST, corners, corners, 1.0, 0.5, 0.5, 1, none)
     near, far, motion = np.full(3, -1), np.zeros(3), np.eye(4)[:3].copy()
     close_points(0, 0, np.zeros((1, 6)), corners, LEAF, FIRST, corners, corners, motion, 1.0, 1.0, near, far)

@@ -44,6 +44,54 @@ def test_spheres_and_images_do_not(stretch: float) -> None:
     assert not are_rings(sphere(10_000) * [1.0, stretch, 1.0])
 
 
+def hall(rings: int, columns: int, noise: float) -> FloatArray:
+    """Sweep within 15 degrees from 1.2 above the floor of a hall of 10 by 8 by 3, with noise along the beams."""
+    up, around = np.meshgrid(
+        np.deg2rad(np.linspace(-15.0, 15.0, rings)), np.linspace(0.0, 2.0 * np.pi, columns, endpoint=False)
+    )
+    ways = np.stack([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)], axis=-1).reshape(-1, 3)
+    with np.errstate(divide="ignore"):
+        ranges = np.maximum(np.array([-5.0, -4.0, -1.2]) / ways, np.array([5.0, 4.0, 1.8]) / ways).min(axis=1)
+    return np.asarray(ways * (ranges + noise * np.random.default_rng(3).normal(size=len(ways)))[:, None])
+
+
+@pytest.mark.parametrize(("rings", "columns"), [(32, 900), (16, 600)])
+def test_a_floor_that_lines_alone_show_tells_rings(rings: int, columns: int) -> None:
+    # On the walls rings are as near each other as points on one: nineteen of twenty neighbourhoods are planes.
+    sweep = hall(rings, columns, 0.015)
+    assert are_rings(sweep)
+    on_walls = np.abs(sweep[:, 2] + 1.2) > 0.1
+    assert not are_rings(sweep[on_walls & (sweep[:, 2] < 1.7)])
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.004])
+def test_planes_at_a_slant_do_not(noise: float) -> None:
+    across = np.stack(np.meshgrid(np.linspace(0.0, 1.0, 130), np.linspace(0.0, 0.8, 80)), axis=-1).reshape(-1, 2)
+    assert not are_rings(
+        np.c_[across, noise * np.random.default_rng(2).normal(size=len(across))]
+        @ pose.exp([0.4, 0.3, 0, 0, 0, 0])[:3, :3].T
+    )
+
+
+def test_a_narrow_strip_is_a_line_only_where_noise_is_as_wide() -> None:
+    # One neighbourhood in eleven is on a strip that lies across the rest, eight times as long as wide.
+    front = np.stack(np.meshgrid(np.arange(100.0), np.arange(100.0)), axis=-1).reshape(-1, 2)
+    steps = np.arange(1_000)
+    strip = np.c_[0.1 * steps, np.full(1_000, 120.0), 0.05 * (-1.0) ** steps]
+    points, across = np.r_[np.c_[front, np.zeros(10_000)], strip], np.repeat([2, 1], [10_000, 1_000])
+    noise = np.random.default_rng(4).normal(size=(11_000, 1)) * np.eye(3)[across]
+    assert not are_rings(points + 0.01 * noise)
+    assert are_rings(points + 0.05 * noise)
+
+
+def test_cells_of_rings_have_no_rims() -> None:
+    found = VoxelCloud.evened(PointCloud(sweep(32)), 10_000)
+    assert found.surface is not None
+    closest = found.surface.closest(found.cloud.points)
+    assert found.surface._of_cells[1].any()
+    assert not found.surface.on_rim(closest).any()
+
+
 def test_copies_of_a_point_are_no_line() -> None:
     assert not lie_in_rings(np.ones((500, 3)), np.arange(500))
     points = np.repeat(sphere(2_000), NEIGHBOUR_COUNT + 1, axis=0)

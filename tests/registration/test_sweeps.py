@@ -62,13 +62,18 @@ def test_rings_are_not_drawn_onto_rings(rings: int, columns: int) -> None:
     assert np.median(errors) < 0.5 * NOISE
 
 
-@pytest.mark.parametrize("noise", [0.005, 0.015])
-def test_the_few_rings_that_meet_the_floor_hold_the_height(noise: float) -> None:
-    # Of 16 rings within 15 degrees two or three meet the floor, by the walls: planes across both put these poses
-    # 16 to 20 mm off in the median and 80 to 140 in the worst, accepted.
-    accepted, squares = [], []
+@pytest.mark.parametrize(
+    ("rings", "columns", "noise", "worst"),
+    [(16, 900, 0.005, 2.0), (16, 900, NOISE, 2.0), (16, 900, 0.03, 3.0), (16, 600, NOISE, 2.0), (32, 900, NOISE, 2.0)],
+)
+def test_the_few_rings_that_meet_the_floor_hold_the_height(
+    rings: int, columns: int, noise: float, worst: float
+) -> None:
+    # Of 16 rings within 15 degrees two or three meet the floor, by the walls: planes across both, or along one ring,
+    # put these poses 16 to 130 mm off in the median, accepted.
+    accepted, squares, usual = [], [], max(noise, NOISE)
     for seed in range(60, 66):
-        source, target, truth = pair(seed, 16, 900, -15.0, noise)
+        source, target, truth = pair(seed, rings, columns, -15.0, noise)
         result = dqreg.register(source, target, "identity", search="never")
         if result.verdict.level != "accepted":
             assert "weakly_constrained" in result.verdict.codes
@@ -77,8 +82,8 @@ def test_the_few_rings_that_meet_the_floor_hold_the_height(noise: float) -> None
         accepted.append(np.linalg.norm(apart, axis=1).max())
         squares.append(normalised_square(result, truth))
     assert len(accepted) >= 5
-    assert np.median(accepted) < 0.6 * NOISE
-    assert max(accepted) < 2.0 * NOISE
+    assert np.median(accepted) < 0.6 * usual
+    assert max(accepted) < worst * usual
     assert sum(squares) < chi2.ppf(1.0 - 1e-4, 6 * len(squares))
 
 
