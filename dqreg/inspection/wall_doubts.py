@@ -31,18 +31,10 @@ FEWEST_OF_PATCH, FEWEST_OF_SEAM, MIN_SEAM_SHARE = 5, 5, 0.5
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class WallDoubt:
-    """A patch of a thin wall that may have been measured on its other side.
+    """A patch of a thin wall that may have been measured on its other side."""
 
-    Attributes
-    ----------
-    thickness : float
-        Of the wall there, target units: deviations may be wrong by as much.
-    position : ndarray, (3,)
-        A point of the patch, in the caller's target frame.
-    """
-
-    thickness: float
-    position: FloatArray
+    thickness: float  # Of the wall there, target units: deviations may be wrong by as much
+    position: FloatArray  # (3,): A point of the patch, in the caller's target frame
 
 
 def wall_doubts(
