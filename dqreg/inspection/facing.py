@@ -38,7 +38,11 @@ class Facing:
     @staticmethod
     def by_normals(normals: FloatArray, R: FloatArray) -> Facing:
         """By oriented normals of the scan, (n, 3), rotated."""
-        return Facing(lambda rows, _: np.take(normals, rows, axis=0) @ R.T, NORMAL_AWAY, NORMAL_ALIKE, MAX_AWAY_NORMALS)
+        # Rows by a transposed view take twice as long.
+        turned = np.ascontiguousarray(R.T)
+        return Facing(
+            lambda rows, _: np.take(normals, rows, axis=0) @ turned, NORMAL_AWAY, NORMAL_ALIKE, MAX_AWAY_NORMALS
+        )
 
     @staticmethod
     def by_sight(viewpoint: FloatArray) -> Facing:
