@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, IntArray
 from dqreg.geometry.boundary import MeshBoundary
 from dqreg.geometry.mesh import Mesh
 from dqreg.geometry.surface import Closest, Hint, as_queries
@@ -83,6 +83,12 @@ class MeshSurface:
         """
         points = as_queries(points)
         return Closest(*self._tree.closest(points, None if hint is None else hint[1].elements, within))
+
+    def _closest_facing(
+        self, points: FloatArray, directions: FloatArray, cosine: float, within: float
+    ) -> tuple[FloatArray, FloatArray, IntArray]:
+        """Closest points on faces that look to a direction each, distances and faces: inf and -1 where none is near."""
+        return self._tree.closest_facing(points, directions, cosine, within)
 
     def _distances_at(
         self, rotations: FloatArray, shifts: FloatArray, points: FloatArray, within: float, *, by_point: bool = False

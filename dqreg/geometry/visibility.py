@@ -126,6 +126,13 @@ class VisibleSurface(MeshSurface):
             hint = places, dataclasses.replace(before, elements=np.searchsorted(self.rows, before.elements))
         return self._in_whole(self._seen.closest(points, hint, within))
 
+    def _closest_facing(
+        self, points: FloatArray, directions: FloatArray, cosine: float, within: float
+    ) -> tuple[FloatArray, FloatArray, IntArray]:
+        """Closest points on those faces that were seen and look to a direction each."""
+        places, distances, faces = self._seen._closest_facing(points, directions, cosine, within)
+        return places, distances, self._numbers(faces)
+
     def _distances_at(
         self, rotations: FloatArray, shifts: FloatArray, points: FloatArray, within: float, *, by_point: bool = False
     ) -> FloatArray:
@@ -133,5 +140,7 @@ class VisibleSurface(MeshSurface):
         return self._seen._distances_at(rotations, shifts, points, within, by_point=by_point)
 
     def _in_whole(self, found: Closest) -> Closest:
-        elements = np.where(found.elements < 0, -1, self.rows[found.elements])
-        return dataclasses.replace(found, elements=elements)
+        return dataclasses.replace(found, elements=self._numbers(found.elements))
+
+    def _numbers(self, faces: IntArray) -> IntArray:
+        return np.where(faces < 0, -1, self.rows[faces])

@@ -22,6 +22,7 @@ from dqreg.inspection.alignment import (
 )
 from dqreg.inspection.characteristics import Frame
 from dqreg.inspection.deviations import Deviations
+from dqreg.inspection.facing import closest_as_before
 from dqreg.inspection.places import MEDIAN_SIGMA, PLACE
 from dqreg.inspection.plan.alignment import PlannedStep
 from dqreg.inspection.plan.file import Plan, PlannedDatum
@@ -129,7 +130,8 @@ def _found(
     }
     shift = pose.from_parts(np.eye(3), part.origin)
     moved = pose.apply(shift @ T @ pose.inverse(shift), deviations.points)
-    faces = part.surface.closest(moved - part.origin).elements
+    before = part.mesh.face_normals[deviations.faces]
+    faces = closest_as_before(moved - part.origin, part.surface, before).elements
     scan = dataclasses.replace(deviations, points=moved, faces=faces)
     found = align_surface(scan, step.kind, faces=terms, dof=step.dof, prior=_prior(step, np.eye(4), np.zeros(3)))
     inner = pose.inverse(shift) @ found.T_target_source @ shift

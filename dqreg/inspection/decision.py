@@ -16,6 +16,10 @@ from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.places import COVERAGE, OutOfTolerance, places_of
 from dqreg.inspection.regions import Cut, Outcome, Region, cut_of, regions_of, require_faces
 from dqreg.inspection.tolerances import REQUIRED_SHARE, PointLimits, Tolerance, limits_at, require_share, tolerance_of
+from dqreg.inspection.wall_doubts import WallDoubt
+
+# Code of a decision on thin walls whose sides cannot be told apart.
+WALL_SIDE = "wall_side"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,6 +53,10 @@ class Decision:
     scanned : float
         Share of the part's surface that scan points cover: of the rest nothing is decided. NaN where the target is a
         cloud, or has too many faces.
+    wall_doubts : tuple of WallDoubt
+        Patches of thin walls that may have been measured on their other side: with any of them nothing passes.
+    codes : tuple of str
+        Stable codes of what keeps a part from passing beside its deviations: ``"wall_side"`` for those patches.
     """
 
     outcome: Outcome
@@ -64,6 +72,8 @@ class Decision:
     high: float = math.inf
     own: int = 0
     scanned: float = math.nan
+    wall_doubts: tuple[WallDoubt, ...] = ()
+    codes: tuple[str, ...] = ()
 
 
 def decide(
@@ -142,7 +152,7 @@ def decide(
     outcomes = [share, *(place.outcome for place in places), *(region.outcome or "pass" for region in regions)]
     within = np.count_nonzero(limits.beyond(values) <= 0.0)
     return Decision(
-        outcome=worst_of(outcomes),
+        outcome=worst_of([*outcomes, "undecided" if deviations.wall_doubts else "pass"]),
         tolerance=max(each.size for each in (*own.values(), *([] if whole is None else [whole]))),
         required_share=required_share,
         share_within=float(within / len(values)) if len(values) else math.nan,
@@ -155,6 +165,8 @@ def decide(
         high=math.inf if whole is None else whole.high,
         own=len(own),
         scanned=_scanned(deviations, cut),
+        wall_doubts=deviations.wall_doubts,
+        codes=(WALL_SIDE,) if deviations.wall_doubts else (),
     )
 
 

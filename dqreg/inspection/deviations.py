@@ -20,6 +20,7 @@ from dqreg.inspection.deviation_files import decimals_of, require_suffix, write_
 from dqreg.inspection.membership import ON_PART, Counts, Flags, ReachFrom, by_reach, counts_of
 from dqreg.inspection.statistics import Bands, Place, Summary, bands_of, require_length, summary_of, worst_places
 from dqreg.inspection.tolerances import REQUIRED_SHARE, PointLimits
+from dqreg.inspection.wall_doubts import WallDoubt
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -29,8 +30,8 @@ class Deviations:
     Attributes
     ----------
     values : ndarray, (n,)
-        Distance of every point of the scan, in the order of the scan, target units; positive outside the part and
-        negative inside where ``signed``, else never negative. Rows dropped when the scan was read have no value.
+        Distance of every point, in the order of the scan without rows dropped when it was read, target units; positive
+        outside the part and negative inside where ``signed``, else never negative.
     points, closest : ndarray, (n, 3)
         The scan under its pose, and the closest place of the target, in the caller's target frame.
     faces : ndarray of int, (n,)
@@ -50,24 +51,23 @@ class Deviations:
     limit : float
         Largest deviation of surfaces that do not continue the part.
     flags : ndarray of int8, (n,)
-        What each point belongs to: 0 the part, 1 beyond reach, 2 another surface, 3 an outlier, 4 excluded. Points on
-        the part are in the statistics; `counts` has the number of each.
+        0 on the part, in the statistics; 1 beyond reach, 2 of another surface, 3 an outlier, 4 excluded.
     target : Mesh, PointCloud or None
-        The target, about ``origin``.
+        About ``origin``.
     covariance : ndarray, (6, 6)
         Of the pose: rotation vector, then translation, about ``centre``; NaN where a motion is unconstrained.
     centre : ndarray, (3,)
         In the caller's target frame.
     allowed : PointLimits or None
-        Smallest and largest deviation allowed at each point, where a plan asks for more than one tolerance.
+        Limits at each point, where a plan asks for more than one tolerance.
     noise : float or None
-        Standard deviation of the scan's noise, where known: tables have as many digits as that deserves.
+        Standard deviation of the scan's noise, where known: digits of tables.
     apart : float
         Least distance between two worst places, a length.
-    size : float
-        Diagonal of the target's bounding box.
-    origin : ndarray, (3,)
-        Middle of the target in the caller's frame: differences from it keep all digits.
+    size, origin : float and ndarray, (3,)
+        Diagonal of the target's bounding box, and its middle in the caller's frame: differences from it are exact.
+    wall_doubts : tuple of WallDoubt
+        Patches of thin walls (``thickness``, ``position``) that may be of the other side.
 
     Raises
     ------
@@ -112,6 +112,7 @@ class Deviations:
     noise: float | None = None
     reach_from: ReachFrom = "given"
     limit: float = 0.0
+    wall_doubts: tuple[WallDoubt, ...] = ()
 
     def __post_init__(self) -> None:
         if self.tolerance is not None:
@@ -166,8 +167,7 @@ class Deviations:
         -------
         ndarray, (m,)
         """
-        rows = np.asarray(rows)
-        normals = self.normals(rows)
+        normals = self.normals(rows := np.asarray(rows))
         arms = np.hstack([np.cross(self.points[rows] - self.centre, normals), normals])
         spread = np.einsum("ni,ij,nj->n", arms, np.nan_to_num(self.covariance, nan=0.0), arms, optimize=True)
         sigma: FloatArray = np.sqrt(np.maximum(spread, 0.0))
@@ -179,7 +179,7 @@ class Deviations:
         Parameters
         ----------
         tolerance : float, optional
-            Largest deviation allowed, target units; default: the record's own.
+            Largest deviation allowed; default: the record's own.
 
         Returns
         -------
@@ -233,8 +233,7 @@ class Deviations:
             require_length(apart, "apart")
         near = np.flatnonzero(self.counted)
         # Near the origin squares of coordinates keep their digits.
-        feet = self.closest[near] - self.origin
-        places = worst_places(feet, self.values[near], count, apart or self.apart)
+        places = worst_places(self.closest[near] - self.origin, self.values[near], count, apart or self.apart)
         return tuple(
             dataclasses.replace(place, row=int(near[place.row]), position=self.points[near[place.row]])
             for place in places

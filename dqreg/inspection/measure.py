@@ -18,10 +18,12 @@ from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.spacing import measure_spacing
 from dqreg.geometry.surface import Surface
 from dqreg.inspection.deviations import Deviations
-from dqreg.inspection.membership import EXCLUDED, Membership, by_reach, in_boxes, membership
+from dqreg.inspection.facing import Facing
+from dqreg.inspection.membership import EXCLUDED, ON_PART, Flags, Membership, by_reach, in_boxes, membership
 from dqreg.inspection.scan_surfaces import Nominal
 from dqreg.inspection.signed_distances import Progress, moved, signed_distances
 from dqreg.inspection.statistics import FEWEST, PROBED
+from dqreg.inspection.wall_doubts import WallDoubt, some_rows, wall_doubts
 from dqreg.rigid import pose
 
 # Distance between two worst places, in sizes of the target, where the scan's spacing asks for no more.
@@ -45,6 +47,7 @@ def measure_deviations(
     exclude: Sequence[Sequence[float]] = (),
     progress: Progress | None = None,
     copy: bool = True,
+    facing: Facing | None = None,
 ) -> Deviations:
     """Deviation of every point from a target.
 
@@ -85,6 +88,10 @@ def measure_deviations(
         Called with the points done and all points, now and then.
     copy : bool
         Whether the points are left as they are; else their array becomes the record's, in the caller's frame.
+    facing : Facing, optional
+        Which way the surface looks at each point, where that is known: on a closed mesh a point is of a face that looks
+        there, nearer than the reach or the limit. Else the nearest is taken, and `Deviations.wall_doubts` names where
+        it may be the wrong side of a thin wall.
 
     Returns
     -------
@@ -111,15 +118,14 @@ def measure_deviations(
     if not len(points):
         raise InputError("points are empty; deviations are of one point at least")
     reason, count = why_unsigned(geometry), len(points)
-    values, closest, faces = signed_distances(points, geometry, surface, reason is None, progress)
-    if spacing is None:
-        spread = count > 0 and np.ptp(points, axis=0).any()
-        spacing = measure_spacing(NeighbourTree(points), points) if spread else 0.0
+    farthest = limit if reach is None else reach
+    facing = _that_holds(facing, points, geometry, surface, reason is None)
+    values, closest, faces = signed_distances(points, geometry, surface, reason is None, progress, facing, farthest)
+    spacing = _spacing_of(points) if spacing is None else spacing
     # A cell of the places must hold enough points; where a probe took them by hand, one is enough.
     resolved = (FEWEST if count >= PROBED else 0.5) * spacing
     shift = np.zeros(3) if origin is None else as_place(origin, "origin")
     given = reach is not None or not math.isfinite(limit)
-    farthest = limit if reach is None else reach
     if noise is not None and count >= PROBED:
         nominal = _nominal(geometry, closest, faces)
         found = membership(points, values, nominal, limit=farthest, noise=noise, spacing=spacing, given=given)
@@ -130,6 +136,7 @@ def measure_deviations(
         flags[in_boxes(points + shift, exclude)] = EXCLUDED
     return Deviations(
         values=values,
+        wall_doubts=_wall_doubts(points, closest, faces, flags, surface, farthest, shift) if facing is None else (),
         points=moved(points, shift, np.zeros(points.shape) if copy else points),
         closest=moved(closest, shift, closest),
         faces=faces,
@@ -159,6 +166,37 @@ def _pose_covariance(value: FloatArray) -> FloatArray:
     return covariance
 
 
+def _spacing_of(points: FloatArray) -> float:
+    return measure_spacing(NeighbourTree(points), points) if np.ptp(points, axis=0).any() else 0.0
+
+
+def _that_holds(
+    facing: Facing | None, points: FloatArray, geometry: Mesh | PointCloud, surface: Surface, signed: bool
+) -> Facing | None:
+    """Which way the scan looks, where its target has sides and most of the scan agrees with them."""
+    if facing is None or not signed or not isinstance(geometry, Mesh):
+        return None
+    return facing if facing.holds(points, surface, _outside_of(geometry)) else None
+
+
+def _wall_doubts(
+    points: FloatArray,
+    feet: FloatArray,
+    faces: IntArray,
+    flags: Flags,
+    surface: Surface,
+    limit: float,
+    shift: FloatArray,
+) -> tuple[WallDoubt, ...]:
+    """Patches of the points on a closed mesh that may be of the other side of a thin wall, in the caller's frame."""
+    if not isinstance(surface, MeshSurface) or why_unsigned(surface.mesh) is not None:
+        return ()
+    on = np.flatnonzero(flags == ON_PART)
+    rows = on[some_rows(len(on))]
+    found = wall_doubts(points[rows], feet[rows], surface.mesh.face_normals[faces[rows]], surface, limit)
+    return tuple(dataclasses.replace(each, position=each.position + shift) for each in found)
+
+
 def _nominal(geometry: Mesh | PointCloud, closest: FloatArray, elements: IntArray) -> Nominal:
     """The target as points see it that are closest to some of its faces or points."""
 
@@ -185,7 +223,10 @@ def deviations_under(deviations: Deviations, T: FloatArray, covariance: FloatArr
     mesh = deviations.target
     assert isinstance(mesh, Mesh)
     points = pose.apply(T, deviations.points) - deviations.origin
-    values, closest, faces = signed_distances(points, mesh, MeshSurface(mesh), why_unsigned(mesh) is None)
+    # A point stays on its side of a thin wall.
+    before = Facing.as_before(lambda rows: _outside_of(mesh) * deviations.normals(rows))
+    asked = points, mesh, MeshSurface(mesh), why_unsigned(mesh) is None
+    values, closest, faces = signed_distances(*asked, facing=before)
     reach = deviations.reach
     if deviations.reach_from == "deviations":
         # What belongs to the part stays so, and its largest deviation is another one.
@@ -200,6 +241,11 @@ def deviations_under(deviations: Deviations, T: FloatArray, covariance: FloatArr
         covariance=covariance,
         centre=centre,
     )
+
+
+def _outside_of(geometry: Mesh | PointCloud) -> float:
+    """Side of the faces of a mesh that is outside."""
+    return -1.0 if isinstance(geometry, Mesh) and geometry.inward_bodies[0] else 1.0
 
 
 def why_unsigned(geometry: Mesh | PointCloud) -> str | None:

@@ -14,6 +14,7 @@ from dqreg.geometry import Mesh, MeshSurface
 from dqreg.geometry.mesh_faces import faces_of
 from dqreg.inspection.coverage import covered, usual_density
 from dqreg.inspection.deviations import Deviations
+from dqreg.inspection.facing import closest_as_before
 from dqreg.inspection.features import Feature, fit_feature
 from dqreg.inspection.features.spread import covariance_on
 from dqreg.inspection.medians import smoothed
@@ -66,14 +67,22 @@ class ScannedPart:
             raise InputError("an inspection needs a mesh as its target: a cloud has no faces")
         on = deviations.counted
         points = deviations.points[on] - deviations.origin
-        labels = faces_of(mesh)[1]
-        return cls(mesh, part_faces(mesh), labels, deviations.origin, points, deviations.faces[on], MeshSurface(mesh))
+        labels, origin, faces = faces_of(mesh)[1], deviations.origin, deviations.faces[on]
+        part = cls(mesh, part_faces(mesh), labels, origin, points, faces, MeshSurface(mesh))
+        part._keep(deviations.closest[on] - origin, mesh.face_normals[faces])
+        return part
 
     def moved(self, T: FloatArray) -> ScannedPart:
         """The same with the scan under another pose."""
         points = pose.apply(T, self.points)
-        triangles = self.surface.closest(points).elements
-        return ScannedPart(self.mesh, self.faces, self.of_triangle, self.origin, points, triangles, self.surface)
+        found = closest_as_before(points, self.surface, self.mesh.face_normals[self.triangles])
+        of_part = self.mesh, self.faces, self.of_triangle, self.origin
+        part = ScannedPart(*of_part, points, found.elements, self.surface)
+        part._keep(found.points, found.normals)
+        return part
+
+    def _keep(self, feet: FloatArray, normals: FloatArray) -> None:
+        self._found = feet, normals, np.asarray(np.einsum("ij,ij->i", self.points - feet, normals))
 
     def face(self, name: FaceName) -> Face:
         """The one face that a plan names."""
@@ -156,9 +165,8 @@ class ScannedPart:
         """Closest places of the part to the scan points, outward normals there, signed distances."""
         if self._found is None:
             found = self.surface.closest(self.points)
-            normals = self.mesh.face_normals[found.elements]
-            values = np.asarray(np.einsum("ij,ij->i", self.points - found.points, normals))
-            self._found = found.points, normals, values
+            self._keep(found.points, self.mesh.face_normals[found.elements])
+            assert self._found is not None
         return self._found
 
     def ideal(self, face: Face) -> Feature:

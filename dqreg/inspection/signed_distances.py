@@ -14,6 +14,7 @@ from dqreg.geometry.morton import morton_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.spacing import measure_spacing
 from dqreg.geometry.surface import Surface
+from dqreg.inspection.facing import Facing
 
 # Points of a range: what is known of them stays in a core's cache from the search to the sign.
 CHUNK = 1 << 13
@@ -30,14 +31,27 @@ Answer = tuple[FloatArray, FloatArray, IntArray]
 
 
 def signed_distances(
-    points: FloatArray, geometry: Mesh | PointCloud, surface: Surface, signed: bool, progress: Progress | None = None
+    points: FloatArray,
+    geometry: Mesh | PointCloud,
+    surface: Surface,
+    signed: bool,
+    progress: Progress | None = None,
+    facing: Facing | None = None,
+    within: float = np.inf,
 ) -> Answer:
-    """Distance of every point from a target, negative inside where ``signed``; see `measure_deviations`."""
+    """Distance of every point from a target, negative inside where ``signed``; see `measure_deviations`.
+
+    Where it is known which way the scan looks, ``facing``, a signed mesh is asked for faces that look there and are
+    nearer than ``within``.
+    """
     from dqreg.kernels.row_scatter import scatter_rows
     from dqreg.kernels.threads import over_chunks
 
     count, is_mesh = len(points), isinstance(geometry, Mesh)
-    ask = _on_mesh(geometry, surface, signed) if isinstance(geometry, Mesh) else _on_cloud(geometry, surface, signed)
+    if isinstance(geometry, Mesh):
+        ask = _on_mesh(geometry, surface, signed, facing if signed else None, within)
+    else:
+        ask = _on_cloud(geometry, surface, signed)
     values, closest, faces = np.zeros(count), np.zeros((count, 3)), np.zeros(count, dtype=np.int64)
     # In Morton order queries are several times as fast: each begins at the face of the one before it. At the end it is
     # one of the large arrays.
@@ -45,7 +59,7 @@ def signed_distances(
 
     def measure(first: int, last: int, told: int = 0) -> None:
         rows = order[told + first : told + last].astype(np.int64)
-        scatter_rows(rows, *ask(np.take(points, rows, axis=0)), values, closest, faces)
+        scatter_rows(rows, *ask(np.take(points, rows, axis=0), rows), values, closest, faces)
 
     for told in range(0, count, TOLD):
         some = min(TOLD, count - told)
@@ -70,23 +84,25 @@ def moved(points: FloatArray, offset: FloatArray, out: FloatArray) -> FloatArray
     return out
 
 
-def _on_mesh(mesh: Mesh, surface: Surface, signed: bool) -> Callable[[FloatArray], Answer]:
+def _on_mesh(
+    mesh: Mesh, surface: Surface, signed: bool, facing: Facing | None, within: float
+) -> Callable[[FloatArray, IntArray], Answer]:
     # Made before threads ask for it.
     pseudo = PseudoNormals.of(mesh) if signed else None
     outside = -1.0 if signed and mesh.inward_bodies[0] else 1.0
 
-    def ask(points: FloatArray) -> Answer:
-        found = surface.closest(points)
+    def ask(points: FloatArray, rows: IntArray) -> Answer:
+        found = surface.closest(points) if facing is None else facing.closest(points, rows, surface, outside, within)
         values = found.distances if pseudo is None else pseudo.signed(points, found, outside)
         return values, found.points, found.elements
 
     return ask
 
 
-def _on_cloud(cloud: PointCloud, surface: Surface, signed: bool) -> Callable[[FloatArray], Answer]:
+def _on_cloud(cloud: PointCloud, surface: Surface, signed: bool) -> Callable[[FloatArray, IntArray], Answer]:
     radius = DISC * measure_spacing(NeighbourTree(cloud.points), cloud.points)
 
-    def ask(points: FloatArray) -> Answer:
+    def ask(points: FloatArray, _: IntArray) -> Answer:
         found = surface.closest(points)
         offsets = points - found.points
         height = np.einsum("ij,ij->i", offsets, found.normals)

@@ -89,6 +89,7 @@ def _faces() -> None:
     first_duplicates(CORNERS)
     tree = TriangleTree.of(CORNERS, np.ones((2, 3)))
     tree.closest(np.zeros((1, 3)))
+    tree.closest_facing(np.zeros((1, 3)), np.ones((1, 3)), 0.0, 1.0)
     tree.distances(FLAT[None], ONE[None], CORNERS[0], 1.0)
 
 

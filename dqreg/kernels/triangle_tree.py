@@ -11,6 +11,7 @@ from dqreg.kernels.area_order import area_order
 from dqreg.kernels.closest_triangles import closest_places
 from dqreg.kernels.compiled import compiled
 from dqreg.kernels.duplicate_triangles import MURMUR_FACTOR, first_duplicates
+from dqreg.kernels.facing_triangles import facing_places
 from dqreg.kernels.morton import Codes, morton_cells, sorted_rows
 from dqreg.kernels.pose_distances import pose_distances
 from dqreg.kernels.split_sort import CHUNK as SORTED
@@ -93,6 +94,21 @@ class TriangleTree:
         results = points, normals, distances, found
         over_chunks(closest_places, count, *tree, *asked, *results, chunk=CHUNK, fewest=WORTH)
         return points, normals, distances, found
+
+    def closest_facing(
+        self, queries: FloatArray, directions: FloatArray, cosine: float, bound: float
+    ) -> tuple[FloatArray, FloatArray, IntArray]:
+        """Closest points on the faces that look to a direction each, distances and faces: inf and -1 where none is.
+
+        A face looks there where its normal has more than the cosine with the direction.
+        """
+        count = len(queries)
+        points, distances, found = np.zeros((count, 3)), np.full(count, np.inf), np.full(count, -1, dtype=np.int64)
+        tree = self.nodes, self.links, self.packed, self.faces, self.normals
+        asked = as_plain(queries), as_plain(directions), float(cosine), float(bound)
+        results = points, distances, found
+        over_chunks(facing_places, count, *tree, *asked, *results, chunk=CHUNK, fewest=WORTH)
+        return points, distances, found
 
     def distances(
         self, rotations: FloatArray, shifts: FloatArray, points: FloatArray, bound: float, *, by_point: bool = False

@@ -9,8 +9,10 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.inspection import Deviations, measure_deviations
+from dqreg.inspection.facing import Facing
 from dqreg.registration.evidence import near_limit
 from dqreg.registration.problem import SourceAndTarget
+from dqreg.rigid import pose
 
 
 def scan_deviations(
@@ -44,5 +46,16 @@ def scan_deviations(
         covariance=covariance,
         centre=np.array(settings.get("centre", target.origin)),
         copy=False,
+        facing=_facing(inputs, T_target_source),
         **options,
     )
+
+
+def _facing(inputs: SourceAndTarget, T_target_source: FloatArray) -> Facing | None:
+    """Which way the scan looks: by normals that have a side, or by the place that its file says it was seen from."""
+    cloud = inputs.source.cloud
+    if cloud.normals is not None:
+        return Facing.by_normals(cloud.normals, T_target_source[:3, :3])
+    if cloud.viewpoint is not None:
+        return Facing.by_sight(pose.apply(inputs.to_centred(T_target_source), cloud.viewpoint[None])[0])
+    return None

@@ -40,6 +40,7 @@ def decision_rows(found: Decision) -> list[DecisionRow]:
         math.nan,
         found.share,
         None,
+        wall_words(found),
     )
     return [of_all, *(_of_region(found, region) for region in sorted(found.regions, key=lambda each: each.number))]
 
@@ -48,6 +49,19 @@ def _of_region(found: Decision, region: Region) -> DecisionRow:
     name = f"face {region.number}, {region.name}: median deviation"
     numbers = (0.0, region.low, region.high, region.median, found.uncertainty)
     return DecisionRow(name, "deviation", *numbers, region.outcome or "", region.points, region_remark(found, region))
+
+
+def wall_words(found: Decision, of: str = "") -> str:
+    """Why nothing passes where the sides of a thin wall cannot be told apart, and what to do; "" where they can."""
+    if not found.wall_doubts:
+        return ""
+    first, count = found.wall_doubts[0], len(found.wall_doubts)
+    many = "a patch" if count == 1 else f"{count} patches"
+    where = ", ".join(text_of(x) for x in first.position).replace("−", "-")
+    return (
+        f"{many} of a wall {text_of(first.thickness)}{of} thick, at ({where}){of}, may be the scanned side dented by "
+        "more than half of that, or the other side: give --viewpoint, or a scan with oriented normals"
+    )
 
 
 def shown_outcome(outcome: str, *, trusted: bool) -> dict[str, str]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from dqreg.inspection import Band, Decision
 from dqreg.inspection.places import MEDIAN_SIGMA, PLACE
-from dqreg.report.decision_rows import OUTCOME_SIGNS, shown_outcome
+from dqreg.report.decision_rows import OUTCOME_SIGNS, shown_outcome, wall_words
 from dqreg.report.page_tables import goto, rounded
 from dqreg.report.report_data import ReportData
 from dqreg.report.text import (
@@ -67,6 +67,8 @@ def decision_words(found: Decision, unit: str, signed: bool) -> list[str]:
     if unproven:
         many = "1 region is" if unproven == 1 else f"{unproven} of {len(found.regions)} regions are"
         words.append(f"{many} undecided: with the uncertainty of its deviations it may pass or fail.")
+    if found.wall_doubts:
+        words.append(f"The sides of a thin wall cannot be told apart: {wall_words(found, of)} (wall_side).")
     words.append(f"The pose adds an uncertainty of up to {text_of(found.uncertainty, 2)}{of} (k = 2) to a deviation.")
     return words
 

@@ -239,3 +239,25 @@ def test_distances_under_many_poses_are_those_of_the_moved_points(seed: int, cou
     np.testing.assert_allclose(found.reshape(-1), expected, rtol=0, atol=1e-13)
     by_point = tree.distances(R, t, points, bound, by_point=True)
     np.testing.assert_allclose(by_point.reshape(-1), expected, rtol=0, atol=1e-13)
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 40), st.floats(-0.9, 0.9), st.sampled_from([0.5, 3.0, np.inf]))
+def test_the_closest_face_that_looks_to_a_direction_is_that_of_brute_force(
+    seed: int, count: int, cosine: float, bound: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    corners, queries, directions = triangles(rng, count), 2.0 * rng.normal(size=(30, 3)), rng.normal(size=(30, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    tree = tree_of(corners)
+    points, distances, faces = tree.closest_facing(queries, directions, cosine, bound)
+    for query, direction, point, distance, face in zip(queries, directions, points, distances, faces, strict=True):
+        looking = np.flatnonzero(tree.normals @ direction > cosine)
+        away = distances_of(corners[looking], query[None])[0] if len(looking) else np.inf
+        if away >= bound:
+            assert face == -1
+            assert distance == np.inf
+            continue
+        assert face in looking
+        assert distance == pytest.approx(away, abs=1e-9)
+        assert np.linalg.norm(point - query) == pytest.approx(away, abs=1e-9)
