@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 
@@ -158,13 +159,19 @@ def _nominal(geometry: Mesh | PointCloud, closest: FloatArray, elements: IntArra
         every = geometry.face_normals if isinstance(geometry, Mesh) else geometry.normals
         return np.zeros((len(rows), 3)) if every is None else every[elements[rows]]
 
+    @cache
+    def labels() -> IntArray:
+        return faces_of(geometry)[1] if isinstance(geometry, Mesh) else np.zeros(1, dtype=np.int64)
+
+    @cache
+    def areas() -> FloatArray:
+        return areas_of(geometry, labels()) if isinstance(geometry, Mesh) else np.array([math.inf])
+
     def faces(rows: IntArray) -> IntArray:
-        if not isinstance(geometry, Mesh):
-            return np.zeros(len(rows), dtype=np.int64)
-        return faces_of(geometry)[1][elements[rows]]
+        return labels()[elements[rows]] if isinstance(geometry, Mesh) else np.zeros(len(rows), dtype=np.int64)
 
     def area(number: int) -> float:
-        return float(areas_of(geometry, faces_of(geometry)[1])[number]) if isinstance(geometry, Mesh) else math.inf
+        return float(areas()[number])
 
     return Nominal(closest, normals, faces, area)
 

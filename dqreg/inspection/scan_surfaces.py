@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
+from dqreg.inspection.part_islands import of_the_part
 from dqreg.inspection.scan_cells import ScanCells
 
 # Points around a cell, its own included, that make it one of a surface; and points beyond a distance that make a
@@ -78,15 +79,17 @@ def surfaces_of(
     flat = cells.flat(noise) & crowded
     patch = cells.patches(_linked(cells, crowded, flat))
     width = max(ONE_PLANE * noise, ONE_PLANE_SPACINGS * spacing)
-    scene = _Scene(cells, patch, crowded, flat, off, points, distances, nominal, limit, FOOT * spacing, width)
+    scene = Scene(cells, patch, crowded, flat, off, points, distances, nominal, limit, FOOT * spacing, width)
     other = scene.runs_on.copy()
     if not closed:
         other &= ~_continuing(scene)
     other |= _of_something_else(scene, other)
+    if not closed:
+        other &= ~of_the_part(scene, other)
     return Surfaces(crowded, crowded & other[patch])
 
 
-def _continuing(scene: _Scene) -> BoolArray:
+def _continuing(scene: Scene) -> BoolArray:
     """Surfaces beyond the limit that are the part's: bent away from its nominal shape, or a face out of place."""
     ends = scene.per_patch(scene.distances[scene.off] > FARTHER * scene.limit) < LEAVES
     candidates = scene.runs_on & ends & scene.is_flat
@@ -96,7 +99,7 @@ def _continuing(scene: _Scene) -> BoolArray:
     return found
 
 
-def _of_something_else(scene: _Scene, other: BoolArray) -> BoolArray:
+def _of_something_else(scene: Scene, other: BoolArray) -> BoolArray:
     """Surfaces that end within the limit, but are not the part's, given those that run on beyond it."""
     inner, flat = ~scene.runs_on & (scene.counts > 0), scene.is_flat
     found = np.zeros(scene.count, dtype=bool)
@@ -128,7 +131,7 @@ def _linked(cells: ScanCells, crowded: BoolArray, flat: BoolArray) -> BoolArray:
 
 
 @dataclasses.dataclass(eq=False)
-class _Scene:
+class Scene:
     """Patches of cells off the part, and what is known of each."""
 
     cells: ScanCells
@@ -195,7 +198,8 @@ class _Scene:
         return np.where(self.flat[self.cells.cell], cosines, 0.0)
 
     @cached_property
-    def _on(self) -> BoolArray:
+    def on(self) -> BoolArray:
+        """Whether each row of the scan lies on the part's nominal surface."""
         on = np.ones(len(self.points), dtype=bool)
         on[self.off] = False
         return on
@@ -203,12 +207,17 @@ class _Scene:
     @cached_property
     def rows_on(self) -> IntArray:
         """Rows of the scan on the part's nominal surface."""
-        return np.flatnonzero(self._on)
+        return np.flatnonzero(self.on)
+
+    @cached_property
+    def beside_part(self) -> BoolArray:
+        """Cells beside which points lie on the part's nominal surface."""
+        return self.cells.near(self.points, self.on)
 
     @cached_property
     def attached(self) -> BoolArray:
-        """Patches beside which points lie on the part's nominal surface."""
-        return self.any_of_patch(self.cells.near(self.points, self._on))
+        """Patches of which a cell is such."""
+        return self.any_of_patch(self.beside_part)
 
     def rows_of(self, number: int) -> IntArray:
         """Rows of the scan of a patch."""
