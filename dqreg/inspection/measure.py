@@ -20,7 +20,7 @@ from dqreg.geometry.spacing import measure_spacing
 from dqreg.geometry.surface import Surface
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.membership import EXCLUDED, Membership, by_reach, in_boxes, membership
-from dqreg.inspection.scan_surfaces import Nominal
+from dqreg.inspection.scan_scene import Nominal
 from dqreg.inspection.signed_distances import Progress, moved, signed_distances
 from dqreg.inspection.statistics import FEWEST, PROBED
 from dqreg.rigid import pose

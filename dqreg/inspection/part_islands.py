@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
-
-if TYPE_CHECKING:
-    from dqreg.inspection.scan_surfaces import Scene
+from dqreg.inspection.scan_scene import Scene
 
 # Points on the part go on smoothly where they leave the tangent plane of the surface beside them by less than this
 # slope, and turn by less than the angle.
