@@ -223,7 +223,9 @@ def deviation_lines(deviations: Deviations) -> list[tuple[str, str]]:
         bands = deviations.bands()
         below = f"{100 * bands.below:.2f} % below, " if deviations.signed else ""
         mark = "±" if deviations.signed else ""
-        shares = f"{100 * bands.within:.2f} % within, {below}{100 * bands.above:.2f} % above"
+        # Never rounded to all.
+        within = f"{100 * bands.within:.2f}" if bands.within in (1.0, min(bands.within, 0.99995)) else "> 99.99"
+        shares = f"{within} % within, {below}{100 * bands.above:.2f} % above"
         lines.append(("tolerance", f"{mark}{bands.tolerance:g}{unit}: {shares}"))
     for place in deviations.worst(PLACES):
         where = ", ".join(f"{x:.7g}" for x in place.position)

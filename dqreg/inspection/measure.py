@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from dqreg.geometry.surface import Surface
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.facing import Facing
 from dqreg.inspection.membership import EXCLUDED, ON_PART, Flags, Membership, by_reach, in_boxes, membership
-from dqreg.inspection.scan_surfaces import Nominal
+from dqreg.inspection.scan_scene import Nominal
 from dqreg.inspection.signed_distances import Progress, moved, signed_distances
 from dqreg.inspection.statistics import FEWEST, PROBED
 from dqreg.inspection.wall_doubts import WallDoubt, some_rows, wall_doubts
@@ -204,13 +205,17 @@ def _nominal(geometry: Mesh | PointCloud, closest: FloatArray, elements: IntArra
         every = geometry.face_normals if isinstance(geometry, Mesh) else geometry.normals
         return np.zeros((len(rows), 3)) if every is None else every[elements[rows]]
 
+    @cache
+    def areas() -> FloatArray:
+        return areas_of(geometry, faces_of(geometry)[1]) if isinstance(geometry, Mesh) else np.array([math.inf])
+
     def faces(rows: IntArray) -> IntArray:
         if not isinstance(geometry, Mesh):
             return np.zeros(len(rows), dtype=np.int64)
         return faces_of(geometry)[1][elements[rows]]
 
     def area(number: int) -> float:
-        return float(areas_of(geometry, faces_of(geometry)[1])[number]) if isinstance(geometry, Mesh) else math.inf
+        return float(areas()[number])
 
     return Nominal(closest, normals, faces, area)
 

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from dqreg._arrays import BoolArray, FloatArray, IntArray, as_float
 from dqreg.errors import InputError
 from dqreg.inspection.scan_cells import ScanCells
-from dqreg.inspection.scan_surfaces import Nominal, Surfaces, surfaces_of
+from dqreg.inspection.scan_scene import Nominal
+from dqreg.inspection.scan_surfaces import Surfaces, surfaces_of
 from dqreg.inspection.statistics import PROBED
 
 Flags = NDArray[np.int8]

@@ -24,6 +24,10 @@ NAMED = 50
 ASKED, NEIGHBOURS = 20_000, 1_000_000
 # Standard deviation of a median of n normal values: 1.2533 sigma / sqrt(n).
 MEDIAN_SIGMA = 1.2533
+# A point is off the part from that many sigmas of the noise on.
+OFF = 6.0
+# Neighbours that lie farther apart than usual by this factor are strays; so many points say what is usual.
+SPARSE, SAMPLED = 3.0, 1_000
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,16 +90,37 @@ def _medians(deviations: Deviations, rows: IntArray, asked: IntArray) -> tuple[F
     values = deviations.values[rows]
     if len(rows) < PROBED:
         return values[asked], np.zeros(len(asked))
+    step = -(-len(rows) // NEIGHBOURS)
+    feet, kept = deviations.closest[rows] - deviations.origin, values[::step]
+    # Neighbours on the part: a point off it stands with those that were measured where it should be.
+    medians, spreads = _voted(kept[_beside(feet[::step], feet[asked])[0]])
+    # Far off a part it stands with those that were measured beside it as well: what closes a hole has its feet along
+    # the rim, where good points have theirs too. Nearer, those beside a point that noise has raised are raised as well.
+    sigma = deviations.noise or GAUSSIAN_MEDIAN * float(np.median(np.abs(values - np.median(values))))
+    far = np.flatnonzero(np.abs(values[asked]) > OFF * sigma)
+    if len(far):
+        points = (deviations.points[rows] - deviations.origin)[::step]
+        beside, widths = _beside(points, deviations.points[rows[asked[far]]] - deviations.origin)
+        others, scatters = _voted(kept[beside])
+        usual = float(np.median(_beside(points, points[:: -(-len(points) // SAMPLED)])[1]))
+        # Fewer points in the same place are strays. The vote that deviates more counts.
+        more = (widths <= SPARSE * usual) & (np.abs(others) > np.abs(medians[far]))
+        medians[far[more]], spreads[far[more]] = others[more], scatters[more]
+    return medians, MEDIAN_SIGMA * spreads / math.sqrt(PLACE)
+
+
+def _beside(points: FloatArray, asked: FloatArray) -> tuple[IntArray, FloatArray]:
+    """The points nearest to each asked one, (m, 25), and how far the last of them lies, (m,)."""
     from scipy.spatial import cKDTree
 
-    # Neighbours on the part: a point off it stands with those that were measured where it should be.
-    step = -(-len(rows) // NEIGHBOURS)
-    feet = deviations.closest[rows] - deviations.origin
-    _, beside = cKDTree(feet[::step]).query(feet[asked], k=PLACE)
-    around = values[::step][beside]
+    away, beside = cKDTree(points).query(asked, k=PLACE)
+    return np.asarray(beside), np.asarray(away)[:, -1]
+
+
+def _voted(around: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Median of each row and its scatter."""
     medians = np.median(around, axis=1)
-    spreads = GAUSSIAN_MEDIAN * np.median(np.abs(around - medians[:, None]), axis=1)
-    return medians, MEDIAN_SIGMA * spreads / math.sqrt(PLACE)
+    return medians, GAUSSIAN_MEDIAN * np.median(np.abs(around - medians[:, None]), axis=1)
 
 
 def _apart(feet: FloatArray, order: IntArray, apart: float) -> list[int]:

@@ -66,14 +66,15 @@ class ScanCells:
     def planes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Planes in and around each cell: middle (k, 3), normal (k, 3), variances (k, 3), the smallest first."""
         # In cells about the middle one, where squares keep their digits.
-        places = (self._points - self._points.mean(axis=0)) / self._width
+        centre = self._points.mean(axis=0)
+        places = (self._points - centre) / self._width
         columns = [np.ones(len(places)), *places.T]
         columns += [places[:, i] * places[:, j] for i in range(3) for j in range(i, 3)]
         found = self.around(np.column_stack([self.sums(column) for column in columns]))
         middles = found[:, 1:4] / found[:, :1]
         moments = found[:, [4, 5, 6, 5, 7, 8, 6, 8, 9]].reshape(-1, 3, 3) / found[:, :1, None]
         variances, axes = np.linalg.eigh(moments - middles[:, :, None] * middles[:, None, :])
-        return middles * self._width, axes[:, :, 0], np.maximum(variances, 0.0) * self._width**2
+        return centre + middles * self._width, axes[:, :, 0], np.maximum(variances, 0.0) * self._width**2
 
     def flat(self, noise: float) -> BoolArray:
         """Cells whose points are of a smooth surface, (k,)."""
@@ -114,6 +115,28 @@ class ScanCells:
         for shift in self._shifts:
             found |= _looked_up(keys, self.keys + int(shift))[1]
         return found
+
+    def beyond(self, asked: IntArray) -> tuple[IntArray, IntArray]:
+        """Keys of each asked cell and of the 26 beside it, and the number of the asked one."""
+        keys: IntArray = (self.keys[asked][:, None] + self._shifts).ravel()
+        return keys, np.repeat(asked, len(self._shifts))
+
+    def rows_in(self, points: FloatArray, asked: BoolArray, keys: IntArray) -> tuple[IntArray, IntArray]:
+        """Rows of other points, of those asked, that lie in cells of some keys, sorted ones; and the key of each."""
+        from dqreg.kernels.threads import over_chunks
+
+        held: list[tuple[IntArray, IntArray]] = []
+
+        def hold(first: int, last: int) -> None:
+            rows = first + np.flatnonzero(asked[first:last])
+            own, inside = self._keys_of(points[rows])
+            there = _looked_up(keys, own)[1]
+            held.append((rows[inside][there], own[there]))
+
+        over_chunks(hold, len(points), chunk=CHUNK)
+        rows, own = (np.concatenate(each) for each in zip(*held, strict=True))
+        order = np.argsort(rows)
+        return rows[order], own[order]
 
     def touches(self, points: FloatArray, marked: BoolArray) -> BoolArray:
         """Whether other points lie in a marked cell or beside one, (n,)."""

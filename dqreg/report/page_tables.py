@@ -32,8 +32,8 @@ ADVICE = {
 REACH_FROM = {
     "given": "as given with --reach",
     "size": "0.05 of the smaller size",
-    "noise": "6 sigma of the scan's noise; nothing of the part lies farther off",
-    "spacing": "one spacing of the scan; nothing of the part lies farther off",
+    "noise": "6 sigma of the scan's noise; no point that counts lies farther off",
+    "spacing": "one spacing of the scan; no point that counts lies farther off",
     "deviations": "its largest deviation found in the scan",
 }
 SIGNS = {"accepted": "✓", "suspect": "!", "failed": "✗"}

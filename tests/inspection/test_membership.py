@@ -194,3 +194,76 @@ def test_a_raised_floor_beside_a_wall_is_measured_though_some_of_it_is_nearer_to
     points = np.vstack([floor, wall]) + rng.normal(0.0, NOISE, (20_000, 3))
     raised = measure_deviations(points, mesh, MeshSurface(mesh), limit=REACH, noise=NOISE, spacing=0.2)
     assert (raised.flags[:12_000] == ON_PART).mean() > 0.99
+
+
+def plate(bore: float) -> Mesh:
+    """A plate of 80 x 80 x 20 from the origin with a square bore in its middle."""
+    x = np.array([0.0, 40 - bore / 2, 40 + bore / 2, 80.0])
+    cells = [(i, j) for i in range(3) for j in range(3)]
+    at = {(i, j, k): (i * 4 + j) * 2 + k for i in range(4) for j in range(4) for k in range(2)}
+    corners = np.array([[x[i], x[j], 20.0 * k] for i in range(4) for j in range(4) for k in range(2)])
+    quads = []
+    for i, j in cells:
+        if (i, j) == (1, 1):
+            continue
+        quads += [[(i, j, 1), (i + 1, j, 1), (i + 1, j + 1, 1), (i, j + 1, 1)]]
+        quads += [[(i, j, 0), (i, j + 1, 0), (i + 1, j + 1, 0), (i + 1, j, 0)]]
+        for one, two, beside in (
+            ((i, j), (i + 1, j), (i, j - 1)),
+            ((i + 1, j), (i + 1, j + 1), (i + 1, j)),
+            ((i + 1, j + 1), (i, j + 1), (i, j + 1)),
+            ((i, j + 1), (i, j), (i - 1, j)),
+        ):
+            if beside == (1, 1) or beside not in cells:
+                quads += [[(*one, 0), (*two, 0), (*two, 1), (*one, 1)]]
+    rows = [[at[corner] for corner in quad] for quad in quads]
+    return Mesh(corners, np.array([half for a, b, c, d in rows for half in ((a, b, c), (a, c, d))]))
+
+
+def on_plate(bore: float, more: np.ndarray, *, closed: bool) -> Deviations:
+    """Deviations of the top of the plate and of the table that it stands on, with the bore open or closed, and more."""
+    rng = np.random.default_rng(7)
+    upper = np.column_stack([rng.uniform(0, 80, (40_000, 2)), np.full(40_000, 20.0)])
+    if not closed:
+        upper = upper[(np.abs(upper[:, :2] - 40) > bore / 2).any(axis=1)]
+    table = np.column_stack([rng.uniform(-40, 120, (60_000, 2)), np.zeros(60_000)])
+    table = table[((table[:, :2] < 0) | (table[:, :2] > 80)).any(axis=1)]
+    points = np.vstack([more, upper, table])
+    points += rng.normal(0.0, NOISE, points.shape)
+    mesh = plate(bore)
+    return measure_deviations(points, mesh, MeshSurface(mesh), limit=REACH, noise=NOISE, spacing=0.4)
+
+
+@pytest.mark.parametrize("bore", [4.0, 7.0, 12.0, 20.0, 30.0])
+def test_a_bore_that_was_not_made_fails_and_one_that_was_passes(bore: float) -> None:
+    none = np.zeros((0, 3))
+    assert decide(on_plate(bore, none, closed=False), 0.2).outcome == "pass"
+    shut = on_plate(bore, none, closed=True)
+    inside = (np.abs(shut.points - [40, 40, 20]) < [bore / 2 - 1, bore / 2 - 1, 1]).all(axis=1)
+    # Of the smallest some points stand alone among those of the rim.
+    assert shut.counted[inside].mean() > 0.6
+    decision = decide(shut, 0.2)
+    assert decision.outcome == "fail"
+    assert np.abs(decision.places[0].position[:2] - 40).max() < bore / 2
+
+
+def test_a_pin_on_the_part_fails_and_a_clamp_that_reaches_over_its_edge_does_not() -> None:
+    rng = np.random.default_rng(8)
+    turn, height = rng.uniform(0, 2 * np.pi, 3_000), rng.uniform(20, 30, 3_000)
+    pin = np.column_stack([20 + 3 * np.cos(turn), 20 + 3 * np.sin(turn), height])
+    held = on_plate(12.0, pin, closed=False)
+    assert held.counted[:3_000].mean() > 0.95
+    assert decide(held, 0.2).outcome == "fail"
+    # Its pad touches the part; its upper side and its front end are seen.
+    arm = np.column_stack([rng.uniform([-30, 55], [12, 65], (5_000, 2)), np.full(5_000, 28.0)])
+    front = np.column_stack([np.full(1_500, 12.0), rng.uniform([55, 20], [65, 28], (1_500, 2))])
+    clamped = on_plate(12.0, np.vstack([arm, front]), closed=False)
+    assert clamped.counted[:6_500].mean() < 0.02
+
+
+def test_a_face_of_a_fixture_flush_with_the_part_is_left_out() -> None:
+    rng = np.random.default_rng(9)
+    jaw = np.column_stack([rng.uniform([80, 10], [105, 70], (10_000, 2)), np.full(10_000, 20.0)])
+    found = on_plate(12.0, jaw, closed=False)
+    far = found.points[:10_000, 0] > 80.0 + 1.2
+    assert not found.counted[:10_000][far].any()

@@ -9,8 +9,8 @@ const KINDS = [["on_part", "on the part"], ["beyond_reach", "farther off: someth
 const FROM = {
   given: share => `${share} of the part's diagonal, as you wrote. Leave it empty to have it from the data.`,
   size: share => `${share} of the part's diagonal.`,
-  noise: () => "six times the noise of the scan: nothing of the part lies farther off.",
-  spacing: () => "one spacing of the scan: nothing of the part lies farther off.",
+  noise: () => "six times the noise of the scan: no point that counts lies farther off.",
+  spacing: () => "one spacing of the scan: no point that counts lies farther off.",
   deviations: () => "the largest deviation of the part that is found in the scan.",
 };
 

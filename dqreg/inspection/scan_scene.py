@@ -1,0 +1,199 @@
+"""Patches of a scan off its part, and what is known of each."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from dqreg._arrays import BoolArray, FloatArray, IntArray
+from dqreg.inspection.scan_cells import ScanCells
+
+# Points around a cell, its own included, that make it one of a surface; and points beyond a distance that make a
+# surface one that runs on beyond it.
+SURFACE, LEAVES = 5, 10
+# The distance from the part grows along a surface by the sine of the angle between them: a bent part departs from its
+# nominal shape by less than the first angle, what stands on it or carries it by more than the second.
+CONTINUES_COS, LEAVES_COS = float(np.cos(np.deg2rad(20.0))), float(np.cos(np.deg2rad(45.0)))
+# Most of a surface.
+MOST = 0.8
+# Share of feet on measured places from which a surface stands before the part.
+BEFORE = 0.7
+# Share of the nominal places behind a surface that were measured, up to which the surface is the face there; and the
+# share of the face that it covers, more where some of its points are above another face.
+REPLACES, COVERS, MOSTLY = 0.25, 0.25, 0.5
+# Surfaces are of one plane within so many sigmas of the noise, or so many spacings; planes that are looked at.
+ONE_PLANE, ONE_PLANE_SPACINGS, PLANES = 4.0, 0.5, 8
+# Points of a side that are asked which one is nearest.
+LOOKED_AT = 200_000
+
+
+@dataclasses.dataclass(frozen=True)
+class Nominal:
+    """The target as the points see it."""
+
+    feet: FloatArray  # (n, 3): Closest places
+    normals: Callable[[IntArray], FloatArray]  # Of the target at the feet of some rows; 0 where it has none
+    faces: Callable[[IntArray], IntArray]  # Number of the face of the part there
+    area: Callable[[int], float]  # Of a face
+
+
+@dataclasses.dataclass(eq=False)
+class Scene:
+    """Patches of cells off the part, and what is known of each."""
+
+    cells: ScanCells
+    patch: IntArray  # (k,): Of each cell
+    crowded: BoolArray
+    flat: BoolArray
+    off: IntArray  # Rows of the scan that the cells hold
+    points: FloatArray
+    distances: FloatArray
+    nominal: Nominal
+    limit: float
+    near: float  # Feet so near to each other are of one place
+    width: float  # Points so near to a plane are in it
+
+    def __post_init__(self) -> None:
+        self.count = int(self.patch.max(initial=-1)) + 1
+        self.counts = self.per_patch(np.ones(len(self.off)))
+        self.is_flat = self.any_of_patch(self.flat)
+
+    @cached_property
+    def runs_on(self) -> BoolArray:
+        """Patches that go on beyond the limit."""
+        beyond = self.per_patch(self.distances[self.off] > self.limit)
+        found: BoolArray = (beyond >= LEAVES) | (beyond > 0.5 * self.counts)
+        return found
+
+    def per_patch(self, values: FloatArray | BoolArray) -> FloatArray:
+        """Sum over the points of each patch that is crowded."""
+        sums = self.cells.sums(np.asarray(values, dtype=np.float64)) * self.crowded
+        return np.bincount(self.patch, weights=sums, minlength=self.count).astype(np.float64)
+
+    def any_of_patch(self, marked: BoolArray) -> BoolArray:
+        """Patches of which a crowded cell is marked."""
+        found = np.zeros(self.count, dtype=bool)
+        found[self.patch[marked & self.crowded]] = True
+        return found
+
+    @cached_property
+    def turned(self) -> BoolArray:
+        """Patches that face the part like one of its own faces."""
+        found: BoolArray = self._turned >= MOST * self.counts
+        return found
+
+    @cached_property
+    def half_turned(self) -> BoolArray:
+        """Patches of which most points do; those above the foot of a wall have their feet on the wall."""
+        found: BoolArray = self._turned > 0.5 * self.counts
+        return found
+
+    @cached_property
+    def _turned(self) -> FloatArray:
+        return self.per_patch(self.facing >= CONTINUES_COS)
+
+    def beside(self, marked: BoolArray) -> BoolArray:
+        """Patches that touch one of those marked."""
+        return self.any_of_patch(self.cells.beside(marked[self.patch] & self.crowded))
+
+    @cached_property
+    def facing(self) -> FloatArray:
+        """Cosine of the angle between the surface at each point and the part's; 0 where it is not known."""
+        offsets = self.points[self.off] - self.nominal.feet[self.off]
+        normals = self.cells.planes[1][self.cells.cell]
+        cosines = np.abs(np.einsum("ij,ij->i", offsets, normals)) / self.distances[self.off]
+        return np.where(self.flat[self.cells.cell], cosines, 0.0)
+
+    @cached_property
+    def on(self) -> BoolArray:
+        """Whether each row of the scan lies on the part's nominal surface."""
+        on = np.ones(len(self.points), dtype=bool)
+        on[self.off] = False
+        return on
+
+    @cached_property
+    def rows_on(self) -> IntArray:
+        """Rows of the scan on the part's nominal surface."""
+        return np.flatnonzero(self.on)
+
+    @cached_property
+    def beside_part(self) -> BoolArray:
+        """Cells beside which points lie on the part's nominal surface."""
+        return self.cells.near(self.points, self.on)
+
+    @cached_property
+    def attached(self) -> BoolArray:
+        """Patches of which a cell is such."""
+        return self.any_of_patch(self.beside_part)
+
+    def rows_of(self, number: int) -> IntArray:
+        """Rows of the scan of a patch."""
+        found: IntArray = self.off[((self.patch == number) & self.crowded)[self.cells.cell]]
+        return found
+
+    def stands_before(self, number: int) -> bool:
+        """Whether the nominal places behind a surface were measured too."""
+        return self.share_measured(self.rows_of(number)) >= BEFORE
+
+    def share_measured(self, rows: IntArray) -> float:
+        """Share of the nominal places behind some rows of the scan that were measured too."""
+        if not len(self.rows_on):
+            return 0.0
+        away, _ = self._measured.query(self._sided(rows), distance_upper_bound=self.near)
+        return float(np.isfinite(away).mean())
+
+    @cached_property
+    def _measured(self) -> Any:
+        from scipy.spatial import cKDTree
+
+        return cKDTree(self._sided(self.rows_on))
+
+    def _sided(self, rows: IntArray) -> FloatArray:
+        # A foot on the other side of a thin wall is another place.
+        return np.hstack([self.nominal.feet[rows], 2.0 * self.near * self.nominal.normals(rows)])
+
+    def in_planes(self, marked: BoolArray) -> BoolArray:
+        """Patches that lie in the plane of one of those marked, the largest ones."""
+        found = np.zeros(self.count, dtype=bool)
+        for number in np.flatnonzero(marked)[np.argsort(-self.counts[marked])][:PLANES]:
+            points = self.points[self.rows_of(int(number))]
+            middle = points.mean(axis=0)
+            normal = np.linalg.svd(np.cov((points - middle).T))[0][:, 2]
+            near = np.abs((self.points[self.off] - middle) @ normal) <= self.width
+            found |= self.per_patch(near) >= MOST * self.counts
+        return found
+
+    def nearer_to(self, other: BoolArray, pieces: BoolArray) -> BoolArray:
+        """Patches of which most points lie nearer to other surfaces than to the part."""
+        from scipy.spatial import cKDTree
+
+        away = self.off[(self.crowded & other[self.patch])[self.cells.cell]]
+        asked = np.flatnonzero((self.crowded & pieces[self.patch])[self.cells.cell])
+        nearer = np.zeros(len(self.off), dtype=bool)
+        if len(asked) and len(away):
+            points = self.points[self.off[asked]]
+            to_part, to_other = (
+                cKDTree(self.points[rows[:: -(-len(rows) // LOOKED_AT)]]).query(points)[0] if len(rows) else np.inf
+                for rows in (self.rows_on, away)
+            )
+            nearer[asked] = to_other < to_part
+        found: BoolArray = self.per_patch(nearer) > 0.5 * self.counts
+        return found
+
+    def replaces_a_face(self, number: int) -> bool:
+        """Whether a surface is what was measured of the face of the part behind it."""
+        rows = self.rows_of(number)
+        faces = self.nominal.faces(rows)
+        behind = np.bincount(faces)
+        face = int(behind.argmax())
+        above = rows[faces == face]
+        places = np.unique(np.floor(self.nominal.feet[above] / self.near), axis=0)
+        covers = len(places) * self.near**2 / self.nominal.area(face)
+        # A surface above two faces replaces one of them where it covers more of it.
+        if len(above) <= 0.5 * len(rows) or covers < (COVERS if len(above) >= MOST * len(rows) else MOSTLY):
+            return False
+        return self.share_measured(above) <= REPLACES
