@@ -12,8 +12,8 @@ from dqreg.inspection.scan_scene import Scene
 SLOPE, SMOOTH_COS = 0.35, float(np.cos(np.deg2rad(20.0)))
 # A point on a face has its foot beside it by less than this share of the distance at which feet are of one place.
 BESIDE = 0.1
-# Directions about a surface, and the share of them in which the part goes on smoothly that makes it a lid of the part:
-# beside the part it does so in half of them at most.
+# Directions about a surface, and the share of them in which the part goes on smoothly that makes it a lid of the part,
+# or an island amid one of its faces: beside the part it does so in half of them at most.
 SECTORS, ENCLOSED = 24, 0.6
 # A lid is no wider than so many limits: half of the part.
 LARGEST = 10.0
@@ -43,7 +43,8 @@ def _lids(scene: Scene, asked: BoolArray) -> BoolArray:
         rows, patch = _going_on(scene, mine)
         many = np.flatnonzero(np.bincount(patch, minlength=scene.count) >= SECTORS * ENCLOSED)
         for number in many:
-            found[number] = _enclosed(scene.points[scene.rows_of(int(number))], scene.points[rows[patch == number]])
+            share = _enclosed(scene.points[scene.rows_of(int(number))], scene.points[rows[patch == number]])
+            found[number] = share >= ENCLOSED
     return found
 
 
@@ -70,8 +71,8 @@ def _going_on(scene: Scene, mine: IntArray) -> tuple[IntArray, IntArray]:
     return each[:, 0], each[:, 1]
 
 
-def _enclosed(points: FloatArray, around: FloatArray) -> bool:
-    """Whether points lie around others in most directions, farther out than those."""
+def _enclosed(points: FloatArray, around: FloatArray) -> float:
+    """Share of the directions in which points lie around others, farther out than those."""
     middle = points.mean(axis=0)
     plane = np.linalg.svd(np.cov((points - middle).T))[0][:, :2]
     inner, outer = (np.zeros(SECTORS) for _ in range(2))
@@ -79,7 +80,7 @@ def _enclosed(points: FloatArray, around: FloatArray) -> bool:
         x, y = ((places - middle) @ plane).T
         sector = np.floor((np.arctan2(y, x) / (2.0 * np.pi) + 0.5) * SECTORS).astype(np.int64) % SECTORS
         np.maximum.at(farthest, sector, np.hypot(x, y))
-    return float(np.mean(outer > inner)) >= ENCLOSED
+    return float(np.mean(outer > inner))
 
 
 def _islands(scene: Scene, asked: BoolArray) -> BoolArray:
@@ -96,14 +97,27 @@ def _islands(scene: Scene, asked: BoolArray) -> BoolArray:
     found = (sizes >= ISLAND) & (above >= ABOVE * sizes)
     found &= _extents(scene.points[rows], of, count) <= WIDE * scene.limit
     touching = np.bincount(island, weights=marked & scene.beside_part, minlength=count) > 0
-    for number in np.flatnonzero(found & ~touching):
-        # The sides of a pin are not seen from above: its shadow on the part is the only place that was not measured.
-        found[number] = 0.0 < scene.share_measured(rows[of == number]) < SHADOW
+    for number in np.flatnonzero(found):
+        found[number] = _stands_on(scene, rows[of == number], touches=bool(touching[number]))
     patches = scene.any_of_patch(found[island] & marked)
     if not patches.any():
         return patches
     # A table is seen through the holes of a part.
     return asked & patches & ~scene.in_planes(asked & ~patches & scene.is_flat & (scene.counts >= ISLAND))
+
+
+def _stands_on(scene: Scene, rows: IntArray, *, touches: bool) -> bool:
+    """Whether an island stands amid a face of the part that was scanned around it: a table or clamp is beside one.
+
+    The sides of a pin are not seen from above: its shadow on the part is the only place that was not measured.
+    """
+    if not (touches or 0.0 < scene.share_measured(rows) < SHADOW):
+        return False
+    feet, normal = scene.nominal.feet[rows], scene.nominal.normals(rows).mean(axis=0)
+    within = np.abs(scene.nominal.feet[scene.rows_on] - feet.mean(axis=0)).max(axis=1) <= np.ptp(feet, axis=0).max()
+    around = scene.rows_on[within]
+    around = around[scene.nominal.normals(around) @ normal >= SMOOTH_COS * np.linalg.norm(normal)]
+    return len(around) > 0 and _enclosed(feet, scene.nominal.feet[around]) >= ENCLOSED
 
 
 def _extents(points: FloatArray, of: IntArray, count: int) -> FloatArray:
