@@ -10,7 +10,7 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray, dot
 from dqreg._records import replaced
 from dqreg.solvers.row_sums import FREE_SHARE, MotionSums
-from dqreg.solvers.sandwich import Starts, patch_starts, scatter_of_sums, with_few
+from dqreg.solvers.sandwich import Starts, patch_starts, scatter_of_sums
 from dqreg.trust.both_sides import carriers_of, unconfirmed
 
 # What was known beforehand of a motion, below this fraction of what was of another, is rounding.
@@ -201,10 +201,7 @@ def information_of(
     held = Information(values, outer, total, sigma, lever, centre, carriers, beforehand=beforehand)
     held = replaced(held, tilt=_tilt(held.free, values, said, outer, weights))
     by_shape = ~held.free & ~is_denied
-    scatter = _scatter(sums, starts, told, variance, vectors[:, by_shape], vectors[:, beforehand])
-    if scatter is not None:
-        scatter = with_few(scatter, outer[:, by_shape], variance / (values[by_shape] * of_all), carriers[by_shape])
-    return replaced(held, scatter=scatter)
+    return replaced(held, scatter=_scatter(sums, starts, told, variance, vectors[:, by_shape], vectors[:, beforehand]))
 
 
 def _scatter(

@@ -196,24 +196,3 @@ def test_errors_of_normals_hold_no_mixture_with_a_motion_that_is_hardly_held(col
             # Tilted by the errors of 4,000 pairs alone, in two held motions.
             assert np.abs(both.vectors[3, both.free]).min() > np.cos(4.0 / np.sqrt(count))
     assert column or mixed > 5
-
-
-def test_squared_errors_are_the_variance_where_few_points_hold_a_motion() -> None:
-    # A table seen from above, and few points on walls of it. A fit of least squares, so that the truth is known.
-    few, squares = 8, []
-    for seed in range(150):
-        rng = np.random.default_rng(seed)
-        floor = np.column_stack([rng.uniform(-1.0, 1.0, (2000, 2)), np.zeros(2000)])
-        walls = [np.column_stack([np.ones(few), rng.uniform(-1.0, 1.0, (few, 2))])]
-        walls.append(walls[0][:, [1, 0, 2]] * [1.0, -1.0, 1.0])
-        points, normals = np.concatenate([floor, *walls]), np.repeat(np.eye(3)[[2, 0, 1]], [2000, few, few], axis=0)
-        order = np.argsort(points[:, 0])
-        points, normals = points[order], normals[order]
-        rows = np.hstack([np.cross(points, normals), normals])
-        noise = 1e-3 * rng.normal(size=len(points))
-        error = np.linalg.lstsq(rows, noise, rcond=None)[0]
-        residuals, weights = noise - rows @ error, np.ones(len(points))
-        found = information_of(points, normals, residuals, weights, 1.0, np.zeros(3), patchwise=True)
-        squares.append(error @ np.linalg.solve(found.spread, error) / 6.0)
-    # Standard error of the mean 0.06.
-    assert 0.8 < np.mean(squares) < 1.3
