@@ -80,8 +80,8 @@ def scale_step(matches: SurfaceMatches, *, hold: bool = False) -> ScaleStep:
     # Lengths in sizes of the source, so that all seven columns are alike.
     size = _spread_of(p, weights)
     away, met = (p - middle) / size, (matches.closest[used] - middle) / size
-    # The scale moves the places on the target: a point is off by its noise, which is in its gap too, so that each square
-    # of it would ask for a smaller source (errors in variables).
+    # The scale moves the places on the target: a point is off by its noise, which is in its gap too, so that each
+    # square of it would ask for a smaller source (errors in variables).
     rows = np.column_stack([np.cross(away, n), n, np.einsum("ij,ij->i", n, met)])
     gaps = -np.einsum("ij,ij->i", n, p - matches.closest[used]) / size
     weighed = weights[:, None] * rows
