@@ -36,7 +36,11 @@ def _scale(text: str) -> float | str:
     return text if text == "solve" else _finite(text)
 
 
-def _viewpoints(text: str) -> list[list[float]]:
+def _viewpoints(text: str) -> list[list[float]] | str:
+    from dqreg.registration.options import NO_VIEWPOINT
+
+    if text == NO_VIEWPOINT:
+        return text
     found = [[_finite(word) for word in place.replace(",", " ").split()] for place in text.split(";")]
     if any(len(place) != 3 for place in found):
         raise ValueError("no places")
@@ -61,7 +65,7 @@ OPTIONS = {
     "dof": TEXT,
     "time_limit": NUMBER,
     "scale": OptionKind(_scale, "a finite number or the word solve"),
-    "viewpoint": OptionKind(_viewpoints, "three numbers x y z, of several places with ; between them"),
+    "viewpoint": OptionKind(_viewpoints, "three numbers x y z, of several places with ; between them, or none"),
     "search": TEXT,
     "clutter": TEXT,
 }
