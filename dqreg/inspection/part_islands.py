@@ -84,7 +84,7 @@ def _enclosed(points: FloatArray, around: FloatArray) -> float:
 
 
 def _islands(scene: Scene, asked: BoolArray) -> BoolArray:
-    """Patches of what stands on the part: small, above its faces, and joined to nothing that is beside it."""
+    """Patches of what stands on the part: small, above its faces, and amid one of them, see `_stands_on`."""
     marked = asked[scene.patch] & scene.crowded
     one, two = scene.cells.pairs.T
     island = scene.cells.patches(marked[one] & marked[two])
