@@ -152,7 +152,9 @@ def _as_likely(fit: Fit) -> tuple[FloatArray, FloatArray]:
     if isinstance(surface, MeshSurface):
         pairs = fit.evenly_asked()
         asked = pairs.scan.points, pairs.distances
-    found = flipped_poses(fit.T_target_source, maps, scan, surface, limit_of(fit), fit.floor, asked)
+    # Of few points amid a scene none is refined that far.
+    scale = np.inf if is_scene(fit) else fit.run.mixture.scale
+    found = flipped_poses(fit.T_target_source, maps, scan, surface, limit_of(fit), fit.floor, asked, scale)
     others = np.array([T for T, _ in found]).reshape(-1, 4, 4)
     if not len(others):
         return none
