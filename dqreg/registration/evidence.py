@@ -98,8 +98,8 @@ def agreement_of(
         asked_of, sparse = (on, False) if has_border else (close & ~alone, len(scan) < SPARSE)
         clutter, strays = has_border or bool(around.elsewhere.any()), share_of(alone)
         least = MIN_NOISE_DIAGONALS * size
-        asking = {"clutter": clutter, "strays": strays > SOME_STRAYS, "faults": not axis, "least": least}
-        fit = functools.partial(strain_of, **asking)
+        scattered = strays > SOME_STRAYS
+        fit = functools.partial(strain_of, clutter=clutter, strays=scattered, faults=not axis, least=least)
         shape = _shape_of(pairs, asked_of, noise, size, fit, clutter=clutter, sparse=sparse)
         # Neighbours of a sparse scan tell faces from outliers no better than chance; their heights do.
         off = off if has_border else max(off, displaced_of(pairs, close, width, noise, surface))
