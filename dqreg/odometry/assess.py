@@ -10,7 +10,7 @@ import numpy as np
 from dqreg._arrays import FloatArray, product
 from dqreg.geometry.vector_rows import nonzero_rows, row_dots
 from dqreg.icp import NO_POSE, Alignment
-from dqreg.odometry.follow import SPURIOUS
+from dqreg.odometry.follow import SPURIOUS_INFORMATION_RATIO
 from dqreg.odometry.frame import DownsampledFrame
 from dqreg.odometry.kiss import rigid
 from dqreg.odometry.prediction import Prediction, contradiction, held_directions, held_notes
@@ -24,7 +24,7 @@ from dqreg.trust import Evidence, Information, information_of, judge
 from dqreg.trust.records import Code, Reason, Verdict
 
 # Fraction of inliers below which there is no pose to speak of: a frame of another place reaches 0.3.
-LOST = 1.0 / 3.0
+LOST_FRACTION = 1.0 / 3.0
 TINY = float(np.finfo(float).tiny)
 
 
@@ -39,7 +39,7 @@ def frame_result(
 ) -> Registration:
     """The answer for one frame; with a prediction that has a covariance, both are weighed."""
     run = place.aligned
-    if run.status not in NO_POSE and not run.inlier_fraction >= LOST:
+    if run.status not in NO_POSE and not run.inlier_fraction >= LOST_FRACTION:
         words = f"no pose: only {100 * run.inlier_fraction:.0f} % of the points are inliers at the best one"
         return without_pose((Reason(words, "lost"), *notes), run.status, settings)
     uncertainty = None if information is None else Uncertainty.of(information)
@@ -110,7 +110,7 @@ def _with_prediction(
 def information_of_place(place: Placed, reach: float) -> Information | None:
     """Information of a frame where it was placed, which nothing changes that was seen there; None without a pose."""
     run = place.aligned
-    if not run.found or not run.inlier_fraction >= LOST:
+    if not run.found or not run.inlier_fraction >= LOST_FRACTION:
         return None
     return information_at(run, reach, place.axis if place.is_free else None)
 
@@ -148,7 +148,7 @@ def _without_spurious(
 ) -> Information:
     """Information with the motions free that only the noise of the normals constrains."""
     spurious = across_normals(information.vectors, arms, normals, 0.5 * noise) / max(information.weight, TINY)
-    values = np.where(information.values < SPURIOUS * spurious, 0.0, information.values)
+    values = np.where(information.values < SPURIOUS_INFORMATION_RATIO * spurious, 0.0, information.values)
     order = np.argsort(values, kind="stable")
     return dataclasses.replace(
         information,
