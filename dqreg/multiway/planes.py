@@ -18,13 +18,13 @@ from dqreg.solvers.robust import InlierMixture
 
 # Distances along the normals below this fraction of the spacing: the planes alone count then. Discs, which hold a
 # little along the surface too, suit noisy clouds; here they would drag the poses towards the nearest points.
-WELL_BELOW = 0.4
+PLANES_ALONE_SPACINGS = 0.4
 # Fraction of the information in one cell that is believed at most.
-MOST_LEVERAGE = 0.9
+MAX_LEVERAGE = 0.9
 # How near edges and rims hold what no face holds, in spacings.
-LOCKED = 0.5
+LOCKED_SPACINGS = 0.5
 # Rounds that fit the scale of the distances.
-ROUNDS = 20
+SCALE_ROUNDS = 20
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Planes:
         m, w = self.matches, self.weights
         p, q, n = m.points, m.feet, m.normals
         origins = (w @ p / w.sum(), w @ q / w.sum())
-        if m.variances is not None and self.sigma > WELL_BELOW * self.spacing:
+        if m.variances is not None and self.sigma > PLANES_ALONE_SPACINGS * self.spacing:
             spreads = BEND + m.variances, BEND + m.turned_variances
             matrix = plane_to_plane_form(p, q, (n, m.turned), spreads, 2.0 * BEND * w, origins)
         else:
@@ -76,7 +76,7 @@ class Planes:
         """
         spread = _arms(self.matches.moved)
         weights = self.weights / self.weights.sum()
-        return np.asarray(np.einsum("k,kij,klj->il", weights, spread, spread) / (LOCKED * self.spacing) ** 2)
+        return np.asarray(np.einsum("k,kij,klj->il", weights, spread, spread) / (LOCKED_SPACINGS * self.spacing) ** 2)
 
     @property
     def apparent(self) -> FloatArray:
@@ -86,7 +86,7 @@ class Planes:
         motions along itself. It does not: errors in variables.
         """
         variances = self.matches.variances
-        if variances is None or self.sigma > WELL_BELOW * self.spacing:
+        if variances is None or self.sigma > PLANES_ALONE_SPACINGS * self.spacing:
             return np.zeros((6, 6))
         n = self.matches.normals
         # A normal's variance is the sum over two tangential axes.
@@ -136,7 +136,7 @@ def _unfitted(slopes: FloatArray, rows: FloatArray, group: IntArray, relative: F
             shares[:, i, j] = shares[:, j, i] = np.bincount(group, whitened[:, i] * whitened[:, j], len(slopes))
     own, turned = np.linalg.eigh(shares)
     along = np.einsum("kij,ki->kj", turned, (slopes * scale) @ vectors * root)
-    along /= np.sqrt(1.0 - np.minimum(own, MOST_LEVERAGE))
+    along /= np.sqrt(1.0 - np.minimum(own, MAX_LEVERAGE))
     return np.asarray(np.einsum("kij,kj->ki", turned, along) / root @ vectors.T / scale)
 
 
@@ -161,7 +161,7 @@ def planes_of(
     begun = InlierMixture.widest(reach, floor)
     if before is not None:
         begun = dataclasses.replace(before.mixture, limit=reach)
-    mixture = begun.fit(aside, floor=floor, rounds=ROUNDS)
+    mixture = begun.fit(aside, floor=floor, rounds=SCALE_ROUNDS)
     weights = mixture.weight(aside) * _sureness(matches, mixture.scale)
     # Below a millionth the weight is rounding.
     weights[weights < 1e-6] = 0.0

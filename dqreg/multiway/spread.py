@@ -21,9 +21,9 @@ from dqreg.multiway.planes import Planes
 from dqreg.rigid import pose
 
 # Variance of a scaled motion, in squares of a radian or of the size, beyond which it is free.
-FREE = 1.0
+FREE_VARIANCE = 1.0
 # Share of the information about a motion that is left, at least, where the rest is that of errors of the normals.
-LEAST_HELD = 1e-3
+MIN_INFORMATION_SHARE = 1e-3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,7 +58,7 @@ def joint_covariance(T: FloatArray, planes: Sequence[Planes], free: IntArray, ce
     covariance = root @ root.T
     scale = np.tile(np.r_[[1.0] * 3, [size] * 3], len(free))
     # Nothing is known of a node that met no other one.
-    loose = (np.diag(covariance) / scale**2 > FREE) | (np.diag(held + beside) <= 0.0)
+    loose = (np.diag(covariance) / scale**2 > FREE_VARIANCE) | (np.diag(held + beside) <= 0.0)
     covariance[loose] = np.nan
     covariance[:, loose] = np.nan
     return Spread(covariance, cells, solve(slopes.toarray()))
@@ -133,7 +133,7 @@ def less(information: FloatArray, apparent: FloatArray) -> FloatArray:
     forth, back = (vectors * roots) * scale[:, None], vectors / roots / scale[:, None]
     shares, turn = np.linalg.eigh(np.eye(6) - back.T @ apparent @ back)
     root = forth @ turn
-    return np.asarray((root * np.maximum(shares, LEAST_HELD)) @ root.T)
+    return np.asarray((root * np.maximum(shares, MIN_INFORMATION_SHARE)) @ root.T)
 
 
 def _by_cell(

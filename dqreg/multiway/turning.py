@@ -16,22 +16,30 @@ from dqreg.multiway.symmetric_part import symmetric_axis
 from dqreg.rigid import DualQuaternion, pose
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 
-# Points of a view that are looked at, views, and rounds of the fit of the axis.
-POINTS, VIEWS, ROUNDS = 1_500, 6, 15
+# Points of a view that are looked at, and views.
+POINTS_PER_VIEW, MAX_VIEWS = 1_500, 6
+# Rounds of the fit of the axis.
+AXIS_ROUNDS = 15
 # A normal's line misses the axis of a round face by less than this, in sizes, at a lever of one; and the share of the
 # points that must be on round faces for the part to be nearly round.
-ROUND, MOSTLY = 0.02, 0.8
+AXIS_MISS_SIZES, MIN_ROUND_SHARE = 0.02, 0.8
 # Turns that are tried, and the share of what lies on the others unturned that must do so at each of them.
-TURNS_RAD, ALIKE = np.deg2rad([10.0, 17.0, 30.0, 41.0]), 0.9
-# A point lies on another view within so many spacings, so many scales of noise along the normal, and this cosine.
-NEAR, THICK, FINE, FACING = 3.0, 4.0, 0.1, 0.9
-NEIGHBOURS = 4
-# Rotations of rivals that are one: radians, sizes; those that are none; used pairs that must name it, and share.
-SAME_RAD, SAME, LEAST_RAD, FEWEST, NAMING = np.deg2rad(8.0), 0.05, np.deg2rad(5.0), 2, 0.25
+TRIED_TURNS_RAD, MIN_KEPT_SHARE = np.deg2rad([10.0, 17.0, 30.0, 41.0]), 0.9
+# A point lies on another view within so many spacings, at this cosine of the normals,
+NEAR_SPACINGS, MIN_NORMAL_COS = 3.0, 0.9
+# and within so many scales of noise along the normal, or spacings if these are more.
+NEAR_NOISES, MIN_NEAR_SPACINGS = 4.0, 0.1
+NEAR_NEIGHBOURS = 4
+# Rotations of rivals that are one: radians, sizes.
+SAME_TURN_RAD, SAME_TURN_SIZES = np.deg2rad(8.0), 0.05
+# Those that are none.
+MIN_TURN_RAD = np.deg2rad(5.0)
+# Pairs, at least; and share of the used ones that must name one rotation.
+MIN_PAIRS, MIN_NAMING_SHARE = 2, 0.25
 # Turns that contradicting pairs name, and that are tried on the model.
-TRIED = 6
+MAX_TRIED_TURNS = 6
 # Views that show a part from so many sides that its model can be asked for symmetries.
-FEWEST_VIEWS = 4
+MIN_VIEWS_OF_MODEL = 4
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,14 +73,14 @@ def turnings(
     model = _Model.of(views, T_world_scan, placed)
     if known is not None:
         axis, point = known.axis(T_world_scan)
-        telling = 1.0 - model.kept(axis, point, TURNS_RAD)
+        telling = 1.0 - model.kept(axis, point, TRIED_TURNS_RAD)
         return (Turning(axis, point, None, telling, agreed=known.agreed, step_rad=known.step_rad),)
     found = _round(model)
     if found is not None:
         return (found,)
     turns = list(_from_rivals(T_world_scan, edges, typical_size([views[k] for k in placed])))
     turns = turns or _from_contradictions(model, T_world_scan, edges)
-    return tuple(turns or ([] if started or len(placed) < FEWEST_VIEWS else _from_model(model)))
+    return tuple(turns or ([] if started or len(placed) < MIN_VIEWS_OF_MODEL else _from_model(model)))
 
 
 def _from_pairs(edges: Sequence[Edge]) -> Iterator[Turning]:
@@ -84,7 +92,7 @@ def _from_pairs(edges: Sequence[Edge]) -> Iterator[Turning]:
         if edge.registration.observability[0].kind == "rotation"
         and {"weakly_constrained", "unconstrained"} & set(edge.registration.verdict.codes)
     ]
-    if len(loose) >= FEWEST and len(loose) > 0.5 * len(found):
+    if len(loose) >= MIN_PAIRS and len(loose) > 0.5 * len(found):
         motion = loose[0].registration.observability[0]
         yield Turning(np.array(motion.axis), np.array(motion.point), None, np.nan, loose[0].target)
 
@@ -102,12 +110,12 @@ class _Model:
         spacing = float(np.median([views[k].scan.spacing * np.sqrt(_step(views[k])) for k in placed]))
         noise = float(np.median([views[k].scan.noise for k in placed]))
         clouds = tuple(_in_world(views[k], T_world_scan[k]) for k in placed)
-        return _Model(clouds, spacing, max(THICK * noise, FINE * spacing))
+        return _Model(clouds, spacing, max(NEAR_NOISES * noise, MIN_NEAR_SPACINGS * spacing))
 
     def kept(self, axis: FloatArray, point: FloatArray, angles: FloatArray) -> float:
         """Share of a view, of what lies on the others, that does so too when it is turned: the median of some views."""
         count, found = len(self.clouds), []
-        for k in range(0, count, max(1, count // VIEWS)):
+        for k in range(0, count, max(1, count // MAX_VIEWS)):
             rest = [np.concatenate([self.clouds[j][row] for j in range(count) if j != k]) for row in (0, 1)]
             turned = _kept_when_turned(self.clouds[k], rest, (axis, point), self.spacing, self.thick, angles)
             found.append(turned)
@@ -118,10 +126,10 @@ def _round(model: _Model) -> Turning | None:
     """The axis of a part that is nearly a solid of revolution, if views can be turned about it."""
     points, normals = (np.concatenate([cloud[row] for cloud in model.clouds]) for row in (0, 1))
     axis, point, share = axis_of_revolution(points, normals, float(np.linalg.norm(np.ptp(points, axis=0))))
-    if share < MOSTLY:
+    if share < MIN_ROUND_SHARE:
         return None
-    kept = model.kept(axis, point, TURNS_RAD)
-    return Turning(axis, point, None, 1.0 - kept) if kept >= ALIKE else None
+    kept = model.kept(axis, point, TRIED_TURNS_RAD)
+    return Turning(axis, point, None, 1.0 - kept) if kept >= MIN_KEPT_SHARE else None
 
 
 def _from_contradictions(model: _Model, T_world_scan: FloatArray, edges: Sequence[Edge]) -> list[Turning]:
@@ -133,12 +141,12 @@ def _from_contradictions(model: _Model, T_world_scan: FloatArray, edges: Sequenc
         W = T_world_scan[edge.target]
         D = W @ edge.registration.T_target_source @ pose.inverse(T_world_scan[edge.source])
         twist = pose.log(D) if np.isfinite(D).all() else np.zeros(6)
-        if (angle := float(np.linalg.norm(twist[:3]))) > LEAST_RAD:
+        if (angle := float(np.linalg.norm(twist[:3]))) > MIN_TURN_RAD:
             against.append((angle, twist[:3] / angle, D))
-    for angle, axis, D in sorted(against, key=lambda each: each[0])[:TRIED]:
+    for angle, axis, D in sorted(against, key=lambda each: each[0])[:MAX_TRIED_TURNS]:
         point = DualQuaternion.from_matrix(D).as_screw().point
         kept = model.kept(axis, point, np.array([angle]))
-        if kept >= ALIKE:
+        if kept >= MIN_KEPT_SHARE:
             return [Turning(axis, point, angle, 1.0 - kept)]
     return []
 
@@ -157,7 +165,7 @@ def axis_of_revolution(points: FloatArray, normals: FloatArray, size: float) -> 
     """
     weights = np.ones(len(points))
     axis, point, missed = np.zeros(3), np.zeros(3), np.zeros(len(points))
-    for _ in range(ROUNDS):
+    for _ in range(AXIS_ROUNDS):
         centre = np.average(points, axis=0, weights=weights)
         rows = np.hstack([np.cross((points - centre) / size, normals), normals])
         squares = (rows * weights[:, None]).T @ rows / weights.sum()
@@ -165,9 +173,9 @@ def axis_of_revolution(points: FloatArray, normals: FloatArray, size: float) -> 
         axis = np.linalg.eigh(squares[:3, :3] + squares[:3, 3:] @ shift)[1][:, 0]
         missed = np.abs(rows @ np.r_[axis, shift @ axis])
         point = centre + size * np.cross(axis, shift @ axis)
-        scale = max(GAUSSIAN_MEDIAN * float(np.median(missed)), 0.25 * ROUND)
+        scale = max(GAUSSIAN_MEDIAN * float(np.median(missed)), 0.25 * AXIS_MISS_SIZES)
         weights = 1.0 / (1.0 + (missed / (2.0 * scale)) ** 2) ** 2
-    return axis, point, float(np.mean(missed < ROUND))
+    return axis, point, float(np.mean(missed < AXIS_MISS_SIZES))
 
 
 def _kept_when_turned(
@@ -184,10 +192,10 @@ def _kept_when_turned(
     def share(angle: float) -> float:
         D = pose.about(pose.exp(np.r_[angle * about[0], np.zeros(3)]), about[1])
         points, normals = pose.apply(D, view[0]), view[1] @ D[:3, :3].T
-        rows, distances = tree.nearest(points, NEIGHBOURS)
+        rows, distances = tree.nearest(points, NEAR_NEIGHBOURS)
         along = np.abs(np.einsum("ikj,ikj->ik", points[:, None] - rest[0][rows], rest[1][rows]))
         cosines = np.abs(np.einsum("ij,ikj->ik", normals, rest[1][rows]))
-        there = (distances < NEAR * spacing) & (along < thick) & (cosines > FACING)
+        there = (distances < NEAR_SPACINGS * spacing) & (along < thick) & (cosines > MIN_NORMAL_COS)
         return float(np.mean(there.any(axis=1)))
 
     # One way round or the other may leave what the rest shows.
@@ -201,20 +209,20 @@ def _in_world(view: View, T: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _step(view: View) -> int:
-    return max(1, len(view.scan.points) // POINTS)
+    return max(1, len(view.scan.points) // POINTS_PER_VIEW)
 
 
 def _from_rivals(T_world_scan: FloatArray, edges: Sequence[Edge], size: float) -> Iterator[Turning]:
     """Rotations that several used pairs name as other likely poses, in the world frame."""
     named: list[tuple[int, FloatArray]] = []
-    fewest = max(FEWEST, NAMING * sum(edge.used for edge in edges))
+    fewest = max(MIN_PAIRS, MIN_NAMING_SHARE * sum(edge.used for edge in edges))
     for row, edge in enumerate(edges):
         if not edge.used or edge.target == PART:
             continue
         W = T_world_scan[edge.target]
         for rival in edge.registration.alternatives:
             D = W @ rival.T_target_source @ pose.inverse(edge.registration.T_target_source) @ pose.inverse(W)
-            if float(pose.angle_between(D, np.eye(4))) > LEAST_RAD:
+            if float(pose.angle_between(D, np.eye(4))) > MIN_TURN_RAD:
                 named += [(row, D), (row, pose.inverse(D))]
     middle = np.nanmean(T_world_scan[:, :3, 3], axis=0) if len(named) else np.zeros(3)
     while named:
@@ -222,8 +230,8 @@ def _from_rivals(T_world_scan: FloatArray, edges: Sequence[Edge], size: float) -
         near = [
             (row, D)
             for row, D in named
-            if float(pose.angle_between(D, first)) <= SAME_RAD
-            and np.linalg.norm(pose.apply(D, middle[None]) - pose.apply(first, middle[None])) <= SAME * size
+            if float(pose.angle_between(D, first)) <= SAME_TURN_RAD
+            and np.linalg.norm(pose.apply(D, middle[None]) - pose.apply(first, middle[None])) <= SAME_TURN_SIZES * size
         ]
         if len({row for row, _ in near}) >= fewest:
             twist = pose.log(first)
@@ -232,6 +240,6 @@ def _from_rivals(T_world_scan: FloatArray, edges: Sequence[Edge], size: float) -
             yield Turning(axis, DualQuaternion.from_matrix(first).as_screw().point, angle, np.nan)
             # Its inverse says the same.
             inverse = pose.inverse(first)
-            near += [(row, D) for row, D in named if float(pose.angle_between(D, inverse)) <= SAME_RAD]
+            near += [(row, D) for row, D in named if float(pose.angle_between(D, inverse)) <= SAME_TURN_RAD]
         gone = {id(D) for _, D in near}
         named = [(row, D) for row, D in named if id(D) not in gone]

@@ -6,7 +6,7 @@ import pytest
 from dqreg._arrays import FloatArray
 from dqreg.kernels.plane_elimination import BEFOREHAND, eliminate_planes
 from dqreg.multiway.bodies import Body
-from dqreg.multiway.common_planes import HELD, Placed, _counted, refine_on_planes
+from dqreg.multiway.common_planes import PAIR_SIGMA_SPACINGS, Placed, _counted, refine_on_planes
 from dqreg.multiway.scans import read_views, typical_spacing
 from dqreg.multiway.sides import body_of
 from dqreg.rigid import pose
@@ -58,7 +58,9 @@ def test_what_no_face_holds_stays_and_is_told() -> None:
     assert np.abs(off[1:, :2]).min() > 0.9 * OFF
     for k in FREE:
         # Against the anchor, of which faces hold as little.
-        np.testing.assert_allclose(np.sqrt(np.diag(_of(found, k))[:2]), np.sqrt(2.0) * HELD * spacing, rtol=0.1)
+        np.testing.assert_allclose(
+            np.sqrt(np.diag(_of(found, k))[:2]), np.sqrt(2.0) * PAIR_SIGMA_SPACINGS * spacing, rtol=0.1
+        )
 
 
 def test_what_counts_of_a_motion_that_all_scans_share_is_that_motion() -> None:
