@@ -51,14 +51,14 @@ class Matching:
 
     def _on_scan(self, T: FloatArray, reach: float, facing: float) -> Matches:
         from dqreg.kernels.close_points import close_points, facing_matches
-        from dqreg.kernels.point_tree import LEAF
+        from dqreg.kernels.point_tree import LEAF_POINTS
 
         assert self.source.scan is not None
         assert self.target.scan is not None
         planed, count = self.target.planed, len(self.rows)
         motion = np.ascontiguousarray(T[:3])
         tree, moved_by = planed.tree, self._moved_by(T)
-        place = tree.boxes, tree.places, LEAF, tree.rows, planed.points
+        place = tree.boxes, tree.places, LEAF_POINTS, tree.rows, planed.points
         close_points(0, count, *place, self._points, motion, moved_by, reach, self._found, self._others)
         kept, distances, aside = np.zeros(count, dtype=np.int64), np.zeros(count), np.zeros(count)
         signed = self.source.scan.oriented and self.target.surface.oriented
