@@ -22,7 +22,7 @@ from dqreg.rigid import pose
 HELD_OUT_FRACTION, MAX_HELD_OUT = 0.1, 5_000
 MAX_PROBES = 20_000
 # Scan points of a run that warms an engine up.
-WARMING = 1_000
+WARMING_POINTS = 1_000
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,8 +100,8 @@ def small_copy(task: Task) -> Task:
     """The same task with few scan points, for warming up."""
     return dataclasses.replace(
         task,
-        source=_rows(task.source, np.arange(0, len(task.source), max(1, len(task.source) // WARMING))),
-        source_points=None if task.source_points is None else task.source_points[:WARMING],
+        source=_rows(task.source, np.arange(0, len(task.source), max(1, len(task.source) // WARMING_POINTS))),
+        source_points=None if task.source_points is None else task.source_points[:WARMING_POINTS],
     )
 
 

@@ -18,15 +18,17 @@ from dqreg.solvers.quadratic import plane_rows
 from dqreg.synth import disturbance, random_pose
 from dqreg.synth.many_views import room_stops
 
-# Views of a good task are drawn anew, so often at most, until what both show determines the pose: points of one within
-# so many spacings of the other, on the same face; the weakest motion is constrained by so many, and by this share of
-# what all could give with the longest lever.
-DRAWN, BOTH, SAME_COS, CARRIERS, STRENGTH = 30, 1.5, 0.9, 60.0, 2e-3
+# Views of a good task are drawn anew, so often at most, until what both show determines the pose:
+MAX_DRAWS = 30
+# points of one within so many spacings of the other, on the same face;
+SHARED_SPACINGS, SAME_FACE_COS = 1.5, 0.9
+# the weakest motion is constrained by so many, and by this share of what all could give with the longest lever.
+MIN_CARRIERS, MIN_INFORMATION_SHARE = 60.0, 2e-3
 # What a change of one view shows at least on the surface that both show, along its normals and beyond any motion, root
 # mean square in sizes. Measured scans of one figure (the bunny's) differ as smoothly by up to 4.7e-4.
-LEAST_SHOWN = 5e-4
+MIN_CHANGE_SIZES = 5e-4
 # Noise that neighbours share, in that from point to point: measured pairs have several times as much.
-SHARED = (0.3, 1.0)
+SHARED_NOISE_RATIOS = (0.3, 1.0)
 # Rings of the LiDAR of a room, and its noise.
 RINGS, ROOM_NOISE = (32, 48, 64), 0.005
 
@@ -69,7 +71,7 @@ def views_apart(
     """
 
     def make(rng: np.random.Generator) -> Task:
-        for _ in range(DRAWN):
+        for _ in range(MAX_DRAWS):
             mesh = shapes.any_part(rng) if family is None else shapes.draw(family, rng)
             one = scans.oblique(rng)
             one /= np.linalg.norm(one)
@@ -97,12 +99,14 @@ def _is_determined(source: FloatArray, target: FloatArray, mesh: Mesh) -> bool:
     spacing = float(np.median(NeighbourTree(target).nearest(target, 2)[1][:, 1]))
     rows, apart = NeighbourTree(target).nearest(source, 1)
     normals, theirs = (surface.closest(points).normals for points in (source, target))
-    shared = (apart[:, 0] < BOTH * spacing) & (np.einsum("ij,ij->i", normals, theirs[rows[:, 0]]) > SAME_COS)
+    shared = (apart[:, 0] < SHARED_SPACINGS * spacing) & (
+        np.einsum("ij,ij->i", normals, theirs[rows[:, 0]]) > SAME_FACE_COS
+    )
     if not shared.any():
         return False
     one = np.ones(np.count_nonzero(shared))
     found = information_of(source[shared], normals[shared], 0.0 * one, one, 0.5 * mesh.diagonal, mesh.centre)
-    return bool(found.carriers.min() >= CARRIERS and found.values.min() >= STRENGTH)
+    return bool(found.carriers.min() >= MIN_CARRIERS and found.values.min() >= MIN_INFORMATION_SHARE)
 
 
 def _two_parts(rng: np.random.Generator) -> Task:
@@ -129,13 +133,13 @@ def _changed(change: Callable[[FloatArray, float, np.random.Generator], FloatArr
     """
 
     def make(rng: np.random.Generator) -> Task:
-        for _ in range(DRAWN):
+        for _ in range(MAX_DRAWS):
             task = views_apart(0.0, 30.0, (5.0, 0.02), determined=True)(rng)
             assert isinstance(task, Task)
             assert isinstance(task.source, np.ndarray)
             middle = task.source.mean(axis=0)
             changed = dataclasses.replace(task, source=middle + change(task.source - middle, task.size, rng))
-            if _shown(task, changed) >= LEAST_SHOWN * task.size:
+            if _shown(task, changed) >= MIN_CHANGE_SIZES * task.size:
                 break
         return dataclasses.replace(changed, truths=NONE_RIGHT)
 
@@ -149,7 +153,7 @@ def _shown(task: Task, changed: Task) -> float:
     tree = NeighbourTree(target)
     spacing = float(np.median(tree.nearest(target, 2)[1][:, 1]))
     placed, moved = (pose.apply(task.truths[0], np.asarray(each.source)) for each in (task, changed))
-    both = tree.nearest(placed, 1)[1][:, 0] < BOTH * spacing
+    both = tree.nearest(placed, 1)[1][:, 0] < SHARED_SPACINGS * spacing
     points, normals = placed[both], np.nan_to_num(fit_planes(tree, target, placed[both]).normals)
     along = np.einsum("ij,ij->i", moved[both] - points, normals)
     motions = plane_rows(points, normals, points.mean(axis=0), 0.5 * task.size)
@@ -211,9 +215,9 @@ KINDS: tuple[Kind, ...] = (
          views_apart(30, 50, (5.0, 0.02), determined=True)),
         ("clouds-nothing", "views 10 to 40 degrees apart, no initial pose", views_apart(10, 40, None, determined=True)),
         ("clouds-shared", "views 10 to 40 degrees apart, start 5 degrees off, noise shared by 100 to 500 neighbours",
-         views_apart(10, 40, (5.0, 0.02), determined=True, shared=SHARED)),
+         views_apart(10, 40, (5.0, 0.02), determined=True, shared=SHARED_NOISE_RATIOS)),
         ("clouds-nothing-shared", "the same with no initial pose",
-         views_apart(10, 40, None, determined=True, shared=SHARED)),
+         views_apart(10, 40, None, determined=True, shared=SHARED_NOISE_RATIOS)),
     ),
     *kinds_of(
         "clouds",
