@@ -19,7 +19,7 @@ from dqreg.solvers.robust import Kernel
 Weight = Callable[[Correspondences], FloatArray]
 
 # Kernel scales from a boundary edge within which noise alone decides whether the closest point is on it.
-STRIP = 3.0
+STRIP_SCALES = 3.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -126,7 +126,7 @@ def boundary_rejectors(surface: Surface, width: float) -> tuple[RejectMeshBounda
     if isinstance(surface, CloudSurface):
         return (RejectCloudBoundary(surface),)
     borders = surface.borders if isinstance(surface, MeshSurface) else None
-    return () if borders is None else (RejectMeshBoundary(borders, STRIP * width),)
+    return () if borders is None else (RejectMeshBoundary(borders, STRIP_SCALES * width),)
 
 
 def at_boundary(closest: Closest, surface: Surface, width: float) -> BoolArray:

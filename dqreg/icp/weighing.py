@@ -14,7 +14,7 @@ from dqreg.icp.rejectors import NormalAngle, Robust, Weight, WithinDistance, pro
 from dqreg.solvers.robust import InlierMixture, Kernel
 
 # Rows that are weighed in one go.
-CHUNK = 16_384
+CHUNK_ROWS = 16_384
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,13 +66,13 @@ def _in_one_pass(
     from dqreg.kernels.weighing import SUMS, weigh_rows
 
     scan, nothing, odds = pairs.scan, np.zeros(0), kernel.odds
-    weights, sums = np.zeros(len(scan)), np.zeros((max(-(-len(scan) // CHUNK), 1), SUMS))
+    weights, sums = np.zeros(len(scan)), np.zeros((max(-(-len(scan) // CHUNK_ROWS), 1), SUMS))
     spread = nothing if scan.counts is None or scan.within is None else np.asarray(scan.scatter)
     limits = [within.limit, math.cos(angle.limit_rad), float(pairs.same_sign), kernel.scale, odds]
     columns = pairs.distances, pairs.closest.normals, scan._gating, pairs.T_target_source[:3, :3]
     more = nothing if scan.counts is None else scan.counts, spread, product(others, pairs) if others else nothing
     given = [as_plain(column) for column in (*columns, *more)]
-    over_chunks(weigh_rows, len(scan), *given, np.array(limits), CHUNK, weights, sums, chunk=CHUNK)
+    over_chunks(weigh_rows, len(scan), *given, np.array(limits), CHUNK_ROWS, weights, sums, chunk=CHUNK_ROWS)
     represented, energy, total, squares, used = np.add.reduce(sums).tolist()
     mean = energy / represented - math.log1p(odds)
     return Weighed(

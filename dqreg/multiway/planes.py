@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
-from dqreg.icp.estimators import BEND, FEWEST_PLANES, plane_to_plane_form
+from dqreg.icp.estimators import BEND_VARIANCE, MIN_PLANES, plane_to_plane_form
 from dqreg.multiway.bodies import Body
 from dqreg.multiway.matches import Matches
 from dqreg.multiway.overlap import cell_numbers
@@ -56,8 +56,8 @@ class Planes:
         p, q, n = m.points, m.feet, m.normals
         origins = (w @ p / w.sum(), w @ q / w.sum())
         if m.variances is not None and self.sigma > PLANES_ALONE_SPACINGS * self.spacing:
-            spreads = BEND + m.variances, BEND + m.turned_variances
-            matrix = plane_to_plane_form(p, q, (n, m.turned), spreads, 2.0 * BEND * w, origins)
+            spreads = BEND_VARIANCE + m.variances, BEND_VARIANCE + m.turned_variances
+            matrix = plane_to_plane_form(p, q, (n, m.turned), spreads, 2.0 * BEND_VARIANCE * w, origins)
         else:
             matrix = plane_form(p, q, n, w, origins)
         return QuadraticForm(matrix / self.sigma**2, *origins)
@@ -155,7 +155,7 @@ def planes_of(
     is so many spacings at least.
     """
     assert source.scan is not None
-    if len(matches.aside) < FEWEST_PLANES:
+    if len(matches.aside) < MIN_PLANES:
         return None
     aside, floor = np.abs(matches.aside), max(source.noise_floor, target.noise_floor, soft * source.scan.spacing)
     begun = InlierMixture.widest(reach, floor)
@@ -170,7 +170,7 @@ def planes_of(
     if target.scan is not None:
         firm = (matches.roughness <= source.rough) & (matches.target_roughness <= target.rough)
     found = Planes(*nodes, matches, weights, mixture, source.scan.spacing, firm)
-    return found if found.count >= FEWEST_PLANES else None
+    return found if found.count >= MIN_PLANES else None
 
 
 def _sureness(matches: Matches, sigma: float) -> FloatArray:

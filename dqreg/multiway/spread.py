@@ -14,7 +14,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from dqreg._arrays import FloatArray, IntArray
-from dqreg.icp.estimators import FEWEST_PLANES
+from dqreg.icp.estimators import MIN_PLANES
 from dqreg.multiway.graph import PoseGraph, factorised, normal_matrix
 from dqreg.multiway.joint import linearised
 from dqreg.multiway.planes import Planes
@@ -108,7 +108,7 @@ def _information(
     Shapes: both (m, 6, 6), of increments in the world frame.
     """
     whole, _, _ = linearised(T, planes)
-    firm = [k for k, each in enumerate(faces) if each.count >= FEWEST_PLANES]
+    firm = [k for k, each in enumerate(faces) if each.count >= MIN_PLANES]
     held = np.zeros((len(planes), 6, 6))
     if firm:
         graph, _, _ = linearised(T, [faces[k] for k in firm])

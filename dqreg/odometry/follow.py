@@ -17,8 +17,8 @@ from dqreg.geometry import Closest, Scan
 from dqreg.icp import Alignment, InlierMixture
 from dqreg.icp.correspondences import Correspondences, find_correspondences, moved_points
 from dqreg.icp.history import Iteration
-from dqreg.icp.level import NEAR_ANGLE_RAD, PLACED, STEEPEST
-from dqreg.icp.loop import FEWEST_PAIRS, Run
+from dqreg.icp.level import MIN_SCALE_RATIO, NEAR_ANGLE_RAD, SAMPLING_ERROR_SHARE
+from dqreg.icp.loop import MIN_CORRESPONDENCES, Run
 from dqreg.kernels.threads import as_plain
 from dqreg.odometry.frame import DownsampledFrame
 from dqreg.odometry.kiss import rigid
@@ -79,7 +79,7 @@ def follow(
     while True:
         began = time.perf_counter()
         pairs = before = (_in_cells if how.cells else find_correspondences)(scan, surface, T, before)
-        enough = max(how.enough, PLACED * mixture.scale / math.sqrt(max(len(scan), 1)))
+        enough = max(how.enough, SAMPLING_ERROR_SHARE * mixture.scale / math.sqrt(max(len(scan), 1)))
         # Normals err about two axes, each by half of their variance.
         least = 0.5 * SPURIOUS_INFORMATION_RATIO if len(history) >= how.holds else 0.0
         ends = floor, lever, DEFERRED_STEP_SHARE * enough, least
@@ -87,7 +87,7 @@ def follow(
             _steps(pairs, mixture, how, ends) if sweep is None else sweep.steps(pairs, mixture, how, ends)
         )
         scale, fraction, energy, total, squares, used, _ = figures.tolist()
-        if used < FEWEST_PAIRS:
+        if used < MIN_CORRESPONDENCES:
             return Alignment(T, "no correspondences", tuple(history), pairs, weights, mixture=mixture)
         after = rigid(moved)
         motion = float(spread.motion(T, after))
@@ -136,7 +136,7 @@ def _steps(
 def _limits(mixture: InlierMixture, ends: tuple[float, float, float, float], *own: float) -> FloatArray:
     """Limits in the order of `plane_steps`, a kernel's own after those of both."""
     learned = mixture.scale, mixture.inlier_fraction, mixture.limit, LEAST_FRACTION
-    return np.array([*learned, ends[0], STEEPEST, *ends[1:], *own])
+    return np.array([*learned, ends[0], MIN_SCALE_RATIO, *ends[1:], *own])
 
 
 def _planes(found: Closest) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
