@@ -44,7 +44,7 @@ class NormalAngle:
 
     def __call__(self, pairs: Correspondences) -> FloatArray:
         """1 within the limit or without normals, else 0."""
-        rows = np.flatnonzero(nonzero_rows(pairs.scan._gating))
+        rows = np.flatnonzero(nonzero_rows(pairs.scan._rejecting_normals))
         factors = np.ones(len(pairs.distances))
         cosines = pairs.normal_cosines[rows] if pairs.same_sign else np.abs(pairs.normal_cosines[rows])
         known = nonzero_rows(pairs.closest.normals[rows])

@@ -90,10 +90,10 @@ def select_edges(
     by_steps = np.zeros(len(rows), dtype=bool) if steps is None else steps.agree(graph, [edges[k] for k in rows])
     told = told.also(by_steps)
     candidate = accepted | told.confirmed | (loops.counts(loops.closes, len(rows)) > 0)
-    gated = dataclasses.replace(graph, information=np.asarray(np.linalg.inv(covariances), dtype=np.float64))
-    order = np.lexsort((-np.linalg.slogdet(gated.information)[1], -told.trust, told.refuted, ~told.confirmed))
+    floored = dataclasses.replace(graph, information=np.asarray(np.linalg.inv(covariances), dtype=np.float64))
+    order = np.lexsort((-np.linalg.slogdet(floored.information)[1], -told.trust, told.refuted, ~told.confirmed))
     prior = None if steps is None else steps.graph(count + 1)
-    T, kept = _inliers(gated, order[candidate[order]], told, prior)
+    T, kept = _inliers(floored, order[candidate[order]], told, prior)
     kept &= ~_disputed(graph, kept, accepted & ~kept, told)
     for row, k in enumerate(rows):
         if not candidate[row]:

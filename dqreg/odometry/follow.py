@@ -128,7 +128,7 @@ def _steps(
     weights, figures = np.zeros(len(scan)), np.zeros(FIGURES)
     angle = min(max(math.pi * mixture.scale / mixture.limit, NEAR_ANGLE_RAD), 0.5 * math.pi)
     limits = _limits(mixture, ends, math.cos(angle), float(how.cells))
-    points, own = as_plain(scan.points), as_plain(scan._gating)
+    points, own = as_plain(scan.points), as_plain(scan._rejecting_normals)
     step_on_planes(points, own, *_planes(found), limits, how.steps, T, weights, figures)
     return T, weights, figures
 
