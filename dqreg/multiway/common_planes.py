@@ -50,7 +50,7 @@ OnTable = tuple[Sequence[int], int]
 
 
 @dataclasses.dataclass(frozen=True)
-class Placed:
+class PlacedBodies:
     """Poses of all bodies at once, and how sure they are."""
 
     T_world_body: FloatArray  # (n, 4, 4)
@@ -68,7 +68,7 @@ def refine_on_planes(
     spacing: float,
     size: float,
     on_table: OnTable | None = None,
-) -> Placed | None:
+) -> PlacedBodies | None:
     """Poses of least squares with all planes of common faces unknown; None where faces do not suffice for it.
 
     All bodies move, so that what holds the one that is not free counts as well; then they are put back together. Equal
@@ -91,7 +91,9 @@ def refine_on_planes(
     return found if held is None or not held.converged else dataclasses.replace(held, by_steps=True)
 
 
-def _steps(found: Placed, bodies: Sequence[Body], free: IntArray, size: float, on_table: OnTable) -> PoseGraph | None:
+def _steps(
+    found: PlacedBodies, bodies: Sequence[Body], free: IntArray, size: float, on_table: OnTable
+) -> PoseGraph | None:
     """The steps of the table that poses without them agree on, in sizes."""
     T = pose.from_parts(np.eye(3), -found.centre) @ found.T_world_body
     T[:, :3, 3] /= size
@@ -110,7 +112,7 @@ def _refined(
     *,
     carried: bool,
     steps: PoseGraph | None = None,
-) -> Placed | None:
+) -> PlacedBodies | None:
     """The same, with what no face holds of a scan left where pairs put it, or carried along by the scans around it."""
     T, middle = centred(T_world_body, size)
     begun, places = T, _Places.of(bodies, T, spacing / size, size, steps)
@@ -134,7 +136,7 @@ def _refined(
     found = _anchored(begun, T, free)
     found[:, :3, 3] = size * found[:, :3, 3] + middle
     relative = _relative(root, free)
-    return Placed(found, relative, middle, rounds, motion < CONVERGED_SPACINGS * spacing / size)
+    return PlacedBodies(found, relative, middle, rounds, motion < CONVERGED_SPACINGS * spacing / size)
 
 
 def _anchored(begun: FloatArray, T: FloatArray, free: IntArray) -> FloatArray:

@@ -18,7 +18,7 @@ from dqreg.multiway.acceleration import JointAnderson
 from dqreg.multiway.bodies import Body
 from dqreg.multiway.graph import PoseGraph, factorised, normal_matrix
 from dqreg.multiway.matches import Matching
-from dqreg.multiway.planes import Planes, planes_of
+from dqreg.multiway.planes import WeighedMatches, planes_of
 from dqreg.rigid import pose
 from dqreg.solvers.quadratic import derivatives
 
@@ -54,7 +54,7 @@ class Joint:
     """All poses and the correspondences that they rest on."""
 
     T_world_body: FloatArray  # (n, 4, 4): Of the centred frames
-    planes: tuple[Planes, ...]  # One a direction of a pair
+    planes: tuple[WeighedMatches, ...]  # One a direction of a pair
     rounds: int
     converged: bool
 
@@ -82,7 +82,7 @@ def refine_jointly(
     budget = int(np.clip(MAX_POINTS // max(len(ways), 1), MIN_POINTS_PER_DIRECTION, points))
     few = max(budget // COARSE_POINTS_DIVISOR, MIN_POINTS_PER_DIRECTION)
     T = T_world_body.copy()
-    found: dict[tuple[int, int], Planes] = {}
+    found: dict[tuple[int, int], WeighedMatches] = {}
     rounds, moved, coarse, soft = 0, np.inf, few < budget and not strict, 0.0 if strict else FIRST_SCALE_SPACINGS
     hard = _hard(bodies)
     matchings = _matchings(bodies, ways, few if coarse else budget)
@@ -132,12 +132,12 @@ def _matchings(bodies: Sequence[Body], ways: Iterable[tuple[int, int]], count: i
 def _correspond(
     matchings: Mapping[tuple[int, int], Matching],
     T: FloatArray,
-    before: Mapping[tuple[int, int], Planes],
+    before: Mapping[tuple[int, int], WeighedMatches],
     *,
     new: bool,
     strict: bool,
     soft: float,
-) -> dict[tuple[int, int], Planes]:
+) -> dict[tuple[int, int], WeighedMatches]:
     found = {}
     for (i, j), matching in matchings.items():
         known = before.get((i, j))
@@ -159,14 +159,14 @@ def _hard(bodies: Sequence[Body]) -> float:
     return max(LAST_SCALE_NOISES * min(ratios), LAST_SCALE_SPACINGS)
 
 
-def _reach(matching: Matching, known: Planes | None) -> float:
+def _reach(matching: Matching, known: WeighedMatches | None) -> float:
     ends = matching.source.scan, matching.target.scan
     spacing = max(scan.spacing for scan in ends if scan is not None)
     widest = FIRST_REACH_FACTOR * REACH_SPACINGS * spacing
     return widest if known is None else float(np.clip(REACH_SCALES * known.sigma, REACH_SPACINGS * spacing, widest))
 
 
-def linearised(T: FloatArray, planes: Sequence[Planes]) -> tuple[PoseGraph, FloatArray, FloatArray]:
+def linearised(T: FloatArray, planes: Sequence[WeighedMatches]) -> tuple[PoseGraph, FloatArray, FloatArray]:
     """The cost about the poses, as a graph of pairs: slopes and curvatures by increments in the world frame.
 
     Shapes: slopes (m, 6), curvatures (m, 6, 6).
@@ -185,7 +185,7 @@ def linearised(T: FloatArray, planes: Sequence[Planes]) -> tuple[PoseGraph, Floa
     return graph, pull, B.transpose(0, 2, 1) @ information @ B
 
 
-def _stepped(T: FloatArray, planes: Sequence[Planes], free: IntArray) -> tuple[FloatArray, float]:
+def _stepped(T: FloatArray, planes: Sequence[WeighedMatches], free: IntArray) -> tuple[FloatArray, float]:
     middle = pose.from_parts(np.eye(3), -np.mean(T[:, :3, 3], axis=0))
     T = middle @ T
     graph, pull, blocks = linearised(T, planes)

@@ -10,7 +10,7 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.icp.estimators import BEND_VARIANCE, MIN_PLANES, plane_to_plane_form
 from dqreg.multiway.bodies import Body
-from dqreg.multiway.matches import Matches
+from dqreg.multiway.matches import BodyMatches
 from dqreg.multiway.overlap import cell_numbers
 from dqreg.rigid import pose
 from dqreg.solvers.quadratic import QuadraticForm, plane_form
@@ -28,12 +28,12 @@ SCALE_ROUNDS = 20
 
 
 @dataclasses.dataclass(frozen=True)
-class Planes:
+class WeighedMatches:
     """Matches of one pair at one pose, weighed."""
 
     target: int  # Node whose planes count
     source: int  # Node whose points count
-    matches: Matches  # Between the centred frames
+    matches: BodyMatches  # Between the centred frames
     weights: FloatArray  # (n,): Probabilities to be an inlier
     mixture: InlierMixture  # Of the distances along the normals
     spacing: float  # Of the source
@@ -63,7 +63,7 @@ class Planes:
         return QuadraticForm(matrix / self.sigma**2, *origins)
 
     @property
-    def on_faces(self) -> Planes:
+    def on_faces(self) -> WeighedMatches:
         """Those alone whose planes are those of faces: fits across an edge are tilted by what lies around them."""
         return dataclasses.replace(self, weights=np.where(self.firm, self.weights, 0.0))
 
@@ -144,11 +144,11 @@ def planes_of(
     nodes: tuple[int, int],
     source: Body,
     target: Body,
-    matches: Matches,
+    matches: BodyMatches,
     reach: float,
-    before: Planes | None = None,
+    before: WeighedMatches | None = None,
     soft: float = 0.0,
-) -> Planes | None:
+) -> WeighedMatches | None:
     """Matches robustly weighed; None where there are too few.
 
     The scale of the distances is that of this pair: scans differ in noise. It begins at that of the planes before, and
@@ -169,11 +169,11 @@ def planes_of(
     firm = np.ones(len(aside), dtype=bool)
     if target.scan is not None:
         firm = (matches.roughness <= source.rough) & (matches.target_roughness <= target.rough)
-    found = Planes(*nodes, matches, weights, mixture, source.scan.spacing, firm)
+    found = WeighedMatches(*nodes, matches, weights, mixture, source.scan.spacing, firm)
     return found if found.count >= MIN_PLANES else None
 
 
-def _sureness(matches: Matches, sigma: float) -> FloatArray:
+def _sureness(matches: BodyMatches, sigma: float) -> FloatArray:
     """Share of the variance of each distance that is not due to the tilt of its plane, (n,).
 
     A plane that is tilted by a little errs by so much of the way from its point to the foot: fits across an edge do.

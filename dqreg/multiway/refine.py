@@ -9,7 +9,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.multiway.bodies import Body
-from dqreg.multiway.common_planes import Placed, refine_on_planes
+from dqreg.multiway.common_planes import PlacedBodies, refine_on_planes
 from dqreg.multiway.edges import PART
 from dqreg.multiway.joint import refine_jointly
 from dqreg.multiway.overlap import CELL_SIZES, overlap_matrix
@@ -102,18 +102,18 @@ def _by_pairs(
     points: int,
     cell: float,
     size: float,
-) -> Placed:
+) -> PlacedBodies:
     joint = refine_jointly(bodies, T, pairs, free, points)
     centre = np.mean(joint.T_world_body[:scans, :3, 3], axis=0)
     about = _shift(-centre) @ joint.T_world_body
     if not joint.planes:
         unknown = np.full((6 * len(free), 6 * len(free)), np.nan)
-        return Placed(joint.T_world_body, unknown, centre, joint.rounds, converged=False)
+        return PlacedBodies(joint.T_world_body, unknown, centre, joint.rounds, converged=False)
     spread = joint_covariance(about, joint.planes, free, cell, size)
     # Doubtful correspondences (blends of two faces, places that only one of two scans sees) bias motions that little
     # else holds. What the poses change by without them, beyond what noise does, is an error that no scatter shows.
     strict = refine_jointly(bodies, joint.T_world_body, pairs, free, points, strict=True)
-    found = Placed(joint.T_world_body, spread.covariance, centre, joint.rounds, joint.converged)
+    found = PlacedBodies(joint.T_world_body, spread.covariance, centre, joint.rounds, joint.converged)
     if not strict.planes:
         return found
     moved = _shift(-centre) @ strict.T_world_body

@@ -43,7 +43,7 @@ MIN_VIEWS_OF_MODEL = 4
 
 
 @dataclasses.dataclass(frozen=True)
-class Turning:
+class UnobservableRotation:
     """A rotation in the world frame that no view, or few of them, can tell from none."""
 
     axis: FloatArray  # (3,)
@@ -62,7 +62,7 @@ def turnings(
     known: RoundPart | None = None,
     *,
     started: bool = False,
-) -> tuple[Turning, ...]:
+) -> tuple[UnobservableRotation, ...]:
     """Rotations by which views can be turned: of a round part, and those that several pairs name as rivals.
 
     A symmetry of the model alone is one too, unless all scans were started: then the starts tell which.
@@ -70,11 +70,11 @@ def turnings(
     placed = [k for k, view in enumerate(views) if view.usable and np.isfinite(T_world_scan[k]).all()]
     if len(placed) < 2:
         return tuple(_from_pairs(edges))
-    model = _Model.of(views, T_world_scan, placed)
+    model = _PartModel.of(views, T_world_scan, placed)
     if known is not None:
         axis, point = known.axis(T_world_scan)
         telling = 1.0 - model.kept(axis, point, TRIED_TURNS_RAD)
-        return (Turning(axis, point, None, telling, agreed=known.agreed, step_rad=known.step_rad),)
+        return (UnobservableRotation(axis, point, None, telling, agreed=known.agreed, step_rad=known.step_rad),)
     found = _round(model)
     if found is not None:
         return (found,)
@@ -83,7 +83,7 @@ def turnings(
     return tuple(turns or ([] if started or len(placed) < MIN_VIEWS_OF_MODEL else _from_model(model)))
 
 
-def _from_pairs(edges: Sequence[Edge]) -> Iterator[Turning]:
+def _from_pairs(edges: Sequence[Edge]) -> Iterator[UnobservableRotation]:
     """The rotation that is the least held motion of most pairs, in the frame of the first one's target."""
     found = [edge for edge in edges if edge.found and edge.target != PART and edge.registration.observability]
     loose = [
@@ -94,11 +94,11 @@ def _from_pairs(edges: Sequence[Edge]) -> Iterator[Turning]:
     ]
     if len(loose) >= MIN_PAIRS and len(loose) > 0.5 * len(found):
         motion = loose[0].registration.observability[0]
-        yield Turning(np.array(motion.axis), np.array(motion.point), None, np.nan, loose[0].target)
+        yield UnobservableRotation(np.array(motion.axis), np.array(motion.point), None, np.nan, loose[0].target)
 
 
 @dataclasses.dataclass(frozen=True)
-class _Model:
+class _PartModel:
     """Points and normals of the placed scans in the world frame, some of each."""
 
     clouds: tuple[tuple[FloatArray, FloatArray], ...]
@@ -106,11 +106,11 @@ class _Model:
     thick: float  # Distance along the normal within which points are of one surface
 
     @staticmethod
-    def of(views: Sequence[View], T_world_scan: FloatArray, placed: Sequence[int]) -> _Model:
+    def of(views: Sequence[View], T_world_scan: FloatArray, placed: Sequence[int]) -> _PartModel:
         spacing = float(np.median([views[k].scan.spacing * np.sqrt(_step(views[k])) for k in placed]))
         noise = float(np.median([views[k].scan.noise for k in placed]))
         clouds = tuple(_in_world(views[k], T_world_scan[k]) for k in placed)
-        return _Model(clouds, spacing, max(NEAR_NOISES * noise, MIN_NEAR_SPACINGS * spacing))
+        return _PartModel(clouds, spacing, max(NEAR_NOISES * noise, MIN_NEAR_SPACINGS * spacing))
 
     def kept(self, axis: FloatArray, point: FloatArray, angles: FloatArray) -> float:
         """Share of a view, of what lies on the others, that does so too when it is turned: the median of some views."""
@@ -122,17 +122,19 @@ class _Model:
         return float(np.median(found))
 
 
-def _round(model: _Model) -> Turning | None:
+def _round(model: _PartModel) -> UnobservableRotation | None:
     """The axis of a part that is nearly a solid of revolution, if views can be turned about it."""
     points, normals = (np.concatenate([cloud[row] for cloud in model.clouds]) for row in (0, 1))
     axis, point, share = axis_of_revolution(points, normals, float(np.linalg.norm(np.ptp(points, axis=0))))
     if share < MIN_ROUND_SHARE:
         return None
     kept = model.kept(axis, point, TRIED_TURNS_RAD)
-    return Turning(axis, point, None, 1.0 - kept) if kept >= MIN_KEPT_SHARE else None
+    return UnobservableRotation(axis, point, None, 1.0 - kept) if kept >= MIN_KEPT_SHARE else None
 
 
-def _from_contradictions(model: _Model, T_world_scan: FloatArray, edges: Sequence[Edge]) -> list[Turning]:
+def _from_contradictions(
+    model: _PartModel, T_world_scan: FloatArray, edges: Sequence[Edge]
+) -> list[UnobservableRotation]:
     """The least turn that an accepted pair names against all others, and by which the model comes to lie on itself."""
     against = []
     for edge in edges:
@@ -147,15 +149,15 @@ def _from_contradictions(model: _Model, T_world_scan: FloatArray, edges: Sequenc
         point = DualQuaternion.from_matrix(D).as_screw().point
         kept = model.kept(axis, point, np.array([angle]))
         if kept >= MIN_KEPT_SHARE:
-            return [Turning(axis, point, angle, 1.0 - kept)]
+            return [UnobservableRotation(axis, point, angle, 1.0 - kept)]
     return []
 
 
-def _from_model(model: _Model) -> list[Turning]:
+def _from_model(model: _PartModel) -> list[UnobservableRotation]:
     """The symmetry of the model, which pairs cannot name: each found the pose with the largest overlap."""
     points, normals = (np.concatenate([cloud[row] for cloud in model.clouds]) for row in (0, 1))
     found = symmetric_axis(points, normals, model.spacing, model.thick)
-    return [] if found is None else [Turning(found[0], found[1], 2.0 * np.pi / found[2], 0.0)]
+    return [] if found is None else [UnobservableRotation(found[0], found[1], 2.0 * np.pi / found[2], 0.0)]
 
 
 def axis_of_revolution(points: FloatArray, normals: FloatArray, size: float) -> tuple[FloatArray, FloatArray, float]:
@@ -212,7 +214,7 @@ def _step(view: View) -> int:
     return max(1, len(view.scan.points) // POINTS_PER_VIEW)
 
 
-def _from_rivals(T_world_scan: FloatArray, edges: Sequence[Edge], size: float) -> Iterator[Turning]:
+def _from_rivals(T_world_scan: FloatArray, edges: Sequence[Edge], size: float) -> Iterator[UnobservableRotation]:
     """Rotations that several used pairs name as other likely poses, in the world frame."""
     named: list[tuple[int, FloatArray]] = []
     fewest = max(MIN_PAIRS, MIN_NAMING_SHARE * sum(edge.used for edge in edges))
@@ -237,7 +239,7 @@ def _from_rivals(T_world_scan: FloatArray, edges: Sequence[Edge], size: float) -
             twist = pose.log(first)
             angle = float(np.linalg.norm(twist[:3]))
             axis = twist[:3] / angle
-            yield Turning(axis, DualQuaternion.from_matrix(first).as_screw().point, angle, np.nan)
+            yield UnobservableRotation(axis, DualQuaternion.from_matrix(first).as_screw().point, angle, np.nan)
             # Its inverse says the same.
             inverse = pose.inverse(first)
             near += [(row, D) for row, D in named if float(pose.angle_between(D, inverse)) <= SAME_TURN_RAD]

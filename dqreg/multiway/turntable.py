@@ -27,7 +27,7 @@ OUTLYING_SCATTERS, OTHER_STEP_SHARE = 5.0, 0.02
 
 
 @dataclasses.dataclass(frozen=True)
-class Table:
+class TableStep:
     """A turntable: each view is the one before it, turned by one step about the axis."""
 
     step: DualQuaternion  # The motion T_k_(k+1) between neighbouring views, as one screw
@@ -52,7 +52,7 @@ class Table:
         return float(np.rad2deg(self.step.as_screw().angle_rad))
 
 
-def step_of(steps: Sequence[tuple[int, Edge]], count: int) -> Table | None:
+def step_of(steps: Sequence[tuple[int, Edge]], count: int) -> TableStep | None:
     """The step that most pairs of neighbours agree on; None where fewer than three do.
 
     ``steps`` are the numbers of places from target to source, with their edges. Each neighbour's motion is a
@@ -81,13 +81,13 @@ def step_of(steps: Sequence[tuple[int, Edge]], count: int) -> Table | None:
     middle = int(np.median(apart, axis=1).argmin())
     scatter = float(np.median(apart[middle]))
     near = near[apart[middle] <= max(OUTLYING_SCATTERS * scatter, np.finfo(float).eps)]
-    return Table(mean_motion(near), len(near), scatter) if len(near) >= MIN_AGREEING_PAIRS else None
+    return TableStep(mean_motion(near), len(near), scatter) if len(near) >= MIN_AGREEING_PAIRS else None
 
 
-def step_by_axis(steps: Sequence[tuple[int, Edge]], size: float) -> Table | None:
+def step_by_axis(steps: Sequence[tuple[int, Edge]], size: float) -> TableStep | None:
     """The step by which the part's axis goes round, where pairs name other poses about it: they may be a tooth off."""
     told = wobble(lines_of_rivals([(edge, n == -1) for n, edge in steps if abs(n) == 1]), size)
-    return None if told is None else Table(DualQuaternion.from_matrix(told.motion), told.agreeing, told.scatter)
+    return None if told is None else TableStep(DualQuaternion.from_matrix(told.motion), told.agreeing, told.scatter)
 
 
 def _distances(motions: FloatArray, motion: FloatArray) -> FloatArray:
@@ -134,7 +134,7 @@ def _neighbours(edges: Sequence[Edge], place: Mapping[int, int]) -> Iterator[tup
 
 
 def _by_steps(
-    runner: PairRunner, edges: Sequence[Edge], scans: Sequence[int], table: Table, odd: Sequence[Pair] = ()
+    runner: PairRunner, edges: Sequence[Edge], scans: Sequence[int], table: TableStep, odd: Sequence[Pair] = ()
 ) -> list[Edge]:
     """The edges with those of scans one and two steps apart, begun where the table says, where they were weak.
 

@@ -13,7 +13,7 @@ from dqreg.multiway.edge_selection import EdgeSelection
 from dqreg.multiway.edges import DOUBTS_OF_RIGHT_POSE, PART, Edge, EdgeCode, is_refused
 from dqreg.multiway.scans import View
 from dqreg.multiway.sides import Contradiction
-from dqreg.multiway.turning import Turning
+from dqreg.multiway.turning import UnobservableRotation
 from dqreg.solvers.motion_words import axis_words
 from dqreg.trust.records import Level, Reason, Verdict
 
@@ -40,7 +40,7 @@ def judge_scans(
     converged: bool,
     stopped: str,
     against: Sequence[Contradiction] = (),
-    turns: Sequence[Turning] = (),
+    turns: Sequence[UnobservableRotation] = (),
 ) -> Verdict:
     """Level and reasons: "failed" where no two scans are joined, "suspect" where something speaks against a pose."""
     usable = [k for k, view in enumerate(views) if view.usable]
@@ -191,7 +191,7 @@ def _contradicted(views: Sequence[View], against: Sequence[Contradiction]) -> It
             yield Reason(f"{pairs_named(views, pairs)}: these scans {sentence}", code)
 
 
-def _turned(views: Sequence[View], turns: Sequence[Turning]) -> Iterator[Reason]:
+def _turned(views: Sequence[View], turns: Sequence[UnobservableRotation]) -> Iterator[Reason]:
     """Rotations by which views can be turned unseen."""
     for turn in turns:
         about = axis_words(turn.point, turn.axis)

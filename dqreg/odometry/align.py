@@ -19,7 +19,7 @@ from dqreg.icp import (
     smallest_kernel_scale,
 )
 from dqreg.icp.correspondences import Correspondences
-from dqreg.odometry.follow import FREE_TRANSLATION_SEARCHES, Following, Sweep, follow, is_in_cells
+from dqreg.odometry.follow import FREE_TRANSLATION_SEARCHES, Following, SweptFrame, follow, is_in_cells
 from dqreg.odometry.frame import DownsampledFrame
 from dqreg.odometry.map_surface import MapSurface
 from dqreg.odometry.settings import OdometrySettings, Resolved
@@ -86,7 +86,7 @@ class FrameSearch:
             return aligned
         return self._found(frame.fitted, trust_motion=trust_motion, near=False)
 
-    def find_with_sweep(self, sweep: Sweep, *, near: bool) -> Alignment:
+    def find_with_sweep(self, sweep: SweptFrame, *, near: bool) -> Alignment:
         """The pose of a frame near the prediction and the motion during its sweep, both from all of its points."""
         T, scan = self.anchors[0][1], sweep.scan
         if near:
@@ -157,7 +157,7 @@ class FrameSearch:
         pairs = None if anew else before.pairs
         return self._fine(scan, dataclasses.replace(before, T_target_source=T_map_frame), pairs)
 
-    def settle_sweep(self, sweep: Sweep, before: Alignment) -> Alignment:
+    def settle_sweep(self, sweep: SweptFrame, before: Alignment) -> Alignment:
         """The pose of a frame as above, and the motion during its sweep."""
         near = self.lengths.near
         narrow = InlierMixture(min(before.mixture.scale, 0.5 * near), before.mixture.inlier_fraction, near)
@@ -180,7 +180,7 @@ class FrameSearch:
         mixture: InlierMixture,
         first: int,
         before: Correspondences | None = None,
-        sweep: Sweep | None = None,
+        sweep: SweptFrame | None = None,
     ) -> Alignment:
         how = Following(
             "fine",

@@ -14,7 +14,7 @@ from dqreg.odometry.follow import SPURIOUS_INFORMATION_RATIO
 from dqreg.odometry.frame import DownsampledFrame
 from dqreg.odometry.kiss import rigid
 from dqreg.odometry.prediction import Prediction, contradiction, held_directions, held_notes
-from dqreg.odometry.rivals import Placed
+from dqreg.odometry.rivals import ComparedFrame
 from dqreg.registration.assess import Uncertainty
 from dqreg.registration.result import Registration
 from dqreg.rigid import single_pose
@@ -29,7 +29,7 @@ TINY = float(np.finfo(float).tiny)
 
 
 def frame_result(
-    place: Placed,
+    place: ComparedFrame,
     information: Information | None,
     frame: DownsampledFrame,
     usual: float,
@@ -72,7 +72,7 @@ def frame_result(
     )
 
 
-def _evidence(place: Placed, usual: float, uncertainty: Uncertainty | None, max_distance: float) -> Evidence:
+def _evidence(place: ComparedFrame, usual: float, uncertainty: Uncertainty | None, max_distance: float) -> Evidence:
     """What a frame gives the verdict to judge by."""
     run = place.aligned
     return Evidence(
@@ -107,7 +107,7 @@ def _with_prediction(
     return T, Uncertainty(covariance, held_directions(uncertainty.directions, covariance, lever, reach))
 
 
-def information_of_place(place: Placed, reach: float) -> Information | None:
+def information_of_place(place: ComparedFrame, reach: float) -> Information | None:
     """Information of a frame where it was placed, which nothing changes that was seen there; None without a pose."""
     run = place.aligned
     if not run.found or not run.inlier_fraction >= LOST_FRACTION:
@@ -207,7 +207,7 @@ class MapLink:
         self._frame: int | None = None
         self._for_good = False
 
-    def linked(self, result: Registration, place: Placed, number: int, *, fits: bool) -> Registration:
+    def linked(self, result: Registration, place: ComparedFrame, number: int, *, fits: bool) -> Registration:
         """The result of a frame, doubted where it hangs on an earlier one that was not accepted."""
         accepted = result.verdict.level == "accepted"
         if self._frame is not None and not self._for_good and accepted and not place.is_weak:

@@ -18,7 +18,7 @@ from dqreg._arrays import FloatArray, as_float, as_pose, product, require_finite
 from dqreg.errors import InputError
 from dqreg.icp import Alignment
 from dqreg.odometry.align import MIN_POINTS_FOR_CELLS, FrameSearch
-from dqreg.odometry.follow import Sweep, is_in_cells, off_at
+from dqreg.odometry.follow import SweptFrame, is_in_cells, off_at
 from dqreg.odometry.frame import DownsampledFrame
 from dqreg.odometry.kiss import rigid
 from dqreg.odometry.sweep import swept
@@ -104,7 +104,7 @@ class Deskewed:
         """A frame near its prediction, pose and motion found at once; None where that does not fit as usual."""
         if frame.back is None or search.settings.method != "plane" or len(frame.seen) < MIN_POINTS_FOR_CELLS:
             return None
-        sweep = Sweep(frame, worthwhile)
+        sweep = SweptFrame(frame, worthwhile)
         aligned = search.find_with_sweep(sweep, near=near)
         fits = aligned.status == "converged" and search.fits(aligned) and is_in_cells(aligned)
         return Deskewed(sweep.frame, aligned) if fits else None
@@ -120,7 +120,7 @@ class Deskewed:
                 words = "the sweep was not deskewed: the frame fits better as it is than with its times"
                 best = Deskewed(plain, aligned, (Reason(words, "not_deskewed"),))
         if best.aligned.found and is_in_cells(best.aligned):
-            sweep = Sweep(best.frame, worthwhile)
+            sweep = SweptFrame(best.frame, worthwhile)
             aligned = search.settle_sweep(sweep, best.aligned)
             if fits_no_worse(aligned, best.aligned):
                 return Deskewed(sweep.frame, aligned, best.notes)

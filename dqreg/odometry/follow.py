@@ -66,7 +66,7 @@ def follow(
     floor: float,
     first: int = 1,
     before: Correspondences | None = None,
-    sweep: Sweep | None = None,
+    sweep: SweptFrame | None = None,
 ) -> Alignment:
     """The pose of a frame near a known one, (4, 4), with matches no farther off than the limit of the mixture.
 
@@ -151,7 +151,7 @@ def is_in_cells(run: Run) -> bool:
     return isinstance(found, CellPlanes) and bool(np.mean(found.variances < np.inf) >= MIN_SHARE_IN_CELLS)
 
 
-class Sweep:
+class SweptFrame:
     """A frame with times, whose motion is found with its pose."""
 
     def __init__(self, frame: DownsampledFrame, worthwhile: float) -> None:

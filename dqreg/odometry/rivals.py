@@ -20,7 +20,7 @@ from dqreg.kernels.threads import Later
 from dqreg.odometry.align import FrameSearch
 from dqreg.odometry.frame import DownsampledFrame
 from dqreg.odometry.map_surface import MapSurface
-from dqreg.odometry.self_similarity import CONTRADICTED_SHARE, ROUGH_SHARE, View, behind_faces, self_similar_shifts
+from dqreg.odometry.self_similarity import CONTRADICTED_SHARE, ROUGH_SHARE, FrameView, behind_faces, self_similar_shifts
 from dqreg.rigid import pose
 from dqreg.solvers.motion_words import Vector, direction_words
 from dqreg.trust.records import Alternative
@@ -45,7 +45,7 @@ MAX_REFINEMENT_CELLS, MAX_NAMED_POSES = 3.0, 2
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Placed:
+class ComparedFrame:
     """A frame's pose after the poses along its weakest direction were compared."""
 
     aligned: Alignment
@@ -73,13 +73,13 @@ def standing_in(surface: MapSurface) -> FloatArray:
 
 
 def looked_at(
-    place: Placed,
+    place: ComparedFrame,
     search: FrameSearch,
     frame: DownsampledFrame,
-    seen: Later[View],
+    seen: Later[FrameView],
     standing: FloatArray,
     similar: Later[FloatArray] | None,
-) -> Placed:
+) -> ComparedFrame:
     """The same with what speaks against it: what the frame looked through, and places where it is like itself.
 
     Those are asked for where nothing else excludes them: without times, frames may be missing, and constant velocity
@@ -115,7 +115,7 @@ def similar_shifts(search: FrameSearch, scan: Scan) -> FloatArray:
     return self_similar_shifts(scan.points, scan.normals, search.lengths.voxel_size, 0.5 * search.lengths.reach)
 
 
-def _could_repeat(scan: Scan, view: View, shift: FloatArray) -> bool:
+def _could_repeat(scan: Scan, view: FrameView, shift: FloatArray) -> bool:
     """Whether a frame could have been seen at the end of a shift as well."""
     step = pose.from_parts(np.eye(3), shift)
     return not behind_faces(scan.points, scan.normals, shift) and view.repeats(scan, step, ROUGH_SHARE)
@@ -129,19 +129,19 @@ def placed(
     deviation: float,
     *,
     measured: bool,
-) -> Placed:
+) -> ComparedFrame:
     """The best of the poses along the weakest direction, and those that are no worse; infinite: no prediction.
 
     A prediction that was measured, with its covariance, decides between them.
     """
     axis, share = _weakest(aligned)
     if not aligned.found or (share >= WEAK_NORMAL_SHARE and search.fits(aligned)):
-        return Placed(aligned, axis, share)
+        return ComparedFrame(aligned, axis, share)
     scan = frame.fitted
     rows = np.flatnonzero(scan.normals.any(axis=1))
     if len(rows) < COMPARED_POINTS // 10:
-        return Placed(aligned, axis, share)
-    compare = _Comparison(search.surface, scan, _spread(rows), search.lengths.near, 0.5 * search.lengths.reach)
+        return ComparedFrame(aligned, axis, share)
+    compare = _RivalComparison(search.surface, scan, _spread(rows), search.lengths.near, 0.5 * search.lengths.reach)
     first, (shifts, scores) = aligned, compare.along(aligned.T_target_source, axis)
     if scores.min() < -SIGNIFICANT_SIGMAS:
         again = search.refine(scan, _shifted(first.T_target_source, shifts[np.argmin(scores)] * axis))
@@ -169,10 +169,10 @@ def placed(
     towards = np.abs(scan.normals[rows] @ (aligned.T_target_source[:3, :3].T @ axis)) > FACING_COS
     closer = dataclasses.replace(compare, rows=rows[towards])
     rivals = tuple(Alternative(T, compare.rms(T)) for T in meant if _is_equal(search, closer, aligned, T))
-    return Placed(aligned, axis, share, rivals, aligned is not first)
+    return ComparedFrame(aligned, axis, share, rivals, aligned is not first)
 
 
-def _is_equal(search: FrameSearch, compare: _Comparison, aligned: Alignment, T: FloatArray) -> bool:
+def _is_equal(search: FrameSearch, compare: _RivalComparison, aligned: Alignment, T: FloatArray) -> bool:
     """Whether a pose that fits as well on some of the points does so on all that face the axis between the two.
 
     It, or where the loop ends from it: of a few points on all faces those that tell are a few dozen. Others slide along
@@ -189,7 +189,7 @@ def _is_equal(search: FrameSearch, compare: _Comparison, aligned: Alignment, T: 
 
 
 def _repeated(
-    search: FrameSearch, scan: Scan, aligned: Alignment, view: View, shifts: FloatArray
+    search: FrameSearch, scan: Scan, aligned: Alignment, view: FrameView, shifts: FloatArray
 ) -> tuple[Alternative, ...]:
     """Poses where the frame is like itself: what stands there was seen here, and nothing where it looked through."""
     cell, least, T = search.lengths.voxel_size, 0.5 * search.lengths.reach, aligned.T_target_source
@@ -216,7 +216,7 @@ def _repeated(
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class _Comparison:
+class _RivalComparison:
     """How much worse the same points lie at another pose, in standard errors."""
 
     surface: MapSurface

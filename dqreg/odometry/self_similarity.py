@@ -138,7 +138,7 @@ def _is_peak(share: FloatArray, cells: IntArray) -> BoolArray:
 
 
 @dataclasses.dataclass(frozen=True)
-class View:
+class FrameView:
     """What the scanner saw."""
 
     image: DepthImage
@@ -146,12 +146,12 @@ class View:
     measured: int = 0  # Points of the frame of which the pixel was measured
 
     @staticmethod
-    def of(points: FloatArray, margin: float, before: View | None = None) -> View:
+    def of(points: FloatArray, margin: float, before: FrameView | None = None) -> FrameView:
         """From the points of a frame, (n, 3); their spacing is that of a frame before with about as many."""
         count = len(points)
         if before is None or abs(count - before.measured) > SAME_COUNT_SHARE * before.measured:
-            return View(DepthImage.of(points, np.zeros(3)), margin, count)
-        return View(DepthImage.of(points, np.zeros(3), before.image.pixel), margin, before.measured)
+            return FrameView(DepthImage.of(points, np.zeros(3)), margin, count)
+        return FrameView(DepthImage.of(points, np.zeros(3), before.image.pixel), margin, before.measured)
 
     def compared(self, points: FloatArray, T: FloatArray) -> tuple[int, int]:
         """Points, moved, that stand where the frame looked through, and those about where it saw something."""

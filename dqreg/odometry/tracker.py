@@ -19,7 +19,7 @@ from dqreg.odometry.frame import DownsampledFrame, RawFrame, downsample_frame
 from dqreg.odometry.kiss import KissParts, rigid
 from dqreg.odometry.prediction import Prediction
 from dqreg.odometry.rivals import facing, looked_at, placed, similar_shifts, standing_in
-from dqreg.odometry.self_similarity import View
+from dqreg.odometry.self_similarity import FrameView
 from dqreg.odometry.settings import OdometrySettings, Resolved
 from dqreg.odometry.starts import Pace, predict
 from dqreg.odometry.timeline import Timeline
@@ -65,7 +65,7 @@ class Tracker:
         # Where a frame was like itself nowhere.
         self._unlike: FloatArray | None = None
         # What the last frame saw.
-        self._view: View | None = None
+        self._view: FrameView | None = None
         self._timeline, self._link = Timeline(self.settings.history), MapLink()
 
     def _place(self, raw: RawFrame, ratio: float, expected: Prediction | None, *, insert: bool) -> Registration:
@@ -224,9 +224,9 @@ class Tracker:
         before = None if self._timeline.missed else self._unlike
         return before is not None and frame.scan._spread.motion(before, T) <= reach
 
-    def _seen(self, frame: DownsampledFrame, lengths: Resolved) -> Later[View]:
+    def _seen(self, frame: DownsampledFrame, lengths: Resolved) -> Later[FrameView]:
         before = self._view
-        return Later(lambda: View.of(frame.dense, lengths.near, before))
+        return Later(lambda: FrameView.of(frame.dense, lengths.near, before))
 
     def _enters(self, aligned: Alignment, *, trusted: bool) -> bool:
         """Whether a frame is absorbed: one that has a pose, and fits as usual, or the last ones did not either."""

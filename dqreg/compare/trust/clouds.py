@@ -9,7 +9,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, bounds
 from dqreg.compare.trust import scans, shapes
-from dqreg.compare.trust.task import NONE_RIGHT, Kind, Make, Task, kinds_of
+from dqreg.compare.trust.task import NONE_RIGHT, Kind, Make, TrustTask, kinds_of
 from dqreg.geometry import Mesh, MeshSurface, PointCloud
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import fit_planes
@@ -41,7 +41,7 @@ def cloud_task(
     start: tuple[float, float] | None,
     *,
     right: bool = True,
-) -> Task:
+) -> TrustTask:
     """Task of two scans in the part's frame."""
     size = mesh.diagonal
     T = pose.inverse(random_pose(rng, 0.8 * size, mesh.centre))
@@ -49,7 +49,7 @@ def cloud_task(
         T = disturbance(rng, np.deg2rad(start[0]), start[1] * size, mesh.centre)
     begun = None if start is None else "identity"
     truths = T[None] if right else NONE_RIGHT
-    return Task(
+    return TrustTask(
         pose.apply(pose.inverse(T), source), PointCloud(target), begun, truths, mesh.vertices, size, scans.NOISE * size
     )
 
@@ -70,7 +70,7 @@ def views_apart(
     noise that neighbours share beside their own, between two shares of it.
     """
 
-    def make(rng: np.random.Generator) -> Task:
+    def make(rng: np.random.Generator) -> TrustTask:
         for _ in range(MAX_DRAWS):
             mesh = shapes.any_part(rng) if family is None else shapes.draw(family, rng)
             one = scans.oblique(rng)
@@ -109,14 +109,14 @@ def _is_determined(source: FloatArray, target: FloatArray, mesh: Mesh) -> bool:
     return bool(found.carriers.min() >= MIN_CARRIERS and found.values.min() >= MIN_INFORMATION_SHARE)
 
 
-def _two_parts(rng: np.random.Generator) -> Task:
+def _two_parts(rng: np.random.Generator) -> TrustTask:
     one, other = shapes.any_part(rng), shapes.any_part(rng)
     scale = other.diagonal / one.diagonal
     source = (scans.two_views(one, rng) - one.centre) * scale + other.centre
     return cloud_task(source, scans.two_views(other, rng), other, rng, None, right=False)
 
 
-def _one_family(rng: np.random.Generator) -> Task:
+def _one_family(rng: np.random.Generator) -> TrustTask:
     """Views of two parts of one family and size: corners of one fit those of the other."""
     family = shapes.ASYMMETRIC[rng.integers(len(shapes.ASYMMETRIC))]
     one, other = shapes.draw(family, rng), shapes.draw(family, rng)
@@ -132,10 +132,10 @@ def _changed(change: Callable[[FloatArray, float, np.random.Generator], FloatArr
     Both are drawn anew, so often at most, until the change shows on what both show.
     """
 
-    def make(rng: np.random.Generator) -> Task:
+    def make(rng: np.random.Generator) -> TrustTask:
         for _ in range(MAX_DRAWS):
             task = views_apart(0.0, 30.0, (5.0, 0.02), determined=True)(rng)
-            assert isinstance(task, Task)
+            assert isinstance(task, TrustTask)
             assert isinstance(task.source, np.ndarray)
             middle = task.source.mean(axis=0)
             changed = dataclasses.replace(task, source=middle + change(task.source - middle, task.size, rng))
@@ -146,7 +146,7 @@ def _changed(change: Callable[[FloatArray, float, np.random.Generator], FloatArr
     return make
 
 
-def _shown(task: Task, changed: Task) -> float:
+def _shown(task: TrustTask, changed: TrustTask) -> float:
     """Displacement of a changed source along the normals of what both show, beyond any motion, root mean square."""
     assert isinstance(task.target, PointCloud)
     target = task.target.points
@@ -185,7 +185,7 @@ def _moved(points: FloatArray, size: float, rng: np.random.Generator) -> FloatAr
     return changed
 
 
-def _slid_plates(rng: np.random.Generator) -> Task:
+def _slid_plates(rng: np.random.Generator) -> TrustTask:
     """Upper and lower side of a thin plate, begun on each other."""
     mesh = shapes.draw(shapes.plate, rng)
     up = np.array([0.2 * rng.normal(), 0.2 * rng.normal(), 1.0])
@@ -193,7 +193,7 @@ def _slid_plates(rng: np.random.Generator) -> Task:
     return cloud_task(scan, target, mesh, rng, (3.0, 0.03))
 
 
-def _room(rng: np.random.Generator) -> Task:
+def _room(rng: np.random.Generator) -> TrustTask:
     """Two of three stops of a LiDAR in a furnished room, each in its frame: from nothing, or from five degrees off."""
     made = room_stops(3, rings=int(rng.choice(RINGS)), rng=rng)
     i, j = rng.choice(3, 2, replace=False)
@@ -202,7 +202,7 @@ def _room(rng: np.random.Generator) -> Task:
     low, high = bounds(target)
     size = float(np.linalg.norm(high - low))
     start = None if rng.uniform() < 0.5 else disturbance(rng, np.deg2rad(5.0), 0.02 * size, 0.5 * (low + high)) @ T
-    return Task(source, PointCloud(target), start, T[None], pose.apply(T, source[::50]), size, ROOM_NOISE)
+    return TrustTask(source, PointCloud(target), start, T[None], pose.apply(T, source[::50]), size, ROOM_NOISE)
 
 
 KINDS: tuple[Kind, ...] = (

@@ -8,7 +8,7 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
 from dqreg.compare.trust import scans
-from dqreg.compare.trust.task import Kind, Make, Task, Walls, kinds_of, on_part
+from dqreg.compare.trust.task import Kind, Make, TrustTask, Walls, kinds_of, on_part
 from dqreg.geometry import Mesh, sample_mesh
 
 # Turns of the profile at its folds: an angle, a channel, a Z and a hat.
@@ -57,7 +57,7 @@ def folded(rng: np.random.Generator) -> Sheet:
 def scanned(*, both: bool) -> Make:
     """Part of one side of a sheet, or of both, with some of its rims; from nothing, or from a thickness off."""
 
-    def make(rng: np.random.Generator) -> Task:
+    def make(rng: np.random.Generator) -> TrustTask:
         sheet = folded(rng)
         mesh, thickness = sheet.mesh, sheet.thickness
         found = sample_mesh(mesh, int(rng.integers(*SHEET_POINTS)), rng)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.compare.trust.task import Drive, Kind, Task
+from dqreg.compare.trust.task import Drive, Kind, TrustTask
 from dqreg.errors import DqregError
 from dqreg.geometry import Mesh, MeshSurface, sample_mesh
 from dqreg.rigid import pose
@@ -64,7 +64,7 @@ def trial(kind: Kind, seed: int) -> Trial:
     return _driven(kind, seed, task) if isinstance(task, Drive) else _registered(kind, seed, task)
 
 
-def _registered(kind: Kind, seed: int, task: Task) -> Trial:
+def _registered(kind: Kind, seed: int, task: TrustTask) -> Trial:
     from dqreg.registration.register import register
 
     began = time.perf_counter()
@@ -96,7 +96,7 @@ def _registered(kind: Kind, seed: int, task: Task) -> Trial:
     )
 
 
-def is_right(T: FloatArray, task: Task) -> tuple[bool, float]:
+def is_right(T: FloatArray, task: TrustTask) -> tuple[bool, float]:
     """Whether a pose is right, and its worst displacement in diagonals."""
     if not len(task.truths) or not np.isfinite(T).all():
         return False, np.nan
@@ -107,7 +107,7 @@ def is_right(T: FloatArray, task: Task) -> tuple[bool, float]:
     return is_near or _onto_itself(motion, task), off
 
 
-def _on_another_side(motion: FloatArray, task: Task) -> bool:
+def _on_another_side(motion: FloatArray, task: TrustTask) -> bool:
     """Whether a motion displaces some wall by more than half of its thickness across it."""
     if task.walls is None:
         return False
@@ -115,7 +115,7 @@ def _on_another_side(motion: FloatArray, task: Task) -> bool:
     return bool(np.abs(np.einsum("ij,ij->i", displaced, task.walls.normals)).max() > 0.5 * task.walls.thickness)
 
 
-def _onto_itself(motion: FloatArray, task: Task) -> bool:
+def _onto_itself(motion: FloatArray, task: TrustTask) -> bool:
     """Whether the part comes to lie on itself, as far as the noise can tell."""
     if not isinstance(task.target, Mesh):
         return False
@@ -124,7 +124,7 @@ def _onto_itself(motion: FloatArray, task: Task) -> bool:
     return bool(np.quantile(away, SAME_SHARE) <= SAME_SIGMAS * task.noise)
 
 
-def _names_rivals(result: Registration, task: Task) -> bool:
+def _names_rivals(result: Registration, task: TrustTask) -> bool:
     """Whether a pose that fits as well and is another one than the answer is named.
 
     Such poses are those of the task, and those that its motions lead to from the answer: a period farther on. Where
@@ -149,7 +149,7 @@ def _names_rivals(result: Registration, task: Task) -> bool:
     )
 
 
-def _lies_alike(T: FloatArray, task: Task) -> bool:
+def _lies_alike(T: FloatArray, task: TrustTask) -> bool:
     """Whether the scan lies on the part at a pose as at a right one, outer side out, as far as its noise can tell."""
     if not isinstance(task.target, Mesh):
         return False
