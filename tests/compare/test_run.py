@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dqreg.compare import Loop, Protocol, compare, from_case, read_sweep, run_engine
+from dqreg.compare import Protocol, SameLoop, compare, from_case, read_sweep, run_engine
 from dqreg.compare.engines.registry import engine_specs
 from dqreg.compare.plan import plan
 from dqreg.compare.run import ComparisonProgress
@@ -22,7 +22,7 @@ from dqreg.synth import demo_case, load_case
 
 FILE = Path(__file__).with_name("toy_engines.py")
 CASE = load_case(demo_case())
-SMALL = Loop(source_points=500, target_points=2_000)
+SMALL = SameLoop(source_points=500, target_points=2_000)
 ONCE = Protocol(settings=("manual",), repeats=1, isolate=False)
 
 
