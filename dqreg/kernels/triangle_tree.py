@@ -23,7 +23,7 @@ from dqreg.kernels.triangles_across import triangles_across
 
 # Triangles a leaf at most: on nine CAD parts 2 took 0.7 to 0.95 of the time of 4. Queries that one thread answers in
 # one go, those that are worth handing over, in such ranges, and triangles.
-LEAF, CHUNK, WORTH, LONG = 2, 500, 4, 16_384
+LEAF, CHUNK, WORTH, LONG = 2, 500, 2, 16_384
 # Triangles of a small tree on average, of up to so many triangles and of more: the top is cut by areas, which takes
 # longer and makes the better boxes. Queries took 0.9 to 1.05 of the time of cutting by areas down to the leaves.
 SHARES, FEW = (4, 8), 50_000
