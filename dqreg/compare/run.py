@@ -37,7 +37,7 @@ class Comparison:
 
 
 @dataclasses.dataclass(frozen=True)
-class Progress:
+class ComparisonProgress:
     """How far a comparison is."""
 
     # done, total: Work in scan points times runs; what had been done before is counted as done
@@ -54,7 +54,7 @@ def compare(
     *,
     protocol: Protocol | None = None,
     out: str | os.PathLike[str] | None = None,
-    observe: Callable[[Progress], None] | None = None,
+    observe: Callable[[ComparisonProgress], None] | None = None,
 ) -> Comparison:
     """Run engines on tasks and judge them."""
     protocol = protocol or Protocol()
@@ -105,7 +105,7 @@ def _work(
     able: list[EngineSpec],
     store: Store,
     protocol: Protocol,
-    observe: Callable[[Progress], None],
+    observe: Callable[[ComparisonProgress], None],
 ) -> None:
     from dqreg.report.work_bar import TimeLeft
 
@@ -118,7 +118,7 @@ def _work(
     try:
         for item, spec, count in jobs:
             words, began = f"{item.words}: {spec.name}", time.monotonic()
-            observe(Progress(done, total, left.seconds, words))
+            observe(ComparisonProgress(done, total, left.seconds, words))
             tried = not _gave_up(item, spec, store)
             if tried:
                 if made is None or made[0] != item.key:
@@ -129,7 +129,7 @@ def _work(
                     run = _judged(item, made[1], spec, repeat, engine_call)
                     store.add([run])
                     part = done + item.weight * (repeat - first + 1)
-                    observe(Progress(part, total, left.seconds, words, run))
+                    observe(ComparisonProgress(part, total, left.seconds, words, run))
                     if is_last(run):
                         break
             done += item.weight * count

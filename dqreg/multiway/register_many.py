@@ -33,7 +33,7 @@ from dqreg.registration.options import EFFORTS, Effort
 from dqreg.registration.target import Target, prepare_target
 
 # Poses of pairs need not agree to better than this fraction of the spacing of the points.
-FLOOR = 0.25
+AGREEMENT_SPACINGS = 0.25
 
 
 def register_many(
@@ -133,7 +133,7 @@ def register_many(
     found = first_edges(runner, pairs, known, order, automatic=automatic)
     found, turned = laid_by_angles(runner, found, known, order)
     sides = Sides.of(views, order, found)
-    size, floor = typical_size(views), FLOOR * typical_spacing(views)
+    size, floor = typical_size(views), AGREEMENT_SPACINGS * typical_spacing(views)
     home, T_home = (PART, np.eye(4)) if part is not None else (anchor, known[anchor])
     # Given poses, and angles that nobody knows, say where scans are: a table does not.
     on_table = order == "turntable" and turned is None and any(known[k] is None for k in usable)

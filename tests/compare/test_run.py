@@ -14,7 +14,7 @@ import pytest
 from dqreg.compare import Loop, Protocol, compare, from_case, read_sweep, run_engine
 from dqreg.compare.engines.registry import engine_specs
 from dqreg.compare.plan import plan
-from dqreg.compare.run import Progress
+from dqreg.compare.run import ComparisonProgress
 from dqreg.compare.store import Store
 from dqreg.compare.sweep_file import parse_sweep
 from dqreg.errors import InputError
@@ -118,7 +118,7 @@ def test_resume_repeats_nothing_and_loses_nothing(both, tmp_path, monkeypatch):
     class StopHereError(Exception):
         pass
 
-    def stop_after_three(progress: Progress) -> None:
+    def stop_after_three(progress: ComparisonProgress) -> None:
         if progress.run is not None and len(Store(out).runs) == 3:
             raise StopHereError
 

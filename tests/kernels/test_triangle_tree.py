@@ -11,7 +11,7 @@ from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh
 from dqreg.kernels import threads
 from dqreg.kernels.treelets import BLOCK
-from dqreg.kernels.triangle_tree import FEW, LEAF, TriangleTree, order_of_triangles
+from dqreg.kernels.triangle_tree import LEAF, MAX_SMALL_TRIANGLES, TriangleTree, order_of_triangles
 from dqreg.synth.parts import bracket
 from tests.geometry.oracles import brute_triangles
 
@@ -163,7 +163,7 @@ def test_the_bits_do_not_depend_on_the_number_of_threads(monkeypatch: pytest.Mon
 
 @pytest.mark.parametrize("count", [1, 3])
 def test_a_tree_does_not_depend_on_the_number_of_threads(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
-    corners = triangles(np.random.default_rng(8), FEW + 1)
+    corners = triangles(np.random.default_rng(8), MAX_SMALL_TRIANGLES + 1)
     expected = tree_of(corners)
     monkeypatch.setattr(threads, "thread_count", lambda: count)
     found = tree_of(corners)
