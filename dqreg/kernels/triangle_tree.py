@@ -21,10 +21,8 @@ from dqreg.kernels.treelets import BLOCK, boxes_in_order, enclose_children, hang
 from dqreg.kernels.triangle import COLUMNS, pack
 from dqreg.kernels.triangles_across import triangles_across
 
-# Queries that one thread answers in one go, and such ranges that are worth handing over.
-CHUNK_QUERIES, MIN_CHUNKS = 500, 4
-# Triangles that one thread takes in one go.
-CHUNK_TRIANGLES = 16_384
+# Queries that one thread answers in one go, and triangles.
+CHUNK_QUERIES, CHUNK_TRIANGLES = 500, 16_384
 # Triangles of a small tree on average, of up to so many triangles and of more: the top is cut by areas, which takes
 # longer and makes the better boxes. Queries took 0.9 to 1.05 of the time of cutting by areas down to the leaves.
 TREELET_TRIANGLES, MAX_SMALL_TRIANGLES = (4, 8), 50_000
@@ -93,7 +91,7 @@ class TriangleTree:
         tree = self.nodes, self.links, self.packed, self.across, self.faces, self.slots, self.leaves, self.normals
         asked = as_plain(queries), NO_GUESSES if guesses is None else guesses, float(bound), self.size
         results = points, normals, distances, found
-        over_chunks(closest_places, count, *tree, *asked, *results, chunk=CHUNK_QUERIES, fewest=MIN_CHUNKS)
+        over_chunks(closest_places, count, *tree, *asked, *results, chunk=CHUNK_QUERIES)
         return points, normals, distances, found
 
     def closest_facing(
@@ -108,7 +106,7 @@ class TriangleTree:
         tree = self.nodes, self.links, self.packed, self.faces, self.normals
         asked = as_plain(queries), as_plain(directions), float(cosine), float(bound)
         results = points, distances, found
-        over_chunks(facing_places, count, *tree, *asked, *results, chunk=CHUNK_QUERIES, fewest=MIN_CHUNKS)
+        over_chunks(facing_places, count, *tree, *asked, *results, chunk=CHUNK_QUERIES)
         return points, distances, found
 
     def distances(
@@ -122,7 +120,7 @@ class TriangleTree:
         tree = self.nodes, self.links, self.packed, self.across, self.faces, self.leaves, self.normals
         asked = *map(as_plain, (rotations, shifts, points)), float(bound), by_point
         over_chunks(
-            pose_distances, found.size, *tree, *asked, found.reshape(-1), chunk=CHUNK_QUERIES, fewest=MIN_CHUNKS
+            pose_distances, found.size, *tree, *asked, found.reshape(-1), chunk=CHUNK_QUERIES
         )
         return found
 
