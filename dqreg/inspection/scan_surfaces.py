@@ -90,7 +90,9 @@ def _of_something_else(scene: Scene, other: BoolArray) -> BoolArray:
     # A table is seen through the holes of a part, too.
     found |= inner & leaving & scene.in_planes((other | found) & flat & (scene.counts >= LEAVES))
     # What leaves the part towards another surface, and what is on no smooth one beside it, goes with that.
-    found |= inner & (leaving | ~flat) & scene.beside(other | found)
+    # Between the two lies the edge where they meet.
+    for _ in range(2):
+        found |= inner & (leaving | ~flat) & scene.beside(other | found)
     # So does what leaves the part beneath another surface, which hides where the two meet: the pad of a clamp.
     asked = inner & leaving & ~found
     covered = scene.per_patch(scene.covered(scene.off_of(asked), scene.off_of(other | found)))

@@ -335,3 +335,12 @@ def test_a_corner_that_was_not_cut_fails_and_a_jaw_flush_with_one_face_does_not(
     jaw = [sampled(rng, (80, 10, 20), (95, 60, 20)), sampled(rng, (80, 10, 0), (95, 10, 20))]
     held = on_plate(56.0, np.vstack([*jaw, *cut, *side]), closed=False, missing=(2, 2))
     assert decide(held, 0.2).outcome == "pass"
+
+
+def test_the_wall_of_a_nest_seen_through_a_notch_goes_with_the_nest() -> None:
+    rng = np.random.default_rng(15)
+    nest = [sampled(rng, (80, -15, 12), (95, 95, 12)), sampled(rng, (80, 36, 0), (80, 44, 12))]
+    side = [sampled(rng, (80, 0, 12), (80, 36, 20)), sampled(rng, (80, 44, 12), (80, 80, 20))]
+    flanks = [sampled(rng, (44, y, 0), (80, y, 20)) for y in (36, 44)]
+    held = on_plate(8.0, np.vstack([*nest, *side, *flanks]), closed=False, missing=(2, 1), table=False)
+    assert decide(held, 0.2).outcome == "pass"
