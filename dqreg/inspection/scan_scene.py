@@ -210,7 +210,8 @@ class Scene:
             near, nearest = tree.query(self._sided(self.off[mine]), distance_upper_bound=width)
             there = np.isfinite(near)
             above, below = self.off[away[np.asarray(nearest)[there]]], self.off[mine[there]]
-            found[mine[there]] = self.distances[above] > self.distances[below]
+            sides = np.einsum("ij,ij->i", *(self.points[rows] - self.nominal.feet[rows] for rows in (above, below)))
+            found[mine[there]] = (sides > 0.0) & (self.distances[above] > self.distances[below])
         return found
 
     def replaces_a_face(self, number: int) -> bool:
