@@ -35,7 +35,7 @@ LONG = {
     "dqreg.report.report_data.collect": 44,
 }
 # Rooms where a line may still assign three numbers or more: this list only shrinks.
-PACKED = {"compare", "inspection", "kernels", "multiway", "odometry"}
+PACKED = {"inspection"}
 PLACEHOLDERS = {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER}
 
 

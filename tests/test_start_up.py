@@ -122,8 +122,11 @@ def test_a_signal_while_it_loads_is_one_line_and_the_code(scene, tmp_path, numbe
         run.send_signal(number)
         _, errors = run.communicate(timeout=60.0)
         assert (run.returncode, errors.lstrip("\n")) in ((128 + number, LINE[number]), (0, "")), errors
-        if run.returncode:
-            assert not out.exists()
+        if out.exists():
+            # The signal may come between the last file and the end: what is there is whole.
+            assert json.loads(out.read_text(encoding="utf-8"))["verdict"]["level"] == "accepted"
+        else:
+            assert run.returncode
         out.unlink(missing_ok=True)
     assert left_over(tmp_path) == []
     assert all_gone(token)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from dqreg._arrays import FloatArray
-    from dqreg.registration.batch import Batch, Progress
+    from dqreg.registration.batch import Batch, BatchProgress
     from dqreg.registration.result import Registration
     from dqreg.report.work_bar import WorkBar
 
@@ -176,11 +176,11 @@ def _some(points: FloatArray) -> FloatArray:
     return points[:: max(1, len(points) // PICTURE_POINTS)]
 
 
-def _told(bar: WorkBar, console: Console) -> Callable[[Progress], None]:
+def _told(bar: WorkBar, console: Console) -> Callable[[BatchProgress], None]:
     """Shows how far a batch is."""
     from dqreg.report.progress import left_words
 
-    def tell(progress: Progress) -> None:
+    def tell(progress: BatchProgress) -> None:
         row, left = progress.line, progress.seconds_left
         if row is None:
             words, line = "", f"{progress.done} of {progress.total} rows are done already" if progress.done else ""

@@ -18,7 +18,7 @@ from dqreg.errors import InputError, printable
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from dqreg.compare import Progress
+    from dqreg.compare import ComparisonProgress
     from dqreg.compare.engines.registry import EngineSpec
     from dqreg.report.work_bar import WorkBar
 
@@ -229,7 +229,7 @@ def _list(console: Console, found: Sequence[EngineSpec], *, as_json: bool) -> No
         print_json([
             {
                 "engine": spec.name,
-                "from_nothing": not spec.needs_initial_pose,
+                "without_initial_pose": not spec.needs_initial_pose,
                 "settings": spec.settings,
                 "missing": missing(spec),
             }
@@ -242,11 +242,11 @@ def _list(console: Console, found: Sequence[EngineSpec], *, as_json: bool) -> No
         say(console, line)
 
 
-def _told(bar: WorkBar, console: Console) -> Callable[[Progress], None]:
+def _told(bar: WorkBar, console: Console) -> Callable[[ComparisonProgress], None]:
     """Shows where a comparison is."""
     from dqreg.compare.tables import number
 
-    def tell(progress: Progress) -> None:
+    def tell(progress: ComparisonProgress) -> None:
         run, line = progress.run, ""
         if run is not None:
             found = f"{number(run.worst / run.size)} S, {number(run.seconds)} s"

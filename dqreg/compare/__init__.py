@@ -9,10 +9,10 @@
 
 from __future__ import annotations
 
-from dqreg.compare.case import BenchmarkCase, Loop
+from dqreg.compare.case import BenchmarkCase, SameLoop
 from dqreg.compare.judge import GroundTruth, Score, judge
 from dqreg.compare.plan import Protocol, from_case, from_pair
-from dqreg.compare.run import Comparison, Progress, compare
+from dqreg.compare.run import Comparison, ComparisonProgress, compare
 from dqreg.compare.sweep import Sweep
 from dqreg.compare.sweep_file import read_sweep
 from dqreg.compare.truth import TruePoses, read_truth
@@ -21,10 +21,10 @@ from dqreg.files.poses import read_pose
 __all__ = [
     "BenchmarkCase",
     "Comparison",
+    "ComparisonProgress",
     "GroundTruth",
-    "Loop",
-    "Progress",
     "Protocol",
+    "SameLoop",
     "Score",
     "Sweep",
     "TruePoses",

@@ -22,11 +22,11 @@ from dqreg.rigid import pose
 HELD_OUT_FRACTION, MAX_HELD_OUT = 0.1, 5_000
 MAX_PROBES = 20_000
 # Scan points of a run that warms an engine up.
-WARMING = 1_000
+WARMING_POINTS = 1_000
 
 
 @dataclasses.dataclass(frozen=True)
-class Loop:
+class SameLoop:
     """What "same loop" means: identical for everyone."""
 
     # source_points, target_points: Points drawn once for all engines from scan and target (a mesh is sampled, with
@@ -60,7 +60,7 @@ def make_case(
     *,
     setting: Setting = "manual",
     noise: float = 0.0,
-    loop: Loop | None = None,
+    loop: SameLoop | None = None,
     threads: int = 2,
     seed: int = 0,
     success_threshold: float = SUCCESS_THRESHOLD,
@@ -80,7 +80,7 @@ def make_case(
     if setting == "same-loop":
         if start is None:
             raise InputError("the same loop needs an initial pose; without one use --setting manual")
-        task = _same_loop(task, loop or Loop(), size, loop_rng)
+        task = _same_loop(task, loop or SameLoop(), size, loop_rng)
     truths = np.zeros((0, 4, 4)) if truth is None else truth.poses
     spacing = 0.0 if isinstance(target, Mesh) else measure_spacing(NeighbourTree(target.points), target.points)
     ground_truth = GroundTruth(
@@ -100,8 +100,8 @@ def small_copy(task: Task) -> Task:
     """The same task with few scan points, for warming up."""
     return dataclasses.replace(
         task,
-        source=_rows(task.source, np.arange(0, len(task.source), max(1, len(task.source) // WARMING))),
-        source_points=None if task.source_points is None else task.source_points[:WARMING],
+        source=_rows(task.source, np.arange(0, len(task.source), max(1, len(task.source) // WARMING_POINTS))),
+        source_points=None if task.source_points is None else task.source_points[:WARMING_POINTS],
     )
 
 
@@ -117,7 +117,7 @@ def _rows(cloud: PointCloud, rows: Any) -> PointCloud:
     return dataclasses.replace(cloud, points=cloud.points[rows], normals=normals)
 
 
-def _same_loop(task: Task, loop: Loop, size: float, rng: np.random.Generator) -> Task:
+def _same_loop(task: Task, loop: SameLoop, size: float, rng: np.random.Generator) -> Task:
     target = task.target
     if isinstance(target, Mesh):
         target = sample_mesh(target, loop.target_points, rng)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import FloatArray, as_pose
-from dqreg.compare.case import BenchmarkCase, Loop, make_case
+from dqreg.compare.case import BenchmarkCase, SameLoop, make_case
 from dqreg.compare.engines.protocol import Setting
 from dqreg.compare.engines.registry import EngineSpec
 from dqreg.compare.judge import SUCCESS_THRESHOLD
@@ -82,7 +82,7 @@ class Protocol:
     timeout: float = 300.0  # Seconds for one run; None takes the sweep's, and 300 for cases
     # Whether cases are run without their initial pose; engines that need one do not take part then
     withhold_initial_pose: bool = False
-    loop: Loop = dataclasses.field(default_factory=Loop)  # What the same loop means
+    loop: SameLoop = dataclasses.field(default_factory=SameLoop)  # What the same loop means
     success_threshold: float = SUCCESS_THRESHOLD  # Largest worst displacement, in S, of a successful pose
     memory_limit: float | None = None  # Bytes; None takes three quarters of the machine's memory
     isolate: bool = True  # Whether engines run in a process of their own. Without it a crash or a hang ends everything

@@ -37,7 +37,7 @@ class Comparison:
 
 
 @dataclasses.dataclass(frozen=True)
-class Progress:
+class ComparisonProgress:
     """How far a comparison is."""
 
     # done, total: Work in scan points times runs; what had been done before is counted as done
@@ -54,7 +54,7 @@ def compare(
     *,
     protocol: Protocol | None = None,
     out: str | os.PathLike[str] | None = None,
-    observe: Callable[[Progress], None] | None = None,
+    observe: Callable[[ComparisonProgress], None] | None = None,
 ) -> Comparison:
     """Run engines on tasks and judge them."""
     protocol = protocol or Protocol()
@@ -105,7 +105,7 @@ def _work(
     able: list[EngineSpec],
     store: Store,
     protocol: Protocol,
-    observe: Callable[[Progress], None],
+    observe: Callable[[ComparisonProgress], None],
 ) -> None:
     from dqreg.report.work_bar import TimeLeft
 
@@ -118,7 +118,7 @@ def _work(
     try:
         for item, spec, count in jobs:
             words, began = f"{item.words}: {spec.name}", time.monotonic()
-            observe(Progress(done, total, left.seconds, words))
+            observe(ComparisonProgress(done, total, left.seconds, words))
             tried = not _gave_up(item, spec, store)
             if tried:
                 if made is None or made[0] != item.key:
@@ -129,7 +129,7 @@ def _work(
                     run = _judged(item, made[1], spec, repeat, engine_call)
                     store.add([run])
                     part = done + item.weight * (repeat - first + 1)
-                    observe(Progress(part, total, left.seconds, words, run))
+                    observe(ComparisonProgress(part, total, left.seconds, words, run))
                     if is_last(run):
                         break
             done += item.weight * count
@@ -186,7 +186,7 @@ def _judged(item: PlannedRun, case: BenchmarkCase, spec: EngineSpec, repeat: int
         value=case.value,
         trial=case.trial,
         setting=case.task.setting,
-        from_nothing=case.task.start is None,
+        without_initial_pose=case.task.start is None,
         points=len(case.task.source),
         size=case.ground_truth.size,
         units=case.units,
@@ -198,7 +198,7 @@ def _judged(item: PlannedRun, case: BenchmarkCase, spec: EngineSpec, repeat: int
         wall_seconds=made.wall_seconds,
         peak_memory=made.peak_memory,
         iterations=output.iterations,
-        claims=output.self_report,
+        self_report=output.self_report,
         settings=json.loads(json.dumps(plain(output.settings), default=str)),
         curve=[(step.iteration, step.seconds, w) for step, w in zip(output.curve, worst, strict=True)],
         **dataclasses.asdict(score),

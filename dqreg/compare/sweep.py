@@ -44,7 +44,7 @@ class Cell:
 
 
 @dataclasses.dataclass(frozen=True)
-class Axis:
+class SweepAxis:
     """One axis of a sweep."""
 
     name: str  # Parameter that is varied
@@ -61,7 +61,7 @@ class Sweep:
 
     name: str  # Title
     base: dict[str, Any]  # Fields of `Cell` that differ from its defaults
-    axes: tuple[Axis, ...]  # In their order
+    axes: tuple[SweepAxis, ...]  # In their order
     timeout: float = 60.0  # Time limit of a single run in seconds
     engines: tuple[str, ...] = ()  # Engines that take part unless the caller names others; () for all of the registry
 
@@ -85,7 +85,7 @@ class Sweep:
             for trial in range(axis.trials)
         ]
 
-    def _cell(self, axis: Axis, value: float | str, trial: int, setting: Setting) -> Cell:
+    def _cell(self, axis: SweepAxis, value: float | str, trial: int, setting: Setting) -> Cell:
         values = {**self.base, axis.name: value}
         if axis.name == "nothing":
             values["part"] = value

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from dqreg.compare.engines.protocol import Setting
-from dqreg.compare.sweep import FRAMES, Axis, AxisName, Cell, Sweep
+from dqreg.compare.sweep import FRAMES, AxisName, Cell, Sweep, SweepAxis
 from dqreg.errors import InputError, did_you_mean
 from dqreg.files.untrusted import read_record
 from dqreg.synth.parts import KINDS
@@ -53,7 +53,7 @@ def parse_sweep(text: str, name: str) -> Sweep:
     return sweep
 
 
-def _axis(key: str, table: Any, name: str) -> Axis:
+def _axis(key: str, table: Any, name: str) -> SweepAxis:
     where = f"sweep {name}: axis.{key}"
     _known({key: None}, get_args(AxisName), f"sweep {name}: axis.")
     if not isinstance(table, dict):
@@ -71,7 +71,7 @@ def _axis(key: str, table: Any, name: str) -> Axis:
         if isinstance(count, bool) or not isinstance(count, int) or count < 1:
             raise InputError(f"{where}.{word} must be a whole number above 0; got {count!r}")
     more = _names(table.get("more_engines", []), f"{where}.more_engines")
-    return Axis(key, tuple(values), settings=tuple(settings), more_engines=more, **counts)
+    return SweepAxis(key, tuple(values), settings=tuple(settings), more_engines=more, **counts)
 
 
 def _check(cell: Cell, name: str) -> None:

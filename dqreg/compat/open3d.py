@@ -40,7 +40,7 @@ from dqreg.compat.estimation import (
     TransformationEstimationDualQuaternionNormals,
     read_method,
 )
-from dqreg.compat.sides import Sides, is_empty, read_sides
+from dqreg.compat.sides import GivenClouds, is_empty, read_sides
 from dqreg.errors import InputError
 from dqreg.icp import Correspondences, Icp, Stopping, WithinDistance, find_correspondences
 from dqreg.icp.history import Iteration
@@ -233,7 +233,7 @@ def _icp(source: Any, target: Any, reach: Any, init: ArrayLike | None, method: M
     return result
 
 
-def _figures(sides: Sides, pairs: Correspondences, reach: float) -> Any:
+def _figures(sides: GivenClouds, pairs: Correspondences, reach: float) -> Any:
     near = pairs.distances <= reach
     distances = pairs.distances[near]
     rows: IntArray = np.column_stack([sides.source_rows[near], sides.target_rows[pairs.closest.elements[near]]])

@@ -17,7 +17,7 @@ from dqreg.geometry.sides import have_sides
 
 
 @dataclasses.dataclass(frozen=True)
-class Sides:
+class GivenClouds:
     """Source and target."""
 
     scan: Scan  # The source, every finite point of it, in the caller's order
@@ -28,11 +28,11 @@ class Sides:
     source_count: int  # Points of the caller's source, finite or not
 
 
-def read_sides(source: Any, target: Any, *, with_normals: bool) -> Sides:
+def read_sides(source: Any, target: Any, *, with_normals: bool) -> GivenClouds:
     """Read both clouds."""
     moving, source_rows, count = _cloud(source, "source")
     standing, target_rows, _ = _cloud(target, "target")
-    return Sides(_scan(moving, with_normals), CloudSurface(standing), source_rows, target_rows, count)
+    return GivenClouds(_scan(moving, with_normals), CloudSurface(standing), source_rows, target_rows, count)
 
 
 def _cloud(value: Any, name: str) -> tuple[PointCloud, IntArray, int]:

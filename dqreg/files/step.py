@@ -101,7 +101,7 @@ def _tessellated(path: Path, chord: float, unit: str) -> tuple[MeshData, float]:
     return MeshData(mesh.vertices, mesh.faces, unit, regions, chord), _load(labels, surfaces)
 
 
-def _load(labels: IntArray, surfaces: list[Surface]) -> float:
+def _load(labels: IntArray, surfaces: list[StepSurface]) -> float:
     counts = np.bincount(labels, minlength=len(surfaces))
     curved = np.array([surface.kind in ("free", "sphere", "torus") for surface in surfaces])
     ideal = np.array([surface.kind in ("sphere", "torus") for surface in surfaces])
@@ -128,14 +128,14 @@ Body = tuple[FloatArray, Any]
 
 
 @dataclasses.dataclass(frozen=True)
-class Surface:
+class StepSurface:
     """What a face of a body is cut out of; ``values`` are those of a round shape, None for all others."""
 
     body: int
     kind: str
     values: FloatArray | None = None
 
-    def is_same(self, other: Surface) -> bool:
+    def is_same(self, other: StepSurface) -> bool:
         """Whether two faces are cut out of one round surface of one body."""
         a, b = self.values, other.values
         if a is None or b is None or (self.body, self.kind) != (other.body, other.kind) or a.shape != b.shape:
@@ -162,10 +162,10 @@ def _bodies(path: Path, out: Path) -> list[Body]:
     return bodies
 
 
-def _joined(bodies: list[Body]) -> tuple[FloatArray, IntArray, IntArray, list[Surface]]:
+def _joined(bodies: list[Body]) -> tuple[FloatArray, IntArray, IntArray, list[StepSurface]]:
     """All bodies as one, the face of each triangle, and the surface of each face."""
     all_vertices, all_faces, all_labels, count = [], [], [], 0
-    surfaces: list[Surface] = []
+    surfaces: list[StepSurface] = []
     for number, (pose, body) in enumerate(bodies):
         vertices = np.asarray(body.vertices, dtype=np.float64) @ pose[:3, :3].T + pose[:3, 3]
         faces = np.asarray(body.faces, dtype=np.int64)
@@ -181,11 +181,11 @@ def _joined(bodies: list[Body]) -> tuple[FloatArray, IntArray, IntArray, list[Su
     return np.concatenate(all_vertices), np.concatenate(all_faces), np.concatenate(all_labels), surfaces
 
 
-def _surface(primitive: Any, body: int) -> Surface:
+def _surface(primitive: Any, body: int) -> StepSurface:
     """A face's surface; what is equal for faces that are cut out of one round surface, and for no other."""
     kind = "free" if primitive is None else type(primitive).__name__.lower()
     if kind not in ("cylinder", "cone", "sphere", "torus"):
-        return Surface(body, kind)
+        return StepSurface(body, kind)
     values = {key: np.atleast_1d(value) for key, value in vars(primitive).items() if not key.startswith("extent")}
     values.pop("face_index", None)
     point = np.asarray(values.pop("origin", values.pop("apex", values.pop("center", None))), dtype=np.float64)
@@ -196,10 +196,10 @@ def _surface(primitive: Any, body: int) -> Surface:
     values.pop("ref_radius", None)
     # An axis means the same both ways round, but for a cone.
     axis = axis if kind == "cone" or axis[np.argmax(np.abs(axis))] > 0.0 else -axis
-    return Surface(body, kind, np.concatenate([point, axis, *values.values()]))
+    return StepSurface(body, kind, np.concatenate([point, axis, *values.values()]))
 
 
-def _same_surfaces(faces: IntArray, labels: IntArray, surfaces: list[Surface]) -> IntArray:
+def _same_surfaces(faces: IntArray, labels: IntArray, surfaces: list[StepSurface]) -> IntArray:
     """Faces numbered from 0, those that meet on one round surface as one. Shapes: (f, 3), (f,)."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components

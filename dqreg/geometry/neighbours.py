@@ -38,10 +38,10 @@ class NeighbourTree:
 
     def nearest_to(self, rows: IntArray, count: int) -> tuple[IntArray, FloatArray]:
         """The same of some of the points, (m,) rows: in Morton order each begins at its own place."""
-        from dqreg.kernels.point_tree import OWN
+        from dqreg.kernels.point_tree import MAX_OWN_NEIGHBOURS
 
         count = min(count, self.size)
-        if self._in_order or count > OWN or not _are_dense(rows):
+        if self._in_order or count > MAX_OWN_NEIGHBOURS or not _are_dense(rows):
             return self.nearest_beside(np.take(self._points, rows, axis=0), rows, count)
         found, distances = self._tree.nearest_of(rows, count)
         left = np.flatnonzero(found[:, 0] < 0)

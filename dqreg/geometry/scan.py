@@ -194,7 +194,7 @@ class Scan:
         return nonzero_rows(self.normals)
 
     @cached_property
-    def _gating(self) -> FloatArray:
+    def _rejecting_normals(self) -> FloatArray:
         """Normals that may reject a correspondence, (n, 3): those that were given, or of planes on one face."""
         fits = vars(self).get("_planes", self)
         known = fits.levers > 0.0

@@ -13,16 +13,16 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.rigid import single_pose
 
-WINDOW = 5
+WINDOW_STEPS = 5
 # Least-squares directions weaker than this against the strongest are noise.
-CUTOFF = 1e-6
+MIN_DIRECTION_RATIO = 1e-6
 # Rounding of the energy, not a rise.
-SLACK = 1e-12
+ENERGY_ROUNDING = 1e-12
 # Normals bias the fixed point a little off the lowest distances; up to this fraction the energy may rise, as long as
 # the steps get shorter. Without it, half of the extrapolations near the end are rejected for nothing. Planes descend
 # another cost than the distances, and raised these by 0.6 % on a road: where any rise was let pass, some pairs of views
 # ran off along what hardly holds them.
-TOLERATED, OF_PLANES = 1e-3, 1e-2
+TOLERATED_RISE, TOLERATED_RISE_OF_PLANES = 1e-3, 1e-2
 
 
 class Anderson:
@@ -32,7 +32,9 @@ class Anderson:
     translation in units of their size, so that all six numbers are of one kind.
     """
 
-    def __init__(self, reference: FloatArray, centre: FloatArray, size: float, tolerated: float = TOLERATED) -> None:
+    def __init__(
+        self, reference: FloatArray, centre: FloatArray, size: float, tolerated: float = TOLERATED_RISE
+    ) -> None:
         self._tolerated = tolerated
         self._frame, self._back = np.eye(4), np.eye(4)
         self._frame[:3, 3] = reference[:3, :3] @ centre + reference[:3, 3]
@@ -56,18 +58,18 @@ class Anderson:
         position, target = self._coordinates(T), self._coordinates(T_next)
         if self._plain is not None:
             shorter = np.linalg.norm(target - position) < np.linalg.norm(self._steps[-1])
-            if energy > self._energy * (1.0 + (self._tolerated if shorter else SLACK)):
+            if energy > self._energy * (1.0 + (self._tolerated if shorter else ENERGY_ROUNDING)):
                 back = self._plain
                 self.restart()
                 return back, False
         self._positions.append(position)
         self._steps.append(target - position)
-        del self._positions[: -WINDOW - 1], self._steps[: -WINDOW - 1]
+        del self._positions[: -WINDOW_STEPS - 1], self._steps[: -WINDOW_STEPS - 1]
         self._energy, self._plain = energy, None
         if len(self._steps) < 2:
             return T_next, True
         self._plain = T_next
-        return self._pose(limit_of(self._positions, self._steps, CUTOFF)), True
+        return self._pose(limit_of(self._positions, self._steps, MIN_DIRECTION_RATIO)), True
 
     def _coordinates(self, T: FloatArray) -> FloatArray:
         T_change = self._back @ T @ self._off_base

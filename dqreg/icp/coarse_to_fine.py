@@ -28,39 +28,39 @@ from dqreg.geometry.cloud_surface import CloudSurface
 from dqreg.geometry.scan import Scan, with_planes
 from dqreg.geometry.surface import Surface
 from dqreg.icp.correspondences import Correspondences, find_correspondences
-from dqreg.icp.full_resolution import FINE, MIDDLE, finish, settled_on_rims, with_last_step
-from dqreg.icp.level import EXPLAINED, AnnealingSchedule, IcpSettings, Level
+from dqreg.icp.full_resolution import FINE_SCHEDULE, MIDDLE_POINTS, finish, settled_on_rims, with_last_step
+from dqreg.icp.level import EXPLAINED_FRACTION, AnnealingSchedule, IcpSettings, Level
 from dqreg.icp.loop import Alignment, Observer, Run
 from dqreg.solvers.robust import InlierMixture
 
 # Points of the coarse level, where the basin is decided.
-COARSE = 2_000
+COARSE_POINTS = 2_000
 # Fraction of the scan's noise (or spacing, where that is smaller: lines of a LiDAR make poor planes) below which a
 # kernel scale would only separate lucky points from unlucky ones.
-NOISE_FLOOR = 0.3
+FLOOR_NOISE_RATIO = 0.3
 # The same for exact data, in sizes of the part: float32 files round there.
-EXACT_FLOOR = 1e-7
+FLOOR_DIAGONALS = 1e-7
 # The basin is found where the scan is explained at a kernel scale below that fraction of the target's size.
-NEAR_WIDTH = 0.01
+NEAR_SCALE_DIAGONALS = 0.01
 # Distance, in diagonals of the target, beyond which a point is an outlier to a wide and to a narrow kernel alike; at
 # least so many scales of the kernel.
-BESIDE, BESIDE_SCALES = 0.05, 3.0
+OUTLIER_DIAGONALS, OUTLIER_SCALES = 0.05, 3.0
 # Mean log-likelihood of a point by which an end is likelier than another: less is what a few points say.
-LIKELIER = 0.01
+MIN_LOG_LIKELIHOOD_GAIN = 0.01
 # Scales of the kernel within which two ends are one.
-TOGETHER = 0.5
+SAME_END_SCALES = 0.5
 # Share of the points that two views have in common at least, where an initial pose is near.
-IN_COMMON = 0.25
+MIN_COMMON_SHARE = 0.25
 # Points on which it is checked whether the initial pose is near already, and of the coarse level where it is.
-NEAR = 1_000
+NEAR_POINTS = 1_000
 
 # How a run ends that the caller or the clock stopped.
 STOPPED: Final = "stopped by observer"
 
-PATIENT = AnnealingSchedule("coarse", stages=30, iterations=None, rounds=30)
-QUICK = AnnealingSchedule("annealed", stages=150, iterations=1, rounds=1)
+PATIENT_SCHEDULE = AnnealingSchedule("coarse", stages=30, iterations=None, rounds=30)
+QUICK_SCHEDULE = AnnealingSchedule("annealed", stages=150, iterations=1, rounds=1)
 # From an initial pose that is near, the scale is learned anew after each step.
-TRACKING = AnnealingSchedule(FINE.name, stages=30, iterations=1, rounds=30)
+TRACKING_SCHEDULE = AnnealingSchedule(FINE_SCHEDULE.name, stages=30, iterations=1, rounds=30)
 
 
 def align_coarse_to_fine(
@@ -68,19 +68,19 @@ def align_coarse_to_fine(
 ) -> Alignment:
     """Run the loop from coarse to fine; iterations are numbered from the first on."""
     finest = min(plan.finest or len(scan), len(scan))
-    counts = [count for count in (COARSE, MIDDLE) if 2 * count <= finest] + [finest]
+    counts = [count for count in (COARSE_POINTS, MIDDLE_POINTS) if 2 * count <= finest] + [finest]
     # Where the start is near, there is no basin to decide on any more.
-    some, floor = scan.thinned(min(NEAR, counts[0])), smallest_kernel_scale(scan, surface)
+    some, floor = scan.thinned(min(NEAR_POINTS, counts[0])), smallest_kernel_scale(scan, surface)
     few = Level(some, surface, plan, floor, last=len(counts) == 1)
-    mixture, seen = _first_look(few, start)
+    mixture, seen = _mixture_at_start(few, start)
     if mixture is None:
         # The basin is decided by normals too, at each point of the level.
-        scan = with_planes(scan, COARSE)
-        run, level = _placed(replaced(few, scan=scan.thinned(counts[0])), start, observe, first)
+        scan = with_planes(scan, COARSE_POINTS)
+        run, level = _coarse_end(replaced(few, scan=scan.thinned(counts[0])), start, observe, first)
     else:
         if few.last:
             few, seen = replaced(few, scan=scan.thinned(counts[0])), None
-        run = _near(few, None).descend(mixture, start, TRACKING, observe, first, before=seen)
+        run = _near(few, None).descend(mixture, start, TRACKING_SCHEDULE, observe, first, before=seen)
         level = _near(few, run)
         # Planes lead from few points to all of them in a step or two: a level between would cost more than it saves.
         counts = [counts[0], *counts[1:][-1:]] if level.plan.fine is not None else counts
@@ -88,7 +88,7 @@ def align_coarse_to_fine(
     return with_last_step(plan, settled_on_rims(level, run, observe))
 
 
-def _placed(level: Level, start: FloatArray, observe: Observer | None, first: int) -> tuple[Alignment, Level]:
+def _coarse_end(level: Level, start: FloatArray, observe: Observer | None, first: int) -> tuple[Alignment, Level]:
     """End of the coarse level, with the fine estimator where there is one, and that level as the finer ones go on."""
     if level.plan.fine is None:
         run = _Basin.find(level, start, observe, first).run
@@ -96,10 +96,10 @@ def _placed(level: Level, start: FloatArray, observe: Observer | None, first: in
     run, near = _in_basin(level, start, observe, first)
     if run.ended_early or not isinstance(level.surface, CloudSurface):
         return run, near
-    return _or_narrow(level, start, run, near, observe)
+    return _or_at_narrow_kernel(level, start, run, near, observe)
 
 
-def _or_narrow(
+def _or_at_narrow_kernel(
     level: Level, start: FloatArray, run: Alignment, near: Level, observe: Observer | None
 ) -> tuple[Alignment, Level]:
     """The end of a coarse level between two clouds, or where planes alone lead from the start at a narrow kernel.
@@ -116,7 +116,7 @@ def _or_narrow(
         if found.status == STOPPED:
             return replaced(best, status=STOPPED, history=history), near
         apart = level.scan._spread.motion(best.T_target_source, found.T_target_source)
-        if _is_near(level, best.mixture) and apart <= TOGETHER * best.mixture.scale:
+        if _is_near(level, best.mixture) and apart <= SAME_END_SCALES * best.mixture.scale:
             # Both ways lead to one place.
             break
         found_near = _near(level, found)
@@ -138,8 +138,8 @@ class _Narrow:
     def at(level: Level, start: FloatArray, floor: float) -> _Narrow:
         """From a start, on a level of planes; no kernel is narrower than the floor."""
         before = find_correspondences(level.scan, level.surface, start)
-        widest = NEAR_WIDTH * level.surface.diagonal
-        closest = min(widest, float(np.quantile(before.distances, IN_COMMON)))
+        widest = NEAR_SCALE_DIAGONALS * level.surface.diagonal
+        closest = min(widest, float(np.quantile(before.distances, MIN_COMMON_SHARE)))
         kernels = [InlierMixture.starting(max(scale, floor), level.plan.max_distance) for scale in (widest, closest)]
         return _Narrow(level, before, *kernels)
 
@@ -147,24 +147,24 @@ class _Narrow:
         """The end where the kernel falls at once, or is held until the pose rests; with the history of both."""
         if not is_held:
             return self._fall(self.closest, self.before, observe, first)
-        held = self.level.once(self.widest, FINE, observe, first, self.before)
+        held = self.level.once(self.widest, FINE_SCHEDULE, observe, first, self.before)
         if held.status == STOPPED:
             return held
         within = held.pairs.distances[held.pairs.distances <= self.level.plan.max_distance]
-        learned = self.widest.fit(within, floor=self.level.floor, rounds=PATIENT.rounds)
+        learned = self.widest.fit(within, floor=self.level.floor, rounds=PATIENT_SCHEDULE.rounds)
         fallen = self._fall(learned, held.pairs, observe, first + len(held.history))
         return replaced(fallen, history=held.history + fallen.history)
 
     def _fall(self, mixture: InlierMixture, pairs: Correspondences, observe: Observer | None, first: int) -> Alignment:
-        return self.level.descend(mixture, pairs.T_target_source, TRACKING, observe, first, before=pairs)
+        return self.level.descend(mixture, pairs.T_target_source, TRACKING_SCHEDULE, observe, first, before=pairs)
 
 
 def _is_likelier(one: tuple[Level, Alignment], other: tuple[Level, Alignment]) -> bool:
     """Whether one end of the coarse level explains the scan better than another."""
     scale = max(run.mixture.scale for _, run in (one, other))
-    limit = max(BESIDE_SCALES * scale, BESIDE * one[0].surface.diagonal)
+    limit = max(OUTLIER_SCALES * scale, OUTLIER_DIAGONALS * one[0].surface.diagonal)
     costs = [level.mean_nll(run, limit) for level, run in (one, other)]
-    return costs[0] < costs[1] - LIKELIER
+    return costs[0] < costs[1] - MIN_LOG_LIKELIHOOD_GAIN
 
 
 def _in_basin(level: Level, start: FloatArray, observe: Observer | None, first: int) -> tuple[Alignment, Level]:
@@ -182,7 +182,7 @@ def _in_basin(level: Level, start: FloatArray, observe: Observer | None, first: 
     return replaced(run, history=history, status=status), near
 
 
-def _first_look(level: Level, start: FloatArray) -> tuple[InlierMixture | None, Correspondences | None]:
+def _mixture_at_start(level: Level, start: FloatArray) -> tuple[InlierMixture | None, Correspondences | None]:
     """Width and share to go on with at once, where the start is known to be near or is seen to be; what was seen."""
     plan = level.plan
     if plan.first_kernel_scale is not None:
@@ -192,10 +192,10 @@ def _first_look(level: Level, start: FloatArray) -> tuple[InlierMixture | None, 
     pairs = find_correspondences(level.scan, level.surface, start)
     distances = pairs.distances
     within = distances[distances <= plan.max_distance]
-    if len(within) < EXPLAINED * len(distances):
+    if len(within) < EXPLAINED_FRACTION * len(distances):
         return None, None
-    learned = _widest(level).fit(within, floor=level.floor, rounds=PATIENT.rounds)
-    explained = learned.inlier_fraction * len(within) >= EXPLAINED * len(distances)
+    learned = _widest(level).fit(within, floor=level.floor, rounds=PATIENT_SCHEDULE.rounds)
+    explained = learned.inlier_fraction * len(within) >= EXPLAINED_FRACTION * len(distances)
     return learned if explained and _is_near(level, learned) else None, pairs
 
 
@@ -204,7 +204,7 @@ def _widest(level: Level) -> InlierMixture:
 
 
 def _is_near(level: Level, mixture: InlierMixture) -> bool:
-    return mixture.scale <= NEAR_WIDTH * level.surface.diagonal
+    return mixture.scale <= NEAR_SCALE_DIAGONALS * level.surface.diagonal
 
 
 def _refined(level: Level, run: Alignment, observe: Observer | None) -> tuple[Alignment, Level]:
@@ -212,7 +212,7 @@ def _refined(level: Level, run: Alignment, observe: Observer | None) -> tuple[Al
     near = _near(level, run)
     if run.ended_early:
         return run, near
-    return near.descend(run.mixture, run.T_target_source, FINE, observe, run.next_number).after(run), near
+    return near.descend(run.mixture, run.T_target_source, FINE_SCHEDULE, observe, run.next_number).after(run), near
 
 
 def _near(level: Level, run: Run | None) -> Level:
@@ -244,7 +244,7 @@ def noise_on(scan: Scan, surface: Surface) -> float:
 
 def smallest_kernel_scale(scan: Scan, surface: Surface) -> float:
     """Smallest width of the kernel for a scan on a target, a length."""
-    return max(NOISE_FLOOR * min(noise_on(scan, surface), scan.spacing), EXACT_FLOOR * surface.diagonal)
+    return max(FLOOR_NOISE_RATIO * min(noise_on(scan, surface), scan.spacing), FLOOR_DIAGONALS * surface.diagonal)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -275,11 +275,13 @@ class _Basin:
 
         enough, before = found if hasty else None, () if patient is None else patient.history
         if patient is None:
-            patient = level.descend(mixture, start, PATIENT, observe, first, enough)
+            patient = level.descend(mixture, start, PATIENT_SCHEDULE, observe, first, enough)
         whole = None if is_cut else patient
         if patient.status == STOPPED or (hasty and found(patient, patient.mixture)):
             return _Basin(patient, whole, is_whole=False)
-        quick = level.descend(mixture, start, QUICK, observe, first + len(patient.history) - len(before), enough)
+        quick = level.descend(
+            mixture, start, QUICK_SCHEDULE, observe, first + len(patient.history) - len(before), enough
+        )
         better = patient
         if not quick.ended_early and (patient.ended_early or level.mean_nll(quick) < level.mean_nll(patient)):
             better = quick

@@ -15,9 +15,9 @@ from dqreg.geometry.vector_rows import row_dots
 from dqreg.rigid import single_pose
 
 # Rows that are slid in one go.
-CHUNK = 16_384
+CHUNK_ROWS = 16_384
 # Points that are moved together: what `product` takes in one go, so that the bits are those of all at once.
-PLACED = PIECE // 9
+CHUNK_POINTS = PIECE // 9
 # Normals farther apart than 125 degrees look the other way.
 OPPOSED_COS = -math.cos(math.radians(55.0))
 
@@ -100,7 +100,7 @@ def find_correspondences(
 
 def moved_points(T_target_source: FloatArray, points: FloatArray) -> FloatArray:
     """Points at a pose, (n, 3): the bits of `single_pose.apply`, of many on all threads."""
-    if len(points) <= PLACED:
+    if len(points) <= CHUNK_POINTS:
         return single_pose.apply(T_target_source, points)
     from dqreg.kernels.threads import over_chunks
 
@@ -109,7 +109,7 @@ def moved_points(T_target_source: FloatArray, points: FloatArray) -> FloatArray:
     def place(first: int, last: int) -> None:
         moved[first:last] = single_pose.apply(T_target_source, points[first:last])
 
-    over_chunks(place, len(points), chunk=PLACED)
+    over_chunks(place, len(points), chunk=CHUNK_POINTS)
     return moved
 
 
@@ -156,7 +156,7 @@ def _slid(
     moved, slid = np.zeros((2, len(points) if kept is None else kept, 3))
     distances = np.zeros(len(points))
     columns = points, T_target_source, before, feet, normals
-    over_chunks(slide_rows, len(points), *map(as_plain, columns), moved, slid, distances, chunk=CHUNK)
+    over_chunks(slide_rows, len(points), *map(as_plain, columns), moved, slid, distances, chunk=CHUNK_ROWS)
     return moved, slid, distances
 
 
@@ -168,5 +168,5 @@ def placed(pairs: Correspondences, T_target_source: FloatArray) -> tuple[FloatAr
     count = len(pairs.scan)
     moved, heights = np.zeros((count, 3)), np.zeros(count)
     columns = pairs.scan.points, T_target_source, pairs.closest.points, pairs.closest.normals
-    over_chunks(place_rows, count, *map(as_plain, columns), moved, heights, chunk=CHUNK)
+    over_chunks(place_rows, count, *map(as_plain, columns), moved, heights, chunk=CHUNK_ROWS)
     return moved, heights

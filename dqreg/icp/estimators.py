@@ -20,27 +20,27 @@ from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 Estimator = Callable[[Correspondences, FloatArray, float], Fit]
 
 # Correspondences with known normals from which on planes are used: fewer constrain less than six degrees of freedom.
-FEWEST_PLANES = 6
+MIN_PLANES = 6
 # Variance of every normal, rad^2, beyond that of its fit: how far a surface bends between the points of two clouds.
 # On 23 measured pairs of clouds 0.03 to 0.1 gave about the same errors, 0.001 and none larger ones.
-BEND = 0.04
+BEND_VARIANCE = 0.04
 # Less where the pairs say so: this share of the square of half their mean square along the planes' normals over that
 # along one direction of the planes. Measured pairs came to 0.21 to 0.6 and keep 0.04, but those of a sequence of LiDAR
 # scans, 0.1 to 0.14, which it leaves as good. Streets of planes under a LiDAR came to 0.01 to 0.06, views of parts to
 # 0.005 to 0.1: their errors fell by 40 and 5 to 13 % against a share of the ratio itself. The points along a plane say
 # less than they seem to: where they are is of the scanner, the same at both poses.
-BEND_SHARE, LEAST_BEND = 0.7, 1e-3
+BEND_VARIANCE_SHARE, MIN_BEND_VARIANCE = 0.7, 1e-3
 # Heights, in their usual size, at which a correspondence between cells counts half, and on the last level distances, in
 # their median. Of 60 simulated streets under a LiDAR the errors fell to a half, the worst to a fifth; measured pairs
 # lost up to a twentieth. At 6 and 1, and at 20 and 2, the streets lost less or these gained.
-HIGH, FAR = 12.0, 1.5
+HALF_WEIGHT_HEIGHTS, HALF_WEIGHT_DISTANCES = 12.0, 1.5
 # Pairs that are summed in one go: to hand over fewer costs more than it saves.
-CHUNK = 8_192
+CHUNK_PAIRS = 8_192
 # Correspondences from which on a step so short that the first order of its rotation is all of it is taken by
 # Gauss-Newton: the sums of the exact cost take nearly three times as long, and of fewer no longer than a call.
-MANY = 4_000
+GAUSS_NEWTON_PAIRS = 4_000
 # Longest rotation: of the size half its square is left out, 5e-7, and its product with the noise, to the next step.
-SHORT_RAD = 1e-3
+MAX_STEP_RAD = 1e-3
 # Rows of the sums over correspondences: weighted points and feet,
 MEAN_ROWS = slice(1, 7)
 # squared heights over the planes, squared distances,
@@ -48,7 +48,7 @@ SQ_HEIGHT_ROW, SQ_DISTANCE_ROW = 7, 8
 # and pairs of directions.
 DIRECTION_PAIR_ROW = 9
 # Normals that are in the target's frame.
-TURNED = np.eye(3)
+IDENTITY = np.eye(3)
 
 
 def points_and_normals(pairs: Correspondences, weights: FloatArray, noise: float) -> Fit:
@@ -114,15 +114,15 @@ def short_step(pairs: Correspondences, weights: FloatArray) -> tuple[FloatArray,
     from dqreg.kernels.weighted_planes import STEP, short_twist, step_sums
 
     found, count = pairs.closest, len(weights)
-    if count < MANY:
+    if count < GAUSS_NEWTON_PAIRS:
         return None
     columns = [as_plain(x) for x in (pairs.moved, found.points, found.normals, weights)]
     origin = pairs.moved[int(weights.argmax())]
-    sums, step = np.zeros((-(-count // CHUNK), STEP)), np.zeros(6)
-    over_chunks(step_sums, count, *columns, origin, CHUNK, sums, chunk=CHUNK)
+    sums, step = np.zeros((-(-count // CHUNK_PAIRS), STEP)), np.zeros(6)
+    over_chunks(step_sums, count, *columns, origin, CHUNK_PAIRS, sums, chunk=CHUNK_PAIRS)
     # All six at least as well held as what an exact step moves at all.
     cost = short_twist(sums, FLAT, step)
-    if math.isnan(cost) or not math.hypot(*step[:3].tolist()) <= SHORT_RAD:
+    if math.isnan(cost) or not math.hypot(*step[:3].tolist()) <= MAX_STEP_RAD:
         return None
     D = single_pose.exp(step)
     D[:3, 3] += origin - D[:3, :3] @ origin
@@ -139,9 +139,9 @@ def tangent_planes(pairs: Correspondences, weights: FloatArray) -> QuadraticForm
     # Any place among the points that count will do: the sums know their own means.
     some = int(weights.argmax())
     origins = np.array([scan.points[some], found.points[some]])
-    sums = np.zeros((max(-(-count // CHUNK), 1), COLUMNS))
-    over_chunks(plane_sums, count, *columns, origins, CHUNK, sums, chunk=CHUNK)
-    if np.add.reduce(sums[:, -1]) < FEWEST_PLANES:
+    sums = np.zeros((max(-(-count // CHUNK_PAIRS), 1), COLUMNS))
+    over_chunks(plane_sums, count, *columns, origins, CHUNK_PAIRS, sums, chunk=CHUNK_PAIRS)
+    if np.add.reduce(sums[:, -1]) < MIN_PLANES:
         return None
     return QuadraticForm(_form_of(sums, origins), *origins)
 
@@ -153,7 +153,7 @@ def surfaces_to_surfaces(pairs: Correspondences, weights: FloatArray, noise: flo
     """
     weights = weights_by_height(pairs, weights)
     moments = pair_sums(pairs, weights)
-    if moments[DIRECTION_PAIR_ROW] < FEWEST_PLANES:
+    if moments[DIRECTION_PAIR_ROW] < MIN_PLANES:
         return points_only(pairs, weights, noise)
     return _newton_step(both_planes(pairs, weights, moments), pairs, weights)
 
@@ -173,7 +173,7 @@ def weights_by_height(pairs: Correspondences, weights: FloatArray) -> FloatArray
     if not isinstance(pairs.surface, CellSurface) or not len(kept):
         return weights
     heights = np.abs(pairs.point_to_plane)
-    scale = HIGH * GAUSSIAN_MEDIAN * median(heights[kept])
+    scale = HALF_WEIGHT_HEIGHTS * GAUSSIAN_MEDIAN * median(heights[kept])
     return weights / (1.0 + (heights / scale) ** 2) if scale > 0.0 else weights
 
 
@@ -188,7 +188,7 @@ def weights_by_distance(pairs: Correspondences, weights: FloatArray) -> FloatArr
     kept = np.flatnonzero(weights)
     if not isinstance(pairs.surface, CellSurface) or not len(kept):
         return weights
-    scale = FAR * median(pairs.distances[kept])
+    scale = HALF_WEIGHT_DISTANCES * median(pairs.distances[kept])
     if not scale > 0.0:
         return weights
     squares = (pairs.distances / scale) ** 2
@@ -213,7 +213,9 @@ def _bend(moments: FloatArray) -> float:
     """Variance of every normal beyond that of its fit, rad^2, as far as the pairs show it."""
     aside = float(moments[SQ_HEIGHT_ROW])
     beside = 0.5 * (float(moments[SQ_DISTANCE_ROW]) - aside)
-    return min(max(BEND_SHARE * (0.5 * aside / beside) ** 2, LEAST_BEND), BEND) if beside > 0.0 else BEND
+    if not beside > 0.0:
+        return BEND_VARIANCE
+    return min(max(BEND_VARIANCE_SHARE * (0.5 * aside / beside) ** 2, MIN_BEND_VARIANCE), BEND_VARIANCE)
 
 
 def pair_sums(pairs: Correspondences, weights: FloatArray) -> FloatArray:
@@ -222,10 +224,10 @@ def pair_sums(pairs: Correspondences, weights: FloatArray) -> FloatArray:
     from dqreg.kernels.weighted_planes import OF_PAIRS, pair_moments
 
     scan, found, nothing = pairs.scan, pairs.closest, np.zeros(0)
-    sums = np.zeros((max(-(-len(scan) // CHUNK), 1), OF_PAIRS))
+    sums = np.zeros((max(-(-len(scan) // CHUNK_PAIRS), 1), OF_PAIRS))
     scatter = nothing if scan.counts is None or scan.within is None else np.asarray(scan.scatter)
     columns = scan.points, pairs.T_target_source, found.points, found.normals, found.distances, scatter, weights
-    over_chunks(pair_moments, len(scan), *map(as_plain, columns), CHUNK, sums, chunk=CHUNK)
+    over_chunks(pair_moments, len(scan), *map(as_plain, columns), CHUNK_PAIRS, sums, chunk=CHUNK_PAIRS)
     totals: FloatArray = sums.sum(axis=0)
     return totals
 
@@ -237,7 +239,7 @@ def plane_to_plane_form(
     variances: tuple[FloatArray, FloatArray],
     weights: FloatArray,
     origins: tuple[FloatArray, FloatArray],
-    turn: FloatArray = TURNED,
+    turn: FloatArray = IDENTITY,
 ) -> FloatArray:
     """Matrix (13, 13) of ``sum w d^T C^-1 d``, ``d = R p + t - q``: generalised ICP (Segal et al. 2009), C held fixed.
 
@@ -264,8 +266,8 @@ def plane_to_plane_form(
     about = np.stack(origins)
     columns = (as_plain(column) for column in (p, q, *directions, turn, *variances, weights, about))
     # Added chunk by chunk, so that the bits are the same for any number of threads.
-    sums = np.zeros((max(-(-len(p) // CHUNK), 1), SUMS))
-    over_chunks(disc_pair_sums, len(p), *columns, CHUNK, sums, chunk=CHUNK)
+    sums = np.zeros((max(-(-len(p) // CHUNK_PAIRS), 1), SUMS))
+    over_chunks(disc_pair_sums, len(p), *columns, CHUNK_PAIRS, sums, chunk=CHUNK_PAIRS)
     return _form_of(sums, about)
 
 

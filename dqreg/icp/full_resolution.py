@@ -26,19 +26,19 @@ from dqreg.geometry.surface import Closest
 from dqreg.geometry.vector_rows import row_dots
 from dqreg.icp.correspondences import Correspondences, find_correspondences
 from dqreg.icp.informative_sampling import information_gain, sample_by_gain, sample_runs_by_gain
-from dqreg.icp.level import FEW, AnnealingSchedule, IcpSettings, Level
+from dqreg.icp.level import SAMPLING_LIMITED_POINTS, AnnealingSchedule, IcpSettings, Level
 from dqreg.icp.loop import Alignment, Observer, Run
-from dqreg.icp.noise_by_face import held_by_creases
+from dqreg.icp.noise_by_face import motions_of_creases
 from dqreg.kernels.threads import TimeUpError, until
 from dqreg.rigid import pose
 
 # A point belongs to its run's face if it is so many widths inside each side of it and off it by less than so many.
-INSIDE, OFF = 3.0, 4.0
+INSIDE_SCALES, OFF_SCALES = 3.0, 4.0
 # Where the points of a run scatter about the face by more widths than this, and about their mean by more than that,
 # there is more than one face: a sheet, say. Noise that the run shares lifts its mean alone.
-ONE_FACE, ONE_HEIGHT = 1.5, 1.25
+ONE_FACE_SCALES, ONE_HEIGHT_SCALES = 1.5, 1.25
 # Points looked at in one go: what is in between stays in the cache.
-CHUNK = 65_536
+CHUNK_POINTS = 65_536
 
 
 def run_centres(total: int, runs: int) -> tuple[IntArray, int]:
@@ -114,18 +114,18 @@ def _on_faces(
     on, counts = np.zeros((runs, length), dtype=bool), np.zeros(runs, dtype=np.int64)
     means, within = np.zeros((runs, 3)), np.zeros(runs)
     faces = as_plain(surface.mesh.corners), pairs.closest.elements, as_plain(pairs.closest.normals)
-    limits = INSIDE * width, OFF * width, ONE_FACE * width, ONE_HEIGHT * width
-    step = max(CHUNK // length, 1)
+    limits = INSIDE_SCALES * width, OFF_SCALES * width, ONE_FACE_SCALES * width, ONE_HEIGHT_SCALES * width
+    step = max(CHUNK_POINTS // length, 1)
     given = as_plain(points), length, *faces, as_plain(T), *limits
     over_chunks(points_on_faces, runs, *given, on, counts, means, within, chunk=step)
     return on, counts, means, within
 
 
-FINE = AnnealingSchedule("fine", stages=30, iterations=None, rounds=30)
+FINE_SCHEDULE = AnnealingSchedule("fine", stages=30, iterations=None, rounds=30)
 # Points of the level between the coarse and the last one.
-MIDDLE = 10_000
+MIDDLE_POINTS = 10_000
 # On rims; where the steps go on for longer, they go to and fro.
-PATIENTLY = replaced(FINE, iterations=40)
+RIM_SCHEDULE = replaced(FINE_SCHEDULE, iterations=40)
 # Where points are taken together, of the points that the plan has for its last level: one run of neighbours for so
 # many, and one point that is asked about by itself for so many.
 POINTS_PER_RUN, POINTS_PER_SINGLE = 6, 4
@@ -134,81 +134,85 @@ MIN_RUN_POINTS = 4
 # Width of the kernel beyond which two clouds differ in shape, in spacings or noises of the scan, whichever is more:
 # right poses of measured pairs came to 1.5 and less, wrong ones to 3.5 and more. And the share of inliers from which on
 # it is the scene that is rough, as before a LiDAR: 0.84 there, 0.2 to 0.5 of views that hardly overlap.
-WIDE, MOSTLY = 2.5, 2 / 3
+WIDE_SCALE_SPACINGS, ROUGH_SCENE_FRACTION = 2.5, 2 / 3
 
 
 def finish(level: Level, scan: Scan, counts: list[int], run: Alignment, observe: Observer | None) -> Alignment:
     """Resume on the finer levels; where the time is up within one, what was there before it stays."""
-    surface, finest, counts = level.surface, level.plan.finest, _that_tell_more(level, scan, counts, run)
-    planes = level.plan.fine is not None and bool(run.history) and run.history[-1].stage == FINE.name
+    surface, finest, counts = level.surface, level.plan.finest, _level_counts(level, scan, counts, run)
+    planes = level.plan.fine is not None and bool(run.history) and run.history[-1].stage == FINE_SCHEDULE.name
     # Where all points are asked for, each gets an answer of its own.
     long = finest is not None and len(scan) >= MIN_RUN_POINTS * (finest // POINTS_PER_RUN)
     try:
         with until(level.plan.deadline):
             if counts and planes and long and finest is not None and isinstance(surface, MeshSurface):
-                return _together(level, scan, surface, finest, run, observe)
+                return _runs_and_singles(level, scan, surface, finest, run, observe)
             for count in counts:
                 if run.ended_early:
                     break
-                level = _drawn(level, scan, count, last=count == counts[-1], so_far=run)
+                level = _level_with_sample(level, scan, count, last=count == counts[-1], so_far=run)
                 run = _continued(level, run, observe)
     except TimeUpError:
         return replaced(run, status="stopped by observer")
     return run
 
 
-def _that_tell_more(level: Level, scan: Scan, counts: list[int], run: Alignment) -> list[int]:
+def _level_counts(level: Level, scan: Scan, counts: list[int], run: Alignment) -> list[int]:
     """Points of the levels; between clouds that differ no more than one a square of the kernel's width.
 
     There the distances are those of two shapes, and points within a width of each other have theirs in common; and of
     those far from the target each query is dear.
     """
     width = run.mixture.scale / max(scan.noise, scan.spacing)
-    if not isinstance(level.surface, CloudSurface) or width <= WIDE or run.weights.mean() >= MOSTLY:
+    if (
+        not isinstance(level.surface, CloudSurface)
+        or width <= WIDE_SCALE_SPACINGS
+        or run.weights.mean() >= ROUGH_SCENE_FRACTION
+    ):
         return counts
-    most = max(int(len(scan) / width**2), FEW)
+    most = max(int(len(scan) / width**2), SAMPLING_LIMITED_POINTS)
     return [*(count for count in counts if count < most), min(most, counts[-1])] if counts else counts
 
 
-def _together(
+def _runs_and_singles(
     level: Level, scan: Scan, surface: MeshSurface, finest: int, run: Alignment, observe: Observer | None
 ) -> Alignment:
     """All points: those on the face of their run of neighbours together, and a choice of the others individually."""
     if run.ended_early:
         return run
-    level = _after(level, run, scan.taken(run_centres(len(scan), finest // POINTS_PER_RUN)[0]))
+    level = _level_on(level, run, scan.taken(run_centres(len(scan), finest // POINTS_PER_RUN)[0]))
     run = _continued(level, run, observe)
     if run.ended_early:
         return run
     pairs = gather(
         scan, surface, run.pairs, run.weights, run.T_target_source, run.mixture.scale, finest // POINTS_PER_SINGLE
     )
-    level = replaced(_after(level, run, pairs.scan), last=True)
-    return _joined(run, level.once(run.mixture, FINE, observe, run.next_number, pairs))
+    level = replaced(_level_on(level, run, pairs.scan), last=True)
+    return _joined(run, level.once(run.mixture, FINE_SCHEDULE, observe, run.next_number, pairs))
 
 
 def _continued(level: Level, run: Alignment, observe: Observer | None) -> Alignment:
-    return _joined(run, level.descend(run.mixture, run.T_target_source, FINE, observe, run.next_number))
+    return _joined(run, level.descend(run.mixture, run.T_target_source, FINE_SCHEDULE, observe, run.next_number))
 
 
 def _joined(run: Alignment, finer: Alignment) -> Alignment:
     return replaced(finer.after(run), earlier=(*run.earlier, run.pairs))
 
 
-def _after(level: Level, run: Run, scan: Scan) -> Level:
+def _level_on(level: Level, run: Run, scan: Scan) -> Level:
     contraction = level.contraction if run.contraction is None else run.contraction
     return replaced(level, scan=scan, contraction=contraction)
 
 
-def _drawn(level: Level, scan: Scan, count: int, *, last: bool, so_far: Run) -> Level:
-    if not so_far.history or so_far.history[-1].stage != FINE.name:
+def _level_with_sample(level: Level, scan: Scan, count: int, *, last: bool, so_far: Run) -> Level:
+    if not so_far.history or so_far.history[-1].stage != FINE_SCHEDULE.name:
         # The last step was another estimator's.
         return replaced(level, scan=scan.thinned(count), last=last)
     if level.plan.fine is not None and last and count < len(scan):
         places = scan.even_rows(len(level.scan))
         rows = sample_by_gain(information_gain(so_far.pairs, so_far.weights), places, len(scan), count)
-        return replaced(_after(level, so_far, scan.taken(rows)), last=last)
-    return replaced(_after(level, so_far, scan.thinned(count)), last=last)
+        return replaced(_level_on(level, so_far, scan.taken(rows)), last=last)
+    return replaced(_level_on(level, so_far, scan.thinned(count)), last=last)
 
 
 def with_last_step(plan: IcpSettings, run: Alignment) -> Alignment:
@@ -221,15 +225,15 @@ def with_last_step(plan: IcpSettings, run: Alignment) -> Alignment:
 
 def settled_on_rims(level: Level, run: Alignment, observe: Observer | None) -> Alignment:
     """The run gone on with: what points near edges alone hold is few of them, and each step leaves half of the way."""
-    if not _is_settled_on_part(level.plan, run) or len(run.pairs.scan) <= FEW:
+    if not _is_settled_on_part(level.plan, run) or len(run.pairs.scan) <= SAMPLING_LIMITED_POINTS:
         return run
-    if not held_by_creases(run.pairs, run.weights, run.mixture.scale)[0].size:
+    if not motions_of_creases(run.pairs, run.weights, run.mixture.scale)[0].size:
         return run
     level = replaced(level, scan=run.pairs.scan, last=True, patient=True, contraction=1.0)
-    finer = level.once(run.mixture, PATIENTLY, observe, run.next_number, run.pairs)
+    finer = level.once(run.mixture, RIM_SCHEDULE, observe, run.next_number, run.pairs)
     return replaced(finer.after(run), earlier=run.earlier, status=run.status) if finer.found else run
 
 
 def _is_settled_on_part(plan: IcpSettings, run: Alignment) -> bool:
-    is_settled = run.found and not run.ended_early and run.history[-1].stage == FINE.name
+    is_settled = run.found and not run.ended_early and run.history[-1].stage == FINE_SCHEDULE.name
     return is_settled and plan.last is not None and isinstance(run.pairs.surface, MeshSurface)

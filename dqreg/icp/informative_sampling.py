@@ -9,11 +9,11 @@ from dqreg.icp.correspondences import Correspondences
 from dqreg.solvers.quadratic import plane_rows
 
 # Every part of the scan keeps this fraction of an even choice: a misfit there must show.
-EVEN = 0.25
+EVEN_SHARE = 0.25
 # Information below this fraction of the largest counts as that much: an unconstrained motion must not draw all points.
-WEAKEST = 1e-6
+MIN_INFORMATION_SHARE = 1e-6
 # Gains below this fraction of the largest are none.
-NOTHING = 1e-9
+MIN_GAIN_SHARE = 1e-9
 
 
 def information_gain(pairs: Correspondences, weights: FloatArray) -> FloatArray:
@@ -30,7 +30,7 @@ def information_gain(pairs: Correspondences, weights: FloatArray) -> FloatArray:
     values, vectors = np.linalg.eigh(product(rows * weights, rows.T))
     if not values[-1] > 0.0:
         return np.ones(len(weights))
-    held = np.maximum(values, WEAKEST * values[-1])
+    held = np.maximum(values, MIN_INFORMATION_SHARE * values[-1])
     gain = weights * ((product(vectors.T, rows) / held[:, None]) ** 2).sum(axis=0)
     mean = float(gain.mean())
     return gain / mean if mean > 0.0 else np.ones(len(weights))
@@ -59,8 +59,8 @@ def sample_runs_by_gain(
         return rows[: min(count, total)]
     even = count / total
     # A sure outlier has a weight of 1e-300, and numbers that small do not divide.
-    values = np.where(values > NOTHING * values.max(), values, 0.0)
-    rates = np.minimum(_filled(values, lengths, (1.0 - EVEN) * count) + EVEN * even, 1.0)
+    values = np.where(values > MIN_GAIN_SHARE * values.max(), values, 0.0)
+    rates = np.minimum(_filled(values, lengths, (1.0 - EVEN_SHARE) * count) + EVEN_SHARE * even, 1.0)
     rows = np.zeros(int(rates @ lengths) + 2, dtype=np.int64)
     return rows[: systematic_rows(rates, lengths, out, rows)]
 

@@ -15,7 +15,7 @@ from dqreg.geometry.mesh_surface import MeshSurface
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.scan import Scan
 from dqreg.geometry.surface import Surface
-from dqreg.icp.acceleration import OF_PLANES, TOLERATED
+from dqreg.icp.acceleration import TOLERATED_RISE, TOLERATED_RISE_OF_PLANES
 from dqreg.icp.correspondences import Correspondences, slid_distances
 from dqreg.icp.estimators import Estimator
 from dqreg.icp.history import Iteration
@@ -26,26 +26,26 @@ from dqreg.solvers.robust import InlierMixture
 
 # A stage is converged when it moves less than this fraction of its own kernel scale; where planes take over near the
 # answer and nearly every point is explained, the next stage starts from anywhere within the scale.
-STAGE_TOLERANCE, WITHIN = 0.03, 0.3
+STAGE_TOLERANCE_SCALES, EXPLAINED_TOLERANCE_SCALES = 0.03, 0.3
 # The scale is settled when learning changes it by less than this factor; near the answer the pose hardly depends on it,
 # and another stage would query all points again.
-SETTLED, SETTLED_NEAR = 0.97, 0.9
+SETTLED_SCALE_RATIO, SETTLED_SCALE_RATIO_NEAR = 0.97, 0.9
 # The largest fall of the scale from one stage to the next.
-STEEPEST = 0.5
+MIN_SCALE_RATIO = 0.5
 # Points from which on the sampling error, not the scale, limits how far a level is worth converging; and to which
 # fraction of that error.
-FEW = 2_000
-PLACED = 0.6
+SAMPLING_LIMITED_POINTS = 2_000
+SAMPLING_ERROR_SHARE = 0.6
 # Fraction of the points beyond which a scan counts as explained.
-EXPLAINED = 0.9
+EXPLAINED_FRACTION = 0.9
 # The same, in widths, where few of the points hold a motion.
-PATIENT = 1e-3
+PATIENT_TOLERANCE_SCALES = 1e-3
 # On the last level matches slide on a part's faces until they are this share of the width from where they were asked.
-SLID = 0.3
+MAX_SLIDE_SCALES = 0.3
 # Distances from which scale and inlier fraction are learned: good to one per cent.
-LEARNED_FROM = 5_000
+LEARNING_POINTS = 5_000
 # Stages that may end without having converged; after that, more of them only cost time.
-UNFINISHED = 1
+MAX_UNFINISHED_STAGES = 1
 # Beyond this the two normals are of different faces, once the pose is near.
 NEAR_ANGLE_RAD = np.deg2rad(60.0)
 
@@ -110,10 +110,10 @@ class Level:
         unfinished = 0
         for _ in range(schedule.stages - 1):
             unfinished += schedule.iterations is None and run.status != "converged"
-            if run.ended_early or unfinished > UNFINISHED:
+            if run.ended_early or unfinished > MAX_UNFINISHED_STAGES:
                 break
             learned = self._learned(mixture, run, schedule)
-            factor = SETTLED_NEAR if self.near else SETTLED
+            factor = SETTLED_SCALE_RATIO_NEAR if self.near else SETTLED_SCALE_RATIO
             settled = factor * mixture.scale <= learned.scale <= mixture.scale / factor
             mixture = replaced(learned, scale=max(learned.scale, self._steepest(learned, run) * mixture.scale))
             to_come = run.history[-1].motion * self._contraction(history)
@@ -144,7 +144,7 @@ class Level:
 
     def explains(self, run: Run, mixture: InlierMixture) -> bool:
         """Whether nearly all points of a run belong to the inliers of a mixture."""
-        return bool(mixture.inlier_fraction * np.count_nonzero(run.weights) >= EXPLAINED * len(run.weights))
+        return bool(mixture.inlier_fraction * np.count_nonzero(run.weights) >= EXPLAINED_FRACTION * len(run.weights))
 
     def mean_nll(self, run: Alignment, limit: float = np.inf) -> float:
         """Mean negative log-likelihood of the distances at the end of a run: the lower, the better it explains them.
@@ -185,7 +185,7 @@ class Level:
                 contraction=self.contraction,
             ),
             accelerate=plan.accelerate and iterations > 1,
-            tolerated=OF_PLANES if self.near and plan.fine is not None else TOLERATED,
+            tolerated=TOLERATED_RISE_OF_PLANES if self.near and plan.fine is not None else TOLERATED_RISE,
             stage=schedule.name,
             slides=self._slides(mixture),
         )
@@ -195,32 +195,33 @@ class Level:
         width = mixture.scale / self.surface.diagonal
         # How well so many points of this width can place the part at all: no use in going on far below it. Between the
         # rings of a LiDAR distances are those of the rings, and heights over the planes are what places it.
-        if isinstance(self.surface, CellSurface) and self.surface.widened:
+        if isinstance(self.surface, CellSurface) and self.surface.wide.any():
             width = min(width, max(self.scan.noise, self.floor) / self.surface.diagonal)
         placed = width / float(np.sqrt(self.scan.represented))
         if self.patient:
-            return min(PATIENT * width, PLACED * placed)
+            return min(PATIENT_TOLERANCE_SCALES * width, SAMPLING_ERROR_SHARE * placed)
         if self.last:
-            return max(self.plan.stopping.convergence, PLACED * placed)
-        if len(self.scan) > FEW:
-            return PLACED * placed
+            return max(self.plan.stopping.convergence, SAMPLING_ERROR_SHARE * placed)
+        if len(self.scan) > SAMPLING_LIMITED_POINTS:
+            return SAMPLING_ERROR_SHARE * placed
         planes = self.near and self.plan.fine is not None
-        return (WITHIN if planes and mixture.inlier_fraction >= EXPLAINED else STAGE_TOLERANCE) * width
+        explained = planes and mixture.inlier_fraction >= EXPLAINED_FRACTION
+        return (EXPLAINED_TOLERANCE_SCALES if explained else STAGE_TOLERANCE_SCALES) * width
 
     def _slides(self, mixture: InlierMixture) -> float:
         # The level before has seen to the faces: after the first step on all points of a part, what is left is small
         # against the noise, and only matches within that of an edge would change.
         is_last = self.last and self.near and not self.patient and self.plan.fine is not None
-        slides = is_last and len(self.scan) > FEW and isinstance(self.surface, MeshSurface)
-        return SLID * mixture.scale / self.surface.diagonal if slides else 0.0
+        slides = is_last and len(self.scan) > SAMPLING_LIMITED_POINTS and isinstance(self.surface, MeshSurface)
+        return MAX_SLIDE_SCALES * mixture.scale / self.surface.diagonal if slides else 0.0
 
     def _learned(self, mixture: InlierMixture, run: Run, schedule: AnnealingSchedule) -> InlierMixture:
         pairs, rows = run.pairs, None
         count = np.count_nonzero(run.weights)
         # Where nothing is left out, as a rule, nothing is picked.
-        if count < len(run.weights) or count > LEARNED_FROM:
+        if count < len(run.weights) or count > LEARNING_POINTS:
             kept = np.flatnonzero(run.weights)
-            rows = kept[sample_rows(len(kept), LEARNED_FROM)] if count > LEARNED_FROM else kept
+            rows = kept[sample_rows(len(kept), LEARNING_POINTS)] if count > LEARNING_POINTS else kept
         # Near the answer the last step is all that is wrong with the distances.
         if self.near:
             distances = slid_distances(pairs, run.T_target_source, rows)
@@ -235,4 +236,4 @@ class Level:
 
     def _steepest(self, learned: InlierMixture, run: Run) -> float:
         # Where nearly every point is explained, there is nothing that a slower fall could still win over.
-        return 0.0 if self.near and self.explains(run, learned) else STEEPEST
+        return 0.0 if self.near and self.explains(run, learned) else MIN_SCALE_RATIO

@@ -15,7 +15,7 @@ from dqreg._records import replaced
 from dqreg.errors import DegenerateGeometryError
 from dqreg.geometry.scan import Scan
 from dqreg.geometry.surface import Surface
-from dqreg.icp.acceleration import TOLERATED, Anderson
+from dqreg.icp.acceleration import TOLERATED_RISE, Anderson
 from dqreg.icp.correspondences import Correspondences, find_correspondences, propagate
 from dqreg.icp.estimators import Estimator, points_and_normals
 from dqreg.icp.history import Iteration
@@ -29,9 +29,9 @@ from dqreg.solvers.status import INTERRUPTED, NO_POSE, Status
 Observer = Callable[[Iteration], object]
 
 # A pose has six unknowns and a pair of points fixes at most one of them for good: its distance along the normal.
-FEWEST_PAIRS = 6
+MIN_CORRESPONDENCES = 6
 # Inliers that fix a pose at least.
-FEWEST_INLIERS = 3
+MIN_INLIERS = 3
 
 
 def contraction_of(history: tuple[Iteration, ...]) -> float | None:
@@ -79,7 +79,7 @@ class Alignment(Run):
     @cached_property
     def found(self) -> bool:
         """Whether there is a pose to speak of: fewer inliers than fix one are none."""
-        return self.status not in NO_POSE and bool(self.history) and float(self.weights.sum()) >= FEWEST_INLIERS
+        return self.status not in NO_POSE and bool(self.history) and float(self.weights.sum()) >= MIN_INLIERS
 
     @property
     def rms(self) -> float:
@@ -113,9 +113,9 @@ class Icp:
     rejectors: tuple[Weight, ...] = ()  # Further factors of the weights: distance, normal angle, trimming
     stopping: Stopping = Stopping()  # When to end
     accelerate: bool = True  # Whether Anderson acceleration extrapolates the steps
-    tolerated: float = TOLERATED  # Fraction by which the energy may rise where that makes the steps shorter
+    tolerated: float = TOLERATED_RISE  # Fraction by which the energy may rise where that makes the steps shorter
     stage: str = "loop"  # Name of this run in the records
-    fewest: int = FEWEST_PAIRS  # Correspondences without which there is no pose
+    fewest: int = MIN_CORRESPONDENCES  # Correspondences without which there is no pose
     # Way from where they were searched, in diagonals of the surface, on which matches slide on their tangent planes
     slides: float = 0.0
 

@@ -38,34 +38,34 @@ from dqreg.solvers.row_sums import FREE_SHARE, MotionSums, squared
 Weigher = Callable[[Correspondences, FloatArray, float], FloatArray]
 
 # Cells along each axis of the cube that the normals lie in: normals of one cell differ by six degrees or so.
-CELLS = 20
+CELLS_PER_AXIS = 20
 # Correspondences of usual variance that each cell is given beforehand, of the cell's variance each face, and of the
 # face's each part of the scan on it. Chance takes 0.4 % of the efficiency then at most; of neighbours that share their
 # noise, many are needed to tell as much.
-BEFOREHAND, BEFORE_FACES = 8.0, 128.0
+CELL_PRIOR_PAIRS, FACE_PRIOR_PAIRS = 8.0, 128.0
 # So many that faces say nothing beside their orientation.
-ALL_BEFORE = 1e30
+ENDLESS_PRIOR_PAIRS = 1e30
 # A kernel scale beyond so many times the scan's own noise measures the misfit, not the scatter of faces.
-MISFIT = 5.0
+MISFIT_NOISE_RATIO = 5.0
 # The least variance, as a fraction of the usual one.
-LEAST = 0.01
+MIN_VARIANCE_RATIO = 0.01
 # Numbers of parts: of a scan, and that of points of several. Scans whose order tells nothing are of one.
-NUMBERS = PARTS + 1
+PART_NUMBERS = PARTS + 1
 ONE_PART = np.zeros(0, dtype=np.uint8)
 # Faces that have sums of their own at most, and points for each at least: of more, those with one orientation share
 # theirs.
-FACES, POINTS = 100_000, 4
+MAX_FACES, MIN_POINTS_PER_FACE = 100_000, 4
 # Faces that turn by more than that have a crease between them; kernel scales within which a place is near it.
-TURN_COS, NEAR = np.cos(np.deg2rad(20.0)), 3.0
+CREASE_COS, CREASE_SCALES = np.cos(np.deg2rad(20.0)), 3.0
 # Share of the weights beyond which the part has creases everywhere, at the scale of the noise.
-MOST = 0.3
+MAX_CREASE_SHARE = 0.3
 # Share of the information about a motion that may go with these points: small walls and rims hold some alone. What is
 # below that share of the largest information is rounding.
-HOLDS, ROUNDING = 0.1, 1e-12
+MAX_INFORMATION_SHARE, RELATIVE_ROUNDING = 0.1, 1e-12
 # The share of it beyond which these hold it alone.
-ALONE = 0.5
+ALONE_SHARE = 0.5
 # Points that are looked at in one go.
-CHUNK = 4_096
+CHUNK_POINTS = 4_096
 
 
 def relative_precisions(
@@ -75,7 +75,7 @@ def relative_precisions(
     faces: IntArray,
     parts: NDArray[np.uint8] = ONE_PART,
     *,
-    before_faces: float = BEFORE_FACES,
+    before_faces: float = FACE_PRIOR_PAIRS,
 ) -> FloatArray:
     """Weights, (n,), over the variance of the heights of points over their planes: that of their face and part.
 
@@ -84,36 +84,36 @@ def relative_precisions(
     from dqreg.kernels.face_scatter import face_precisions, face_sums, orientation_cells, times_precisions
     from dqreg.kernels.threads import as_plain, over_chunks
 
-    count, found, cells, normals = len(weights), weights.copy(), (CELLS + 1) ** 3, as_plain(normals)
+    count, found, cells, normals = len(weights), weights.copy(), (CELLS_PER_AXIS + 1) ** 3, as_plain(normals)
     own = int(faces.max(initial=0)) + 1
-    if own > min(weights.sum() / POINTS, FACES):
+    if own > min(weights.sum() / MIN_POINTS_PER_FACE, MAX_FACES):
         faces = np.zeros(count, dtype=np.int64)
-        over_chunks(orientation_cells, count, normals, CELLS, faces, chunk=CHUNK)
+        over_chunks(orientation_cells, count, normals, CELLS_PER_AXIS, faces, chunk=CHUNK_POINTS)
         # Few of the cells hold any: sums of all would take longer to clear than to add to.
         numbers = np.zeros(cells, dtype=np.int64)
         numbers[faces] = 1
         np.cumsum(numbers, out=numbers)
         faces, own = numbers[faces] - 1, int(numbers[-1])
-    sums, rows, precisions = np.zeros((own, NUMBERS, 2)), np.zeros(own, np.int64), np.ones((own, NUMBERS))
+    sums, rows, precisions = np.zeros((own, PART_NUMBERS, 2)), np.zeros(own, np.int64), np.ones((own, PART_NUMBERS))
     face_sums(squares, found, faces, parts, sums, rows)
-    limits = BEFOREHAND, before_faces, LEAST
-    face_precisions(sums, rows, normals, CELLS, np.zeros((cells, 2)), *limits, precisions)
-    over_chunks(times_precisions, count, faces, parts, precisions, found, chunk=CHUNK)
+    limits = CELL_PRIOR_PAIRS, before_faces, MIN_VARIANCE_RATIO
+    face_precisions(sums, rows, normals, CELLS_PER_AXIS, np.zeros((cells, 2)), *limits, precisions)
+    over_chunks(times_precisions, count, faces, parts, precisions, found, chunk=CHUNK_POINTS)
     return found
 
 
 def weights_by_orientation(pairs: Correspondences, weights: FloatArray, noise: float) -> FloatArray:
     """On a cloud, weights times the precision of all points with one orientation; unchanged beyond the noise."""
-    if noise > MISFIT * pairs.scan.noise or isinstance(pairs.surface, MeshSurface):
+    if noise > MISFIT_NOISE_RATIO * pairs.scan.noise or isinstance(pairs.surface, MeshSurface):
         return weights
     found = pairs.closest
     asked = _square_heights(pairs, weights), found.normals, weights, found.elements
-    return relative_precisions(*asked, before_faces=ALL_BEFORE)
+    return relative_precisions(*asked, before_faces=ENDLESS_PRIOR_PAIRS)
 
 
 def weights_by_face(pairs: Correspondences, weights: FloatArray, noise: float) -> FloatArray:
     """The same; on a mesh those times the precision of each face and part of the scan, and none near creases."""
-    if noise > MISFIT * pairs.scan.noise or not isinstance(pairs.surface, MeshSurface):
+    if noise > MISFIT_NOISE_RATIO * pairs.scan.noise or not isinstance(pairs.surface, MeshSurface):
         return weights_by_orientation(pairs, weights, noise)
     # The covariance asks again for what the last step was weighed with.
     known: tuple[FloatArray, FloatArray] | None = vars(pairs).get("_by_face")
@@ -133,7 +133,7 @@ def _square_heights(pairs: Correspondences, weights: FloatArray) -> FloatArray:
     found, scatter, squares = pairs.closest, pairs.scan.scatter, np.zeros(len(weights))
     columns = [as_plain(x) for x in (pairs.moved, found.points, found.normals, weights)]
     spread = as_plain(scatter) if isinstance(scatter, np.ndarray) else NOTHING
-    over_chunks(square_heights, len(weights), *columns, spread, squares, chunk=CHUNK)
+    over_chunks(square_heights, len(weights), *columns, spread, squares, chunk=CHUNK_POINTS)
     return squares
 
 
@@ -150,30 +150,30 @@ def points_to_weighted_faces(pairs: Correspondences, weights: FloatArray, noise:
 def without_creases(pairs: Correspondences, weights: FloatArray, width: float) -> FloatArray:
     """Weights, (n,), with none near creases of a part, where the other points hold all motions about as well."""
     found = _creases(pairs, weights, width)
-    if found is None or _hold(found.own, found.others):
+    if found is None or _constrain(found.own, found.others):
         return weights
     kept = weights.copy()
     kept[found.near] = 0.0
     return kept
 
 
-def held_by_creases(pairs: Correspondences, weights: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
+def motions_of_creases(pairs: Correspondences, weights: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
     """Motions that points near creases hold and the others hardly do, (6, m), and the information of all, (6, 6).
 
     Twists about the middle of the part with rotations as displacements at half its diagonal, each of information one.
     """
     found = _creases(pairs, weights, width)
-    if found is None or not _hold(found.own, found.others):
+    if found is None or not _constrain(found.own, found.others):
         return np.zeros((6, 0)), np.zeros((6, 6))
-    axes, whole = _held_by_shape(pairs, found.surface, weights), found.own + found.others
+    axes, whole = _motions_of_smooth_surface(pairs, found.surface, weights), found.own + found.others
     values, turned = np.linalg.eigh(axes.T @ whole @ axes)
-    known = values > ROUNDING * values.sum()
+    known = values > RELATIVE_ROUNDING * values.sum()
     unit = axes @ turned[:, known] / np.sqrt(values[known])
     shares, mixtures = np.linalg.eigh(unit.T @ found.own @ unit)
-    return unit @ mixtures[:, shares > ALONE], whole
+    return unit @ mixtures[:, shares > ALONE_SHARE], whole
 
 
-def _held_by_shape(pairs: Correspondences, surface: MeshSurface, weights: FloatArray) -> FloatArray:
+def _motions_of_smooth_surface(pairs: Correspondences, surface: MeshSurface, weights: FloatArray) -> FloatArray:
     """Axes of the motions that the surface holds which the facets approximate, (6, k): these hold a round shaft."""
     found, middle = pairs.closest, np.asarray(surface.centre, dtype=np.float64)
     smooth = smooth_normals_of(surface.mesh, found.points, found.elements, found.normals)
@@ -199,8 +199,8 @@ def _creases(pairs: Correspondences, weights: FloatArray, width: float) -> _Crea
     if known is None or known[0] is not weights or known[1] != width:
         found, surface = None, pairs.surface
         if isinstance(surface, MeshSurface):
-            near, ((own_weight, *own), (other_weight, *others)) = _near(pairs, surface, weights, NEAR * width)
-            if 0.0 < own_weight <= MOST * (own_weight + other_weight):
+            near, ((own_weight, *own), (other_weight, *others)) = _near(pairs, surface, weights, CREASE_SCALES * width)
+            if 0.0 < own_weight <= MAX_CREASE_SHARE * (own_weight + other_weight):
                 found = _Creases(surface, near, squared(np.array(own)), squared(np.array(others)))
         known = weights, width, found
         vars(pairs)["_creases"] = known
@@ -215,15 +215,15 @@ def _near(
     from dqreg.kernels.threads import as_plain, over_chunks
 
     mesh, found, count = surface.mesh, pairs.closest, len(weights)
-    near, sums = np.zeros(count, dtype=bool), np.zeros((max(-(-count // CHUNK), 1), COLUMNS))
+    near, sums = np.zeros(count, dtype=bool), np.zeros((max(-(-count // CHUNK_POINTS), 1), COLUMNS))
     places = as_plain(pairs.moved), as_plain(found.points), found.elements, as_plain(weights)
     faces = as_plain(mesh.corners), as_plain(mesh.face_normals), mesh._fans.find(found.elements).turns
-    lengths = as_plain(surface.centre), 0.5 * surface.diagonal, TURN_COS, margin
-    over_chunks(near_creases, count, *places, *faces, *lengths, CHUNK, near, sums, chunk=CHUNK)
+    lengths = as_plain(surface.centre), 0.5 * surface.diagonal, CREASE_COS, margin
+    over_chunks(near_creases, count, *places, *faces, *lengths, CHUNK_POINTS, near, sums, chunk=CHUNK_POINTS)
     return near, sums.sum(axis=0).reshape(2, -1)
 
 
-def _hold(own: FloatArray, others: FloatArray) -> bool:
+def _constrain(own: FloatArray, others: FloatArray) -> bool:
     """Whether some points hold a motion that the others hardly do, given the information, (6, 6), of each."""
     whole = own + others
-    return bool(np.linalg.eigvalsh(own - HOLDS * whole)[-1] > ROUNDING * np.trace(whole))
+    return bool(np.linalg.eigvalsh(own - MAX_INFORMATION_SHARE * whole)[-1] > RELATIVE_ROUNDING * np.trace(whole))

@@ -19,7 +19,7 @@ from dqreg.solvers.robust import Kernel
 Weight = Callable[[Correspondences], FloatArray]
 
 # Kernel scales from a boundary edge within which noise alone decides whether the closest point is on it.
-STRIP = 3.0
+STRIP_SCALES = 3.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,7 +44,7 @@ class NormalAngle:
 
     def __call__(self, pairs: Correspondences) -> FloatArray:
         """1 within the limit or without normals, else 0."""
-        rows = np.flatnonzero(nonzero_rows(pairs.scan._gating))
+        rows = np.flatnonzero(nonzero_rows(pairs.scan._rejecting_normals))
         factors = np.ones(len(pairs.distances))
         cosines = pairs.normal_cosines[rows] if pairs.same_sign else np.abs(pairs.normal_cosines[rows])
         known = nonzero_rows(pairs.closest.normals[rows])
@@ -126,7 +126,7 @@ def boundary_rejectors(surface: Surface, width: float) -> tuple[RejectMeshBounda
     if isinstance(surface, CloudSurface):
         return (RejectCloudBoundary(surface),)
     borders = surface.borders if isinstance(surface, MeshSurface) else None
-    return () if borders is None else (RejectMeshBoundary(borders, STRIP * width),)
+    return () if borders is None else (RejectMeshBoundary(borders, STRIP_SCALES * width),)
 
 
 def at_boundary(closest: Closest, surface: Surface, width: float) -> BoolArray:

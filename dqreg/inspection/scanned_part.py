@@ -81,8 +81,10 @@ class ScannedPart:
         part._keep(found.points, found.normals)
         return part
 
-    def _keep(self, feet: FloatArray, normals: FloatArray) -> None:
-        self._found = feet, normals, np.asarray(np.einsum("ij,ij->i", self.points - feet, normals))
+    def _keep(self, feet: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        found = feet, normals, np.asarray(np.einsum("ij,ij->i", self.points - feet, normals))
+        self._found = found
+        return found
 
     def face(self, name: FaceName) -> Face:
         """The one face that a plan names."""
@@ -163,11 +165,10 @@ class ScannedPart:
 
     def deviations(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Closest places of the part to the scan points, outward normals there, signed distances."""
-        if self._found is None:
-            found = self.surface.closest(self.points)
-            self._keep(found.points, self.mesh.face_normals[found.elements])
-            assert self._found is not None
-        return self._found
+        if self._found is not None:
+            return self._found
+        found = self.surface.closest(self.points)
+        return self._keep(found.points, self.mesh.face_normals[found.elements])
 
     def ideal(self, face: Face) -> Feature:
         """What a face is on the part itself."""

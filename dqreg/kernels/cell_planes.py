@@ -11,13 +11,14 @@ from dqreg.kernels.many_axes import AXES, LANES, ROWS, diagonalise_lanes
 from dqreg.kernels.plane_fits import least_of_lane
 
 # Every third bit of a Morton code, from the lowest on: the number of a cell along one axis.
-ALONG_Z, ALONG_Y, ALONG_X = (np.uint64(0x1249249249249249 << k) for k in range(3))
+ALONG_Z = np.uint64(0x1249249249249249)
+ALONG_Y, ALONG_X = ALONG_Z << np.uint64(1), ALONG_Z << np.uint64(2)
 # Blocks of two cells a side, and those around one; cells of these.
 BLOCKS, CELLS = 27, 8
 # Cells around one without which there are no sides to it.
-SIDES = 8
+MIN_CELLS = 8
 # What is kept of a cell until its plane is fitted: weight, cells, squared distance of the farthest, sum of the offsets.
-KEPT = 6
+KEPT_ROWS = 6
 
 
 @compiled
@@ -48,7 +49,7 @@ def cell_planes(
     (m,), fits (m, 6): normal, residual, lever, distance to the next mean; NaN where there is no plane.
     """
     near, within = np.zeros(BLOCKS * CELLS, np.int64), np.zeros(BLOCKS * CELLS, np.int64)
-    lanes, kept = np.zeros((ROWS, LANES)), np.zeros((KEPT, LANES))
+    lanes, kept = np.zeros((ROWS, LANES)), np.zeros((KEPT_ROWS, LANES))
     rows, places = np.zeros(LANES, np.int64), np.zeros((4, BLOCKS * CELLS))
     # Of the type that it has later: for plain zeros what it is given to would be compiled once more.
     none = int(np.int64(0))
@@ -66,7 +67,7 @@ def cell_planes(
             found = _within_reach(means[i, 0], means[i, 1], means[i, 2], count, places, reach, within)
             nearest = _moments(i, found, within, near, places, means, weights, scatters, waiting, lanes, kept)
             fits[i, 5] = np.sqrt(nearest)
-            if kept[0, waiting] < fewest or kept[1, waiting] < SIDES:
+            if kept[0, waiting] < fewest or kept[1, waiting] < MIN_CELLS:
                 fits[i, 0] = np.nan
                 continue
             rows[waiting] = i

@@ -10,14 +10,16 @@ from dqreg.kernels.triangle import closest_on, height_square
 from dqreg.kernels.triangles_across import walk_across
 
 DEEPEST = 96  # no tree of boxes that fits into memory is deeper
-# Two faces are equally near within this share of a squared distance, or within this square of the size. Then the one
-# counts that the query stands higher above; without that rule rounding would choose the normal beside every edge.
-EQUAL, LEVEL, ROUNDING = 2e-12, 1e-6, 1e-30
+# Two faces are equally near within this share of a squared distance, or within this square of the size.
+EQUAL_SHARE, ROUNDING_SHARE = 2e-12, 1e-30
+# Then the one counts that the query stands higher above, by this share; without that rule rounding would choose the
+# normal beside every edge.
+EQUAL_HEIGHT_SHARE = 1e-6
 # Equals looked at for one query: at the tip of a fan of thousands of needles there are thousands.
-EQUALS = 64
+MAX_EQUAL_FACES = 64
 # A search begins at the box of its first guess, or at one above it that is that many times as long as the guess is far:
 # from the box of a guess that is no neighbour it would look at everything in between.
-SPAN = 6.0
+FIRST_BOX_DISTANCES = 6.0
 # What stands between brackets counts from the end where it is below zero, which each access asks of a signed number:
 # five per cent of a query. Guesses may be -1, and stay signed.
 U = np.uint64
@@ -52,7 +54,7 @@ def is_before(
 ) -> bool:
     """Whether of two triangles equally near the first counts: the query is higher above it, or its number is lower."""
     mine, its = height_square(packed, t, x, y, z), height_square(packed, other, x, y, z)
-    if abs(mine - its) > LEVEL * max(mine, its) + floor:
+    if abs(mine - its) > EQUAL_HEIGHT_SHARE * max(mine, its) + floor:
         return bool(mine > its)
     return bool(faces[t] < faces[other])
 
@@ -87,7 +89,7 @@ def closest_places(
     time.
     """
     stack, away = np.zeros(DEEPEST, np.int64), np.zeros(DEEPEST)
-    floor = ROUNDING * size * size
+    floor = ROUNDING_SHARE * size * size
     none = len(stack) - DEEPEST - 1  # a literal -1 would be a type of its own, and what takes it compiled twice
     slot = none
     for i in range(first, last):
@@ -97,12 +99,12 @@ def closest_places(
         best, reach, u, v = bound * bound, bound * bound, 0.0, 0.0
         if slot >= 0:
             slot, d, a, b = walk_across(packed, across, slot, x, y, z)
-            low = box_above(nodes, links, leaves[U(slot)], SPAN * SPAN * d)
+            low = box_above(nodes, links, leaves[U(slot)], FIRST_BOX_DISTANCES * FIRST_BOX_DISTANCES * d)
             if d < reach:
                 # What is farther than the guess is not looked at from the first box on.
                 best, u, v = d, a, b
                 border = u == 0.0 or v == 0.0 or u + v >= 1.0
-                reach = best + (best * EQUAL + floor if border else 0.0)
+                reach = best + (best * EQUAL_SHARE + floor if border else 0.0)
             else:
                 slot = none
         node, waiting, equals = low, 0, 0
@@ -116,7 +118,7 @@ def closest_places(
                     if not d < reach:
                         continue
                     # Within reach but not nearer by more than rounding it is an equal, unless nothing was found so far.
-                    if slot >= 0 and d > best - (best * EQUAL + floor):
+                    if slot >= 0 and d > best - (best * EQUAL_SHARE + floor):
                         equals += 1
                         if is_before(packed, faces, t, slot, x, y, z, floor):
                             slot, u, v = t, a, b
@@ -125,7 +127,7 @@ def closest_places(
                         best, slot, u, v = d, t, a, b
                     # Only on its border has a face equals; boxes of its neighbours in one plane are as near as itself.
                     border = u == 0.0 or v == 0.0 or u + v >= 1.0
-                    reach = best + (best * EQUAL + floor if border and equals < EQUALS else 0.0)
+                    reach = best + (best * EQUAL_SHARE + floor if border and equals < MAX_EQUAL_FACES else 0.0)
             else:
                 far = near + 1
                 d0, d1 = box_distance(nodes, near, x, y, z), box_distance(nodes, far, x, y, z)

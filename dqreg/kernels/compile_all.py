@@ -43,7 +43,7 @@ from dqreg.kernels.plane_gaps import COLUMNS as OF_GAPS
 from dqreg.kernels.plane_gaps import enclosed_gaps, hold_cells
 from dqreg.kernels.plane_growth import measure_pieces, take_pieces
 from dqreg.kernels.plane_rows import plane_row_columns, strain_row_columns
-from dqreg.kernels.point_tree import LEAF, PointTree
+from dqreg.kernels.point_tree import LEAF_POINTS, PointTree
 from dqreg.kernels.points_on_faces import points_on_faces
 from dqreg.kernels.pose_forms import NUMBERS, SUMS, form_of_sums, least_cost_pose
 from dqreg.kernels.pose_steps import add_plane_steps, grid_places, grid_planes, take_damped_steps
@@ -60,7 +60,8 @@ from dqreg.kernels.weighing import place_rows, slide_rows, weigh_rows
 from dqreg.kernels.weighted_draws import drawn_rows
 from dqreg.kernels.weighted_planes import COLUMNS, OF_PAIRS, STEP, pair_moments, plane_sums, short_twist, step_sums
 
-FLAT, ONE, NOTHING = np.eye(3), np.zeros(3), np.zeros(0)
+FLAT, ONE = np.eye(3), np.zeros(3)
+NOTHING = np.zeros(0)
 CORNERS = np.eye(3)[None] + np.arange(2.0)[:, None, None]
 FIRST = np.zeros(1, dtype=np.int64)
 SHAPE = np.ones(3, dtype=np.int64)
@@ -102,7 +103,7 @@ def _points() -> None:
 
 def _features() -> None:
     rows, none = np.zeros((0, 3), dtype=np.int64), np.zeros(0, dtype=np.bool_)
-    rows_with_neighbours(0, 0, np.zeros((1, 6)), FLAT, LEAF, 1, 1.0, none)
+    rows_with_neighbours(0, 0, np.zeros((1, 6)), FLAT, LEAF_POINTS, 1, 1.0, none)
     off_centre_rows(0, 0, FLAT, rows, FLAT, FLAT, 1.0, none, np.zeros((0, 3)))
 
 
@@ -179,7 +180,7 @@ def _rims() -> None:
     one_sided_rows(0, 0, FLAT, FIRST[:0], few, NOTHING, FLAT, 0.25, 0.15, none)
     line_rows(0, 0, FLAT, few, 0.15, none)
     components(1, FIRST[:0], FIRST[:0])
-    near_rows(FLAT, FIRST[:0], FLAT, FIRST[:0], LEAF, 1.0, none)
+    near_rows(FLAT, FIRST[:0], FLAT, FIRST[:0], LEAF_POINTS, 1.0, none)
     near_fractions(0, 0, FIRST[:0], few, 1, none, NOTHING)
     in_plane_sq_distances(FLAT, ONE, FIRST, FIRST[:0], 1, 0, NOTHING)
     flat = FIRST[:0], np.zeros((0, 2)), FIRST[:0], FIRST[:0]

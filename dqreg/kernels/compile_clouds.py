@@ -14,7 +14,7 @@ from dqreg.kernels.lined_runs import lined_runs
 from dqreg.kernels.majority_planes import majority_plane_rows
 from dqreg.kernels.morton import count_cells, morton_cells, new_places, sorted_rows, take_points
 from dqreg.kernels.plane_steps import FIGURES, step_on_planes
-from dqreg.kernels.point_tree import LEAF
+from dqreg.kernels.point_tree import LEAF_POINTS
 from dqreg.kernels.quadric_fits import quadric_residual_rows
 from dqreg.kernels.shift_counts import count_at_shifts, count_on_runs, runs_around
 from dqreg.kernels.split_sort import split_sorted_rows
@@ -26,7 +26,8 @@ from dqreg.kernels.voxel_planes import closest_in_voxels
 from dqreg.kernels.voxel_points import CELLS, SUMS, admit_points
 from dqreg.kernels.voxel_rows import VoxelSums, first_of_voxels, measured_rows, one_of_voxels
 
-CORNERS, FLAT, ONE = np.eye(3), np.eye(3), np.zeros(3)
+CORNERS = np.eye(3)
+FLAT, ONE = np.eye(3), np.zeros(3)
 FIRST = np.zeros(1, dtype=np.int64)
 
 
@@ -54,7 +55,7 @@ def fit_neighbourhoods() -> None:
     lined_runs(0, 0, corners, FIRST, FIRST, 1, 1, 0.5, none, np.zeros((1, 3)), np.zeros((1, 2)))
     with_others_rows(0, 0, FIRST, corners, corners, 1.0, 0.5, 0.5, 1, none)
     near, far, motion = np.full(3, -1), np.zeros(3), np.eye(4)[:3].copy()
-    close_points(0, 0, np.zeros((1, 6)), corners, LEAF, FIRST, corners, corners, motion, 1.0, 1.0, near, far)
+    close_points(0, 0, np.zeros((1, 6)), corners, LEAF_POINTS, FIRST, corners, corners, motion, 1.0, 1.0, near, far)
     plain, open_all = (corners, corners), np.zeros(3, dtype=np.bool_)
     facing_matches(*plain, motion, near, *plain, open_all, 1.0, 0.0, True, near.copy(), far, far.copy())
 

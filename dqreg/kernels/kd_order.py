@@ -12,9 +12,10 @@ from dqreg.kernels.threads import over_chunks
 FACTOR, STEP = 6364136223846793005, 1442695040888963407
 DEEPEST = 64  # nodes that wait at a time: one a level, and no heap that fits into memory is deeper
 # Places that one thread orders at a time.
-TOGETHER = 16_384
+CHUNK_PLACES = 16_384
 # Keys of which a pivot is chosen: of a range of so many keys and more, so many.
-FEW_KEYS, SOME_KEYS, MANY_KEYS = (32, 3), (200, 9), (1_000, 21)
+FEW_KEYS, SOME_KEYS = (32, 3), (200, 9)
+MANY_KEYS = (1_000, 21)
 
 
 def kd_order(places: FloatArray, leaf: int) -> IntArray:
@@ -28,7 +29,7 @@ def kd_order(places: FloatArray, leaf: int) -> IntArray:
     order, keys = np.arange(n), np.zeros(n)
     while leaves * leaf < n:
         leaves *= 2
-    while n > TOGETHER * nodes:
+    while n > CHUNK_PLACES * nodes:
         over_chunks(cut_nodes, nodes, places, leaf, leaves // nodes, False, order, keys, chunk=1)
         nodes *= 2
     over_chunks(cut_nodes, nodes, places, leaf, leaves // nodes, True, order, keys, chunk=1)

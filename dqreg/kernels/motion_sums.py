@@ -7,10 +7,13 @@ from dqreg.kernels.compiled import compiled, inside_kernels
 
 Row = tuple[float, float, float, float, float, float]
 
-# Six scores, then weight, weighted points, normals and residual, as of `patch_sums`; then the squares of the residuals,
-# the weighted rows of the rotations, and the products of rows among themselves, of a triangle (0, 0), (0, 1), ...: of
-# all rows, and what the normals of a smooth surface change in them.
-NORMALS, SQUARES, ROTATIONS, PRODUCTS, SMOOTH = 10, 14, 15, 18, 39
+# First columns: six scores, then weight, weighted points, normals and residual, as of `patch_sums`;
+NORMALS = 10
+# then the squares of the residuals, the weighted rows of the rotations,
+SQUARES, ROTATIONS = 14, 15
+# and the products of rows among themselves, of a triangle (0, 0), (0, 1), ...: of all rows, and what the normals of a
+# smooth surface change in them.
+PRODUCTS, SMOOTH = 18, 39
 COLUMNS = SMOOTH + 21
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
-from dqreg.kernels.closest_triangles import DEEPEST, SPAN, box_distance
+from dqreg.kernels.closest_triangles import DEEPEST, FIRST_BOX_DISTANCES, box_distance
 from dqreg.kernels.compiled import compiled, inside_kernels
 
 # What stands between brackets counts from the end where it is below zero, which each access asks of a signed number.
@@ -16,10 +16,10 @@ WIDER = 1.0 + 1e-12
 
 @inside_kernels
 def leaf_above(boxes: FloatArray, places: FloatArray, leaf: int, t: int, x: float, y: float, z: float) -> int:
-    """Node that holds place t, or the first above it that is long enough, see `SPAN`. O(log n)."""
+    """Node that holds place t, or the first above it that is long enough, see `FIRST_BOX_DISTANCES`. O(log n)."""
     node = len(boxes) // 2 + t // leaf
     dx, dy, dz = places[t, 0] - x, places[t, 1] - y, places[t, 2] - z
-    square = SPAN * SPAN * (dx * dx + dy * dy + dz * dz)
+    square = FIRST_BOX_DISTANCES * FIRST_BOX_DISTANCES * (dx * dx + dy * dy + dz * dz)
     while node > 1:
         dx, dy, dz = boxes[node, 3] - boxes[node, 0], boxes[node, 4] - boxes[node, 1], boxes[node, 5] - boxes[node, 2]
         if dx * dx + dy * dy + dz * dz >= square:

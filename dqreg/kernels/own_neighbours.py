@@ -10,13 +10,14 @@ from dqreg.kernels.kd_order import DEEPEST
 
 # What stands between brackets counts from the end where it is below zero, which each access asks of a signed number.
 U = np.uint64
-# Places that the points of a leaf look among at most, and how often they look farther; squares that are ranked are
-# filled up to a multiple of so many, which processors compare at a time.
-MOST, TRIES, LANES = 512, 6, 8
+# Places that the points of a leaf look among at most, and how often they look farther.
+MAX_PLACES, MAX_TRIES = 512, 6
+# Squares that are ranked are filled up to a multiple of so many, which processors compare at a time.
+LANES = 8
 # They look a little farther than those of the leaf before had to, and by so much farther where that is not enough.
-AHEAD, FARTHER = 1.15, 1.4
+FIRST_REACH_FACTOR, REACH_FACTOR = 1.15, 1.4
 # A bound that leaves more than so many times what is wanted is lowered to leave so many times that, about.
-ENOUGH, AIMED = 1.5, 1.25
+MAX_KEPT_RATIO, AIMED_KEPT_RATIO = 1.5, 1.25
 # The square of a bound is rounded up, so that nothing within it is lost.
 WIDER = 1.0 + 1e-12
 
@@ -39,9 +40,9 @@ def own_neighbours(
     point. Each row has a line to write to, (n,), or -1 where it is not asked about. A line begins with -1 where nothing
     is known: there are too many others near a leaf, or too few within what it looks among.
     """
-    stack, some, of_some = np.zeros(2 * DEEPEST, np.int64), np.zeros((3, MOST)), np.zeros(MOST, np.int64)
-    squares, near, at = np.zeros(MOST), np.zeros(MOST + LANES), np.zeros(MOST + 1, np.int64)
-    order = np.zeros(MOST, np.int64)
+    stack, some, of_some = np.zeros(2 * DEEPEST, np.int64), np.zeros((3, MAX_PLACES)), np.zeros(MAX_PLACES, np.int64)
+    squares, near, at = np.zeros(MAX_PLACES), np.zeros(MAX_PLACES + LANES), np.zeros(MAX_PLACES + 1, np.int64)
+    order = np.zeros(MAX_PLACES, np.int64)
     half, reach = len(boxes) // 2, 0.0
     for node in range(half + first, half + last):
         start, end, asked, farthest = (node - half) * leaf, min((node - half + 1) * leaf, len(places)), 0, -1.0
@@ -52,7 +53,7 @@ def own_neighbours(
         if not reach > 0.0:
             for axis in range(3):
                 reach = max(reach, boxes[node, 3 + axis] - boxes[node, axis])
-        for _ in range(TRIES):
+        for _ in range(MAX_TRIES):
             count = _gathered(boxes, places, leaf, node, reach * reach * WIDER, stack, some, of_some)
             if count < 0:
                 break
@@ -65,8 +66,8 @@ def own_neighbours(
                     farthest = max(farthest, ranked) if ranked >= 0.0 else -1.0
             if farthest >= 0.0:
                 break
-            reach *= FARTHER
-        reach = AHEAD * max(farthest, 0.0)
+            reach *= REACH_FACTOR
+        reach = FIRST_REACH_FACTOR * max(farthest, 0.0)
         for t in range(start, end):
             if farthest < 0.0 and lines[rows[t]] >= 0:
                 found[lines[rows[t]], 0] = -1
@@ -98,7 +99,7 @@ def _gathered(
             stack[U(waiting)], stack[U(waiting + 1)] = 2 * node + 1, 2 * node
             waiting += 2
             continue
-        if count + leaf > MOST:
+        if count + leaf > MAX_PLACES:
             return -1
         for t in range((node - half) * leaf, min((node - half + 1) * leaf, n)):
             for axis in range(3):
@@ -130,8 +131,8 @@ def _kept(
         # Written each time: which are within is as good as random.
         near[U(kept)], at[U(kept)] = squares[U(j)], j
         kept += 1 if squares[U(j)] <= limit else 0
-    while kept > ENOUGH * wanted:
-        lower, left = limit * (AIMED * wanted / kept), 0
+    while kept > MAX_KEPT_RATIO * wanted:
+        lower, left = limit * (AIMED_KEPT_RATIO * wanted / kept), 0
         for j in range(kept):
             left += 1 if near[j] <= lower else 0
         if left < wanted or left == kept:

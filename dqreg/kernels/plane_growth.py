@@ -8,12 +8,14 @@ from dqreg._arrays import FloatArray, IntArray
 from dqreg.kernels.compiled import compiled, inside_kernels
 from dqreg.kernels.plane_fits import ELEMENTS, diagonalise
 
-# Points that a plane is begun with, those that a piece has at least, and fits from the first one to the last.
-BEGIN, LEAST, FITS = 8, 6, 4
+# Points that a plane is begun with, and those that a piece has at least.
+FIRST_POINTS, MIN_POINTS = 8, 6
+# Fits from the first one to the last.
+FITS = 4
 # The normal of a point's own scan may be a blend of two faces, but it looks to the same side: least cosine.
-SIDE = 0.3
+SAME_SIDE_COS = 0.3
 # Points in a plane spread in both directions by so many times its residuals, at least.
-SPREAD = 3.0
+MIN_SPREAD_RESIDUALS = 3.0
 
 
 @inside_kernels
@@ -38,18 +40,18 @@ def grow(
     for fit in range(FITS):
         # Of one type from the first fit on: a literal would be compiled for by itself.
         count = int(np.int64(0))
-        for j in range(BEGIN if fit == 0 else (2 * BEGIN if fit == 1 else len(neighbours))):
+        for j in range(FIRST_POINTS if fit == 0 else (2 * FIRST_POINTS if fit == 1 else len(neighbours))):
             t = neighbours[j]
             if fit > 0:
                 off, cosine = 0.0, 0.0
                 for k in range(3):
                     off += (points[t, k] - frame[3 + k]) * frame[k]
                     cosine += normals[t, k] * frame[k]
-                if abs(off) > 3.0 * scale or (cosine if signed else abs(cosine)) < SIDE:
+                if abs(off) > 3.0 * scale or (cosine if signed else abs(cosine)) < SAME_SIDE_COS:
                     continue
             members[count] = t
             count += 1
-        if count < LEAST:
+        if count < MIN_POINTS:
             return 0
         fit_members(points, members, count, frame, moments, axes)
         first = 0
@@ -59,7 +61,7 @@ def grow(
         least = max(moments[first], 0.0)
         across = min(moments[(first + 1) % 3], moments[(first + 2) % 3])
         frame[6] = np.sqrt(least / (count - 3))
-        if frame[6] > 1.5 * scale or across < SPREAD * SPREAD * least:
+        if frame[6] > 1.5 * scale or across < MIN_SPREAD_RESIDUALS * MIN_SPREAD_RESIDUALS * least:
             return 0
         facing = 0.0
         for k in range(3):
@@ -143,7 +145,7 @@ def take_pieces(
                 members[left] = t
                 left += 1
                 several = several or scans[t] != scans[members[0]]
-        if left >= LEAST and several:
+        if left >= MIN_POINTS and several:
             for j in range(left):
                 pieces[members[j]] = found
             found += 1

@@ -9,7 +9,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.kernels.compiled import compiled, inside_kernels
 from dqreg.kernels.free_shifts import hold_free_shifts
-from dqreg.kernels.row_products import COLUMNS, LANES, PRODUCTS, SIX, WEIGHT, add_rows, place_sums
+from dqreg.kernels.row_products import COLUMNS, LANES, PRODUCTS, UNKNOWNS, WEIGHT, add_rows, place_sums
 
 # Damping of unknowns that nothing holds, over the mean of their kind.
 DAMPING = 1e-3
@@ -55,7 +55,7 @@ def step_on_planes(
     count = len(points)
     farthest, cosine, scale, fraction = limits[FARTHEST], limits[COSINE], limits[SCALE], limits[FRACTION]
     silent = limits[SILENT] > 0.0
-    aside, A, g = np.zeros(count), np.zeros((SIX, SIX)), np.zeros(SIX)
+    aside, A, g = np.zeros(count), np.zeros((UNKNOWNS, UNKNOWNS)), np.zeros(UNKNOWNS)
     # Of the type of other numbers: for a plain one what it is given to would be compiled once more.
     none = int(np.int64(0))
     rows, sums = np.zeros((COLUMNS, LANES)), np.zeros((1, PRODUCTS, LANES))
@@ -108,7 +108,7 @@ def step_on_planes(
         energy += math.log(many)
         put_figures(figures, scale, fraction, total, squares, used)
         figures[ENERGY] = -2.0 * scale * scale * (energy / count - math.log1p(odds))
-        if used < SIX or not total > 0.0:
+        if used < UNKNOWNS or not total > 0.0:
             return
         figures[MOTION] = _move(A, g, limits[LEVER], limits[LEAST_INFORMATION] * noise, T)
         learn(figures, limits, near)
@@ -178,7 +178,7 @@ def _move(A: FloatArray, g: FloatArray, lever: float, least: float, T: FloatArra
     """Solve the normal equations by Cholesky, in place, and move the pose; how far that moves the points."""
     turns, shifts = A[0, 0] + A[1, 1] + A[2, 2], A[3, 3] + A[4, 4] + A[5, 5]
     hold_free_shifts(A, int(np.int64(3)), least)
-    for k in range(SIX):
+    for k in range(UNKNOWNS):
         A[k, k] += DAMPING * (turns if k < 3 else shifts) + 1e-300
     solve_in_place(A, g)
     x, y, z = -g[0], -g[1], -g[2]

@@ -14,14 +14,16 @@ from dqreg.kernels.own_neighbours import own_neighbours
 from dqreg.kernels.threads import as_plain, aside, over_chunks
 
 # Points a leaf: 4 to 16 are about as fast, and where boxes of a curve overlap more of them are.
-LEAF, OF_CURVE = 8, 16
+LEAF_POINTS, CURVE_LEAF_POINTS = 8, 16
 # Points from which on a tree is built on another thread, so that an interrupt is seen at once.
-MANY = 200_000
-# Queries that one thread answers in one go, and leaves whose own points it does; neighbours of these at most.
-CHUNK, LEAVES, OWN = 128, 16, 32
+MIN_POINTS_ASIDE = 200_000
+# Queries that one thread answers in one go, and leaves whose own points it does.
+CHUNK_QUERIES, CHUNK_LEAVES = 128, 16
+# Neighbours of these at most.
+MAX_OWN_NEIGHBOURS = 32
 
 # No places.
-NOWHERE = np.zeros(0, dtype=np.int64)
+NO_PLACES = np.zeros(0, dtype=np.int64)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,7 +33,7 @@ class PointTree:
     boxes: FloatArray  # (2 L, 6): Box of each node, lowest and highest corner; node 0 is none
     places: FloatArray  # (n, 3): Points in that order
     rows: IntArray  # (n,): Row of each place
-    leaf: int = LEAF  # Places a leaf
+    leaf: int = LEAF_POINTS  # Places a leaf
 
     @staticmethod
     def of(points: FloatArray, *, in_order: bool = False) -> PointTree:
@@ -42,13 +44,15 @@ class PointTree:
         """
         points = as_plain(points)
         if in_order:
-            return PointTree(heap_boxes(points, points, OF_CURVE), points, np.arange(len(points)), OF_CURVE)
-        rows = aside(kd_order, points, LEAF) if len(points) > MANY else kd_order(points, LEAF)
+            return PointTree(
+                heap_boxes(points, points, CURVE_LEAF_POINTS), points, np.arange(len(points)), CURVE_LEAF_POINTS
+            )
+        rows = aside(kd_order, points, LEAF_POINTS) if len(points) > MIN_POINTS_ASIDE else kd_order(points, LEAF_POINTS)
         places = np.take(points, rows, axis=0)
-        return PointTree(heap_boxes(places, places, LEAF), places, rows)
+        return PointTree(heap_boxes(places, places, LEAF_POINTS), places, rows)
 
     def nearest(
-        self, queries: FloatArray, count: int, within: float = np.inf, at: IntArray = NOWHERE
+        self, queries: FloatArray, count: int, within: float = np.inf, at: IntArray = NO_PLACES
     ) -> tuple[IntArray, FloatArray]:
         """Rows and distances of the nearest points, closest first; row n and that distance where none is within.
 
@@ -60,20 +64,29 @@ class PointTree:
         found, distances = np.zeros((len(queries), count), dtype=np.int64), np.zeros((len(queries), count))
         tree = self.boxes, self.places, self.leaf, self.rows
         over_chunks(
-            nearest_points, len(queries), *tree, as_plain(queries), float(within), found, distances, at, chunk=CHUNK
+            nearest_points,
+            len(queries),
+            *tree,
+            as_plain(queries),
+            float(within),
+            found,
+            distances,
+            at,
+            chunk=CHUNK_QUERIES,
         )
         return found, distances
 
     def nearest_of(self, asked: IntArray, count: int) -> tuple[IntArray, FloatArray]:
         """The same of some points of the tree, (m,) rows, all different; row -1 where nothing is known of them.
 
-        In half of the time, where most of those near each other are asked about; for few neighbours, k at most `OWN`.
+        In half of the time, where most of those near each other are asked about; for few neighbours, k at most
+        `MAX_OWN_NEIGHBOURS`.
         """
         lines = np.full(len(self.rows), -1, dtype=np.int64)
         lines[asked] = np.arange(len(asked))
         found, distances = np.full((len(asked), count), -1, dtype=np.int64), np.zeros((len(asked), count))
         tree = self.boxes, self.places, self.leaf, self.rows
-        over_chunks(own_neighbours, len(self.boxes) // 2, *tree, lines, found, distances, chunk=LEAVES)
+        over_chunks(own_neighbours, len(self.boxes) // 2, *tree, lines, found, distances, chunk=CHUNK_LEAVES)
         return found, distances
 
     def have_near(self, count: int, within: float) -> BoolArray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
-from dqreg.kernels.closest_triangles import DEEPEST, SPAN, U, box_above, box_distance
+from dqreg.kernels.closest_triangles import DEEPEST, FIRST_BOX_DISTANCES, U, box_above, box_distance
 from dqreg.kernels.compiled import compiled
 from dqreg.kernels.triangle import closest_on
 from dqreg.kernels.triangles_across import walk_across
@@ -47,7 +47,7 @@ def pose_distances(
         best, u, v, low = bound * bound, 0.0, 0.0, 0
         if slot >= 0:
             slot, d, a, b = walk_across(packed, across, slot, x, y, z)
-            low = box_above(nodes, links, leaves[U(slot)], SPAN * SPAN * d)
+            low = box_above(nodes, links, leaves[U(slot)], FIRST_BOX_DISTANCES * FIRST_BOX_DISTANCES * d)
             if d < best:
                 best, u, v = d, a, b
             else:

@@ -11,11 +11,15 @@ from dqreg.kernels.newton_steps import newton_steps
 # Numbers of a pose: (vec R, t, 1), R row by row.
 NUMBERS = 13
 # Sums over correspondences of p and q with the matrix E of their cost, ``(R p + t - q)^T E (R p + t - q)``: ten
-# products of (p, 1) with itself times six elements of E (xx, yy, zz, xy, xz, yz), E q times (p, 1), and ``q^T E q``.
-PRODUCTS, ELEMENTS, MIXED = 10, 6, 12
+# products of (p, 1) with itself times six elements of E (xx, yy, zz, xy, xz, yz),
+PRODUCTS, ELEMENTS = 10, 6
+# E q times (p, 1), and ``q^T E q``.
+MIXED = 12
 SUMS = PRODUCTS * ELEMENTS + MIXED + 1
-# Rows and columns of those elements, and the first of the rows of (p, 1) in a triangle of products.
-ROW_OF, COLUMN_OF, FIRST_OF = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2), (0, 3, 5, 6)
+# Rows and columns of those elements,
+ROW_OF, COLUMN_OF = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)
+# and the first of the rows of (p, 1) in a triangle of products.
+FIRST_OF = (0, 3, 5, 6)
 # A constant here, and not asked of NumPy by compiled code, which would import SciPy whenever it is loaded.
 TINY = float(np.finfo(np.float64).tiny)
 

@@ -5,10 +5,14 @@ from __future__ import annotations
 from dqreg._arrays import FloatArray
 from dqreg.kernels.compiled import inside_kernels
 
-# Unknowns; products of their numbers with each other and with the right-hand side; rows that are added at once.
-SIX, PRODUCTS, LANES = 6, 27, 64
-# Six numbers, right-hand side, weight, and what further sums are weighed by.
-RIGHT, WEIGHT, BY, COLUMNS = 6, 7, 8, 9
+# Unknowns; products of their numbers with each other and with the right-hand side.
+UNKNOWNS, PRODUCTS = 6, 27
+# Rows that are added at once.
+LANES = 64
+# Six numbers, then the right-hand side, the weight,
+RIGHT, WEIGHT = 6, 7
+# and the factor of further sums.
+FACTOR, COLUMNS = 8, 9
 
 
 @inside_kernels
@@ -18,15 +22,15 @@ def add_rows(rows: FloatArray, sums: FloatArray) -> None:
     The second sums are weighed by a number of each row as well, the third by its square.
     """
     place = 0
-    for k in range(SIX + 1):
-        for j in range(min(k + 1, SIX)):
+    for k in range(UNKNOWNS + 1):
+        for j in range(min(k + 1, UNKNOWNS)):
             for lane in range(LANES):
                 sums[0, place, lane] += rows[WEIGHT, lane] * rows[k, lane] * rows[j, lane]
             if len(sums) > 1:
                 for lane in range(LANES):
-                    product = rows[WEIGHT, lane] * rows[BY, lane] * rows[k, lane] * rows[j, lane]
+                    product = rows[WEIGHT, lane] * rows[FACTOR, lane] * rows[k, lane] * rows[j, lane]
                     sums[1, place, lane] += product
-                    sums[2, place, lane] += rows[BY, lane] * product
+                    sums[2, place, lane] += rows[FACTOR, lane] * product
             place += 1
 
 
@@ -37,12 +41,12 @@ def place_sums(sums: FloatArray, A: FloatArray, g: FloatArray, row: int, column:
     Shapes: sums (PRODUCTS, LANES); rows and columns from those that are given on.
     """
     place = 0
-    for k in range(SIX + 1):
-        for j in range(min(k + 1, SIX)):
+    for k in range(UNKNOWNS + 1):
+        for j in range(min(k + 1, UNKNOWNS)):
             total = 0.0
             for lane in range(LANES):
                 total += sums[place, lane]
-            if k < SIX:
+            if k < UNKNOWNS:
                 A[row + k, column + j] = total
             else:
                 g[row + j] = total

@@ -22,7 +22,7 @@ from dqreg.kernels.plane_steps import (
     solve_in_place,
     turn_and_shift,
 )
-from dqreg.kernels.row_products import COLUMNS, LANES, PRODUCTS, SIX, WEIGHT, add_rows, place_sums
+from dqreg.kernels.row_products import COLUMNS, LANES, PRODUCTS, UNKNOWNS, WEIGHT, add_rows, place_sums
 
 # Place among the limits, after those of both kernels: share of the weights that has to face a motion for it to count;
 # at this share, half of it is believed in a step.
@@ -49,11 +49,11 @@ def step_on_planes_of_sweep(
     A point of time s, -1 to 0, lies at ``T (x + s (w x x + v))``, with the twist (w, v) in the axes of the sensor.
     Points without a plane count as the others do on average, and no energy is asked. O(steps n).
     """
-    count, unknowns = len(points), 2 * SIX
+    count, unknowns = len(points), 2 * UNKNOWNS
     farthest, scale, fraction, lever = limits[FARTHEST], limits[SCALE], limits[FRACTION], limits[LEVER]
     A, g = np.zeros((unknowns, unknowns)), np.zeros(unknowns)
     # Of the type of other numbers: for each plain one what it is given to would be compiled once more.
-    none, twist, shift = int(np.int64(0)), int(np.int64(SIX)), int(np.int64(3))
+    none, twist, shift = int(np.int64(0)), int(np.int64(UNKNOWNS)), int(np.int64(3))
     rows, sums = np.zeros((COLUMNS, LANES)), np.zeros((3, PRODUCTS, LANES))
     for _ in range(steps):
         odds = (1.0 - fraction) / farthest * scale * math.sqrt(0.5 * math.pi) / fraction
@@ -91,9 +91,9 @@ def step_on_planes_of_sweep(
         place_sums(sums[2], A, g, twist, twist)
         place_sums(sums[1], A, g, twist, none)
         place_sums(sums[0], A, g, none, none)
-        for k in range(SIX):
+        for k in range(UNKNOWNS):
             for j in range(k):
-                A[SIX + j, k] = A[SIX + k, j]
+                A[UNKNOWNS + j, k] = A[UNKNOWNS + k, j]
         put_figures(figures, scale, fraction, total, squares, used)
         if used < unknowns or not total > 0.0:
             return
@@ -128,7 +128,7 @@ def _seen(points: FloatArray, i: int, s: float, change: FloatArray, T: FloatArra
 def _move(g: FloatArray, lever: float, T: FloatArray, change: FloatArray) -> float:
     """Take back a step, turns times a lever, of pose and twist; how far that moves the points, about."""
     square = 0.0
-    for k in range(2 * SIX):
+    for k in range(2 * UNKNOWNS):
         square += g[k] * g[k]
     for k in range(3):
         change[k] -= (T[0, k] * g[6] + T[1, k] * g[7] + T[2, k] * g[8]) / lever

@@ -21,19 +21,18 @@ from dqreg.kernels.treelets import BLOCK, boxes_in_order, enclose_children, hang
 from dqreg.kernels.triangle import COLUMNS, pack
 from dqreg.kernels.triangles_across import triangles_across
 
-# Triangles a leaf at most: on nine CAD parts 2 took 0.7 to 0.95 of the time of 4. Queries that one thread answers in
-# one go, those that are worth handing over, in such ranges, and triangles.
-LEAF, CHUNK, WORTH, LONG = 2, 500, 4, 16_384
+# Queries that one thread answers in one go, and triangles.
+CHUNK_QUERIES, CHUNK_TRIANGLES = 500, 16_384
 # Triangles of a small tree on average, of up to so many triangles and of more: the top is cut by areas, which takes
 # longer and makes the better boxes. Queries took 0.9 to 1.05 of the time of cutting by areas down to the leaves.
-SHARES, FEW = (4, 8), 50_000
+TREELET_TRIANGLES, MAX_SMALL_TRIANGLES = (4, 8), 50_000
 # Triangles up to which it is kept what lies across their sides, which takes a tenth of what the tree takes, and of so
 # many memory: walks save a tenth to a third of a query from a face near by, and less where caches hold fewer of them.
-WALKED = 50_000
+MAX_WALKED_TRIANGLES = 50_000
 # Bits of each coordinate's cell, and of a mark beside it: the two halves of most rectangles have one box.
 CELL_BITS, MARK_BITS = 19, 6
 # No guesses.
-NONE = np.zeros(0, dtype=np.int64)
+NO_GUESSES = np.zeros(0, dtype=np.int64)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,11 +67,11 @@ class TriangleTree:
             # In its place: it is returned to the system without a copy.
             unused.resize((used, *unused.shape[1:]), refcheck=False)
         faces, packed, slots = rows[order], np.zeros((count, COLUMNS)), np.zeros(len(corners), dtype=np.int64)
-        over_chunks(pack, count, corners, faces, links, leaves, packed, slots, nodes, chunk=LONG)
+        over_chunks(pack, count, corners, faces, links, leaves, packed, slots, nodes, chunk=CHUNK_TRIANGLES)
         aside(enclose_children, links, nodes)
         size = float(np.linalg.norm(nodes[0, 3:] - nodes[0, :3]))
         slots = slots if first is None else slots[first]
-        across = np.zeros((count if count <= WALKED else 0, 3), dtype=np.int64)
+        across = np.zeros((count if count <= MAX_WALKED_TRIANGLES else 0, 3), dtype=np.int64)
         if len(across):
             # Minus zero is the same place as zero.
             aside(triangles_across, (corners + 0.0).view(np.uint64), faces, across)
@@ -90,9 +89,9 @@ class TriangleTree:
         points, normals = np.zeros((2, count, 3))
         distances, found = np.zeros(count), np.zeros(count, dtype=np.int64)
         tree = self.nodes, self.links, self.packed, self.across, self.faces, self.slots, self.leaves, self.normals
-        asked = as_plain(queries), NONE if guesses is None else guesses, float(bound), self.size
+        asked = as_plain(queries), NO_GUESSES if guesses is None else guesses, float(bound), self.size
         results = points, normals, distances, found
-        over_chunks(closest_places, count, *tree, *asked, *results, chunk=CHUNK, fewest=WORTH)
+        over_chunks(closest_places, count, *tree, *asked, *results, chunk=CHUNK_QUERIES)
         return points, normals, distances, found
 
     def closest_facing(
@@ -107,7 +106,7 @@ class TriangleTree:
         tree = self.nodes, self.links, self.packed, self.faces, self.normals
         asked = as_plain(queries), as_plain(directions), float(cosine), float(bound)
         results = points, distances, found
-        over_chunks(facing_places, count, *tree, *asked, *results, chunk=CHUNK, fewest=WORTH)
+        over_chunks(facing_places, count, *tree, *asked, *results, chunk=CHUNK_QUERIES)
         return points, distances, found
 
     def distances(
@@ -120,7 +119,7 @@ class TriangleTree:
         found = np.zeros((len(rotations), len(points)))
         tree = self.nodes, self.links, self.packed, self.across, self.faces, self.leaves, self.normals
         asked = *map(as_plain, (rotations, shifts, points)), float(bound), by_point
-        over_chunks(pose_distances, found.size, *tree, *asked, found.reshape(-1), chunk=CHUNK, fewest=WORTH)
+        over_chunks(pose_distances, found.size, *tree, *asked, found.reshape(-1), chunk=CHUNK_QUERIES)
         return found
 
 
@@ -131,8 +130,8 @@ def _hang_all(
     count = len(rows)
     boxes, pairs = np.zeros((6, count), dtype=np.float32), np.zeros((count, 2), dtype=np.int64)
     roots, tops = np.zeros((2, count), dtype=np.int64)
-    over_chunks(boxes_in_order, count, corners, rows, boxes, chunk=LONG)
-    share = SHARES[count > FEW]
+    over_chunks(boxes_in_order, count, corners, rows, boxes, chunk=CHUNK_TRIANGLES)
+    share = TREELET_TRIANGLES[count > MAX_SMALL_TRIANGLES]
     over_chunks(join_in_blocks, count, share, boxes, pairs, roots, chunk=BLOCK)
     left = np.flatnonzero(roots >= 0)
     spans = np.ascontiguousarray(np.take(boxes, left, axis=1).T, dtype=np.float64)

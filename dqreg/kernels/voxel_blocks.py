@@ -9,7 +9,8 @@ from dqreg._arrays import IntArray
 from dqreg.kernels.compiled import compiled, inside_kernels
 
 # What cells of a block are multiplied with: large odd numbers, so that neighbours lie far apart in the table.
-A, B, C = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xC2B2AE3D27D4EB4F), np.uint64(0x165667B19E3779F9)
+FACTOR_A, FACTOR_B = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xC2B2AE3D27D4EB4F)
+FACTOR_C = np.uint64(0x165667B19E3779F9)
 HALF = np.uint64(32)
 # Voxels along a side of a block, as a power of two, and of a whole block.
 BITS, VOXELS = 2, 64
@@ -21,7 +22,7 @@ Voxels = NDArray[np.int32]
 def block_at(a: int, b: int, c: int, table: Voxels, keys: IntArray) -> int:
     """Number of a block by its cell, or -1. The table, with room to spare, holds one more than the numbers, 0 none."""
     last = np.uint64(len(table) - 1)
-    code = np.uint64(a) * A + np.uint64(b) * B + np.uint64(c) * C
+    code = np.uint64(a) * FACTOR_A + np.uint64(b) * FACTOR_B + np.uint64(c) * FACTOR_C
     place = (code ^ (code >> HALF)) & last
     block = int(table[place]) - 1
     while block >= 0 and (keys[block, 0] != a or keys[block, 1] != b or keys[block, 2] != c):
@@ -34,7 +35,11 @@ def block_at(a: int, b: int, c: int, table: Voxels, keys: IntArray) -> int:
 def put_block(block: int, table: Voxels, keys: IntArray) -> None:
     """Enter a block, by its cell, into a table that does not hold it."""
     last = np.uint64(len(table) - 1)
-    code = np.uint64(keys[block, 0]) * A + np.uint64(keys[block, 1]) * B + np.uint64(keys[block, 2]) * C
+    code = (
+        np.uint64(keys[block, 0]) * FACTOR_A
+        + np.uint64(keys[block, 1]) * FACTOR_B
+        + np.uint64(keys[block, 2]) * FACTOR_C
+    )
     place = (code ^ (code >> HALF)) & last
     while table[place] > 0:
         place = (place + np.uint64(1)) & last

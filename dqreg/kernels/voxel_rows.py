@@ -8,7 +8,7 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.kernels.compiled import compiled, inside_kernels
-from dqreg.kernels.voxel_blocks import HALF, A, B, C, Voxels
+from dqreg.kernels.voxel_blocks import FACTOR_A, FACTOR_B, FACTOR_C, HALF, Voxels
 
 # Places of the table for each point, at least; numbers of a voxel: a line of the cache.
 SPARSE, VOXEL = 2, 8
@@ -120,7 +120,7 @@ def add_to_voxels(
 def _place_of(a: float, b: float, c: float, table: Voxels, sums: FloatArray) -> np.uint64:
     """Where a table holds a voxel, by its cell, or has room for it."""
     last = np.uint64(len(table) - 1)
-    code = np.uint64(np.int64(a)) * A + np.uint64(np.int64(b)) * B + np.uint64(np.int64(c)) * C
+    code = np.uint64(np.int64(a)) * FACTOR_A + np.uint64(np.int64(b)) * FACTOR_B + np.uint64(np.int64(c)) * FACTOR_C
     place = (code ^ (code >> HALF)) & last
     voxel = int(table[place])
     while voxel >= 0 and (sums[voxel, 5] != a or sums[voxel, 6] != b or sums[voxel, 7] != c):
@@ -181,7 +181,7 @@ def first_rows(points: FloatArray, size: float, table: Voxels, found: IntArray, 
     last = np.uint64(len(table) - 1)
     for i in range(len(points)):
         a, b, c = np.floor(points[i, 0] / size), np.floor(points[i, 1] / size), np.floor(points[i, 2] / size)
-        code = np.uint64(np.int64(a)) * A + np.uint64(np.int64(b)) * B + np.uint64(np.int64(c)) * C
+        code = np.uint64(np.int64(a)) * FACTOR_A + np.uint64(np.int64(b)) * FACTOR_B + np.uint64(np.int64(c)) * FACTOR_C
         place = (code ^ (code >> HALF)) & last
         row = int(table[place])
         while row >= 0 and (
@@ -214,7 +214,7 @@ def any_rows(points: FloatArray, size: float, table: Voxels, found: IntArray, co
         )
         if voxel < 0 or a != u or b != v or c != w:
             u, v, w = a, b, c
-            code = np.uint64(a) * A + np.uint64(b) * B + np.uint64(c) * C
+            code = np.uint64(a) * FACTOR_A + np.uint64(b) * FACTOR_B + np.uint64(c) * FACTOR_C
             place = (code ^ (code >> HALF)) & last
             voxel = int(table[place])
             while voxel >= 0 and (found[voxel, 0] != a or found[voxel, 1] != b or found[voxel, 2] != c):
@@ -224,5 +224,5 @@ def any_rows(points: FloatArray, size: float, table: Voxels, found: IntArray, co
                 voxel = count[0]
                 count[0] += 1
                 table[place], found[voxel, 0], found[voxel, 1], found[voxel, 2], found[voxel, 3] = voxel, a, b, c, i
-        if np.uint64(i) * A < np.uint64(found[voxel, 3]) * A:
+        if np.uint64(i) * FACTOR_A < np.uint64(found[voxel, 3]) * FACTOR_A:
             found[voxel, 3] = i

@@ -1,4 +1,4 @@
-"""Correspondences at another pose; their gates, weights and energy under the mixture, in one pass."""
+"""Correspondences at another pose; their rejectors, weights and energy under the mixture, in one pass."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def weigh_rows(
     R: FloatArray,
     counts: FloatArray,
     scatter: FloatArray,
-    gate: FloatArray,
+    kept: FloatArray,
     limits: FloatArray,
     chunk: int,
     weights: FloatArray,
@@ -43,7 +43,7 @@ def weigh_rows(
     for i in range(first, last):
         d, count = distances[i], counts[i] if len(counts) else 1.0
         represented += count
-        passes = d <= farthest and (len(gate) == 0 or gate[i] > 0.0)
+        passes = d <= farthest and (len(kept) == 0 or kept[i] > 0.0)
         if passes and (own[i, 0] != 0.0 or own[i, 1] != 0.0 or own[i, 2] != 0.0):
             across = 0.0
             for k in range(3):
@@ -57,7 +57,7 @@ def weigh_rows(
             continue
         ratio = d / scale
         density = math.exp(-0.5 * ratio * ratio)
-        w = density / (density + odds) * (gate[i] if len(gate) else 1.0)
+        w = density / (density + odds) * (kept[i] if len(kept) else 1.0)
         if len(counts):
             energy += count * math.log(density + odds)
         else:

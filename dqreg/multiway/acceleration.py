@@ -13,11 +13,11 @@ from dqreg._arrays import FloatArray, IntArray
 from dqreg.icp.acceleration import limit_of
 from dqreg.rigid import pose
 
-WINDOW = 5
+WINDOW_STEPS = 5
 # Directions of the least squares weaker than this against the strongest are noise of the nearest points.
-CUTOFF = 1e-2
+MIN_DIRECTION_RATIO = 1e-2
 # A plain step that grows by more than this after an extrapolation takes it back.
-GROWN = 1.5
+MAX_STEP_GROWTH = 1.5
 
 
 class JointAnderson:
@@ -44,19 +44,19 @@ class JointAnderson:
             self._base = T[self._free].copy()
         position, target = self._coordinates(T), self._coordinates(T_next)
         step = target - position
-        if self._plain is not None and np.linalg.norm(step) > GROWN * np.linalg.norm(self._steps[-1]):
+        if self._plain is not None and np.linalg.norm(step) > MAX_STEP_GROWTH * np.linalg.norm(self._steps[-1]):
             back = self._plain
             self.restart()
             return back
         self._positions.append(position)
         self._steps.append(step)
-        del self._positions[: -WINDOW - 1], self._steps[: -WINDOW - 1]
+        del self._positions[: -WINDOW_STEPS - 1], self._steps[: -WINDOW_STEPS - 1]
         self._plain = None
         if len(self._steps) < 2:
             return T_next
         self._plain = T_next
         found = T_next.copy()
-        found[self._free] = self._poses(limit_of(self._positions, self._steps, CUTOFF))
+        found[self._free] = self._poses(limit_of(self._positions, self._steps, MIN_DIRECTION_RATIO))
         return found
 
     def _coordinates(self, T: FloatArray) -> FloatArray:

@@ -16,7 +16,7 @@ from dqreg.multiway.refine import Refined
 from dqreg.multiway.result import Multiway
 from dqreg.multiway.scans import View
 from dqreg.multiway.sides import Contradiction
-from dqreg.multiway.turning import Turning
+from dqreg.multiway.turning import UnobservableRotation
 from dqreg.multiway.verdict import judge_scans
 from dqreg.trust.records import Reason
 
@@ -30,7 +30,7 @@ def assembled(
     seconds: dict[str, float],
     stopped: str,
     against: Sequence[Contradiction] = (),
-    turns: Sequence[Turning] = (),
+    turns: Sequence[UnobservableRotation] = (),
     remarks: Sequence[Reason] = (),
 ) -> Multiway:
     """The result of all stages; copies of a scan get its pose, and remarks stand behind the verdict's reasons."""

@@ -17,10 +17,11 @@ if TYPE_CHECKING:
 
 # Residuals of a fitted plane beyond which it goes across an edge: in typical ones of its scan, and in spacings, which
 # allows for what a round surface bends by between neighbours.
-FIRM, SMOOTH = 2.0, 0.1
-# Neighbours of a point that is looked at, and how far they reach, at least, in what they do along one row; the nearest
-# of them, and their largest width in lengths, of bends and noise.
-ROW, SINGLE, CLOSEST, THIN = 12, 0.9, 4, 0.2
+FIT_RESIDUAL_NOISE_RATIO, FIT_RESIDUAL_SPACINGS = 2.0, 0.1
+# Neighbours of a point that is looked at, and how far they reach, at least, in what they do along one row.
+ROW_NEIGHBOURS, MIN_ROW_REACH = 12, 0.9
+# The nearest of them, and their largest width in lengths, of bends and noise.
+CLOSEST_NEIGHBOURS, MAX_ROW_WIDTH_SHARE = 4, 0.2
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,7 +53,7 @@ class Body:
     def rough(self) -> float:
         """Residual of a fitted plane beyond which it goes across an edge."""
         assert self.scan is not None
-        return max(FIRM * self.scan.noise, SMOOTH * self.scan.spacing)
+        return max(FIT_RESIDUAL_NOISE_RATIO * self.scan.noise, FIT_RESIDUAL_SPACINGS * self.scan.spacing)
 
     @cached_property
     def planed(self) -> Planed:
@@ -84,14 +85,16 @@ class Body:
         Their normal is that of the bend of the row, as where rays hit a wall once on its way round, not of a face.
         """
         points, alone = self.planed.points, np.zeros(len(self.planed.points), dtype=bool)
-        near, distances = self.planed.tree.nearest(points, ROW + 1)
-        if distances.shape[1] <= ROW:
+        near, distances = self.planed.tree.nearest(points, ROW_NEIGHBOURS + 1)
+        if distances.shape[1] <= ROW_NEIGHBOURS:
             return alone
-        far = np.flatnonzero(distances[:, ROW] > SINGLE * 0.25 * ROW * (distances[:, 1] + distances[:, 2]))
+        far = np.flatnonzero(
+            distances[:, ROW_NEIGHBOURS] > MIN_ROW_REACH * 0.25 * ROW_NEIGHBOURS * (distances[:, 1] + distances[:, 2])
+        )
         # Without a width: a strip of a face has rows that neighbours tell apart, or points anywhere.
-        nearest = points[near[far, : CLOSEST + 1]]
+        nearest = points[near[far, : CLOSEST_NEIGHBOURS + 1]]
         extents = np.linalg.svd(nearest - nearest.mean(axis=1, keepdims=True), compute_uv=False)
-        alone[far] = extents[:, 1] < THIN * extents[:, 0]
+        alone[far] = extents[:, 1] < MAX_ROW_WIDTH_SHARE * extents[:, 0]
         return alone
 
     def rows(self, count: int) -> IntArray:

@@ -17,37 +17,40 @@ from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.multiway import dual_poses
 from dqreg.multiway.bodies import Body
 from dqreg.multiway.graph import PoseGraph, factorised, normal_matrix
-from dqreg.multiway.joint import SETTLED as CONVERGED
+from dqreg.multiway.joint import CONVERGED_SPACINGS
 from dqreg.multiway.pooled import Pieces, Pooled, centred
 from dqreg.multiway.spread import root_of
 from dqreg.multiway.step_prior import step_prior
 from dqreg.rigid import pose
 
-# The scale of the first round, in spacings, and its least factor a round: it ends at the residuals of typical points.
-SOFT, HARDER, TYPICAL = 0.4, 0.7, 1.5
-# Rounds, those that follow once the scale has settled, and steps of each.
-ROUNDS, SETTLED_ROUNDS, STEPS = 22, 4, 2
+# The scale of the first round, in spacings, and its least factor a round.
+FIRST_SCALE_SPACINGS, MIN_SCALE_FACTOR = 0.4, 0.7
+# Where it ends, in residuals of typical points.
+LAST_SCALE_RESIDUALS = 1.5
+# Rounds, and those that follow once the scale has settled.
+ROUNDS, SETTLED_ROUNDS = 22, 4
+STEPS_PER_ROUND = 2
 # The scale has settled when it falls by less than this.
-SETTLED = 0.9
+SETTLED_SCALE_FACTOR = 0.9
 # Neighbours are looked for anew when a point has moved by so many spacings; the rounds end below the second number.
-NEAR, STILL = 0.5, 2e-3
+NEW_NEIGHBOURS_SPACINGS, STILL_SPACINGS = 0.5, 2e-3
 # Faces have to be flat: residuals in spacings at most, and the share of the points on them at least.
-FLAT, SHARE = 0.1, 0.5
+FLAT_SPACINGS, FACE_SHARE = 0.1, 0.5
 # Standard deviation of the corners of a scan about where pairs put it, in spacings, for what no face holds.
-HELD = 0.5
+PAIR_SIGMA_SPACINGS = 0.5
 # Points that face a motion of a scan, without which faces do not hold it, and without which covariances take it so.
-FACING, SURE = 2.0, 10.0
+MIN_FACING_POINTS, MIN_COVARIANCE_POINTS = 2.0, 10.0
 # Share of the held motions of one scan that is none: nothing around holds what all scans together hold less.
-SLIGHT = 1e-6
+ADDED_INFORMATION_SHARE = 1e-6
 # A scan that moves by more spacings than this from where pairs put it is none that they put right.
-FAR = 3.0
+MAX_MOTION_SPACINGS = 3.0
 
 # Places of the bodies on a table, and how many there are all the way round.
 OnTable = tuple[Sequence[int], int]
 
 
 @dataclasses.dataclass(frozen=True)
-class Placed:
+class PlacedBodies:
     """Poses of all bodies at once, and how sure they are."""
 
     T_world_body: FloatArray  # (n, 4, 4)
@@ -65,7 +68,7 @@ def refine_on_planes(
     spacing: float,
     size: float,
     on_table: OnTable | None = None,
-) -> Placed | None:
+) -> PlacedBodies | None:
     """Poses of least squares with all planes of common faces unknown; None where faces do not suffice for it.
 
     All bodies move, so that what holds the one that is not free counts as well; then they are put back together. Equal
@@ -88,7 +91,9 @@ def refine_on_planes(
     return found if held is None or not held.converged else dataclasses.replace(held, by_steps=True)
 
 
-def _steps(found: Placed, bodies: Sequence[Body], free: IntArray, size: float, on_table: OnTable) -> PoseGraph | None:
+def _steps(
+    found: PlacedBodies, bodies: Sequence[Body], free: IntArray, size: float, on_table: OnTable
+) -> PoseGraph | None:
     """The steps of the table that poses without them agree on, in sizes."""
     T = pose.from_parts(np.eye(3), -found.centre) @ found.T_world_body
     T[:, :3, 3] /= size
@@ -107,29 +112,31 @@ def _refined(
     *,
     carried: bool,
     steps: PoseGraph | None = None,
-) -> Placed | None:
+) -> PlacedBodies | None:
     """The same, with what no face holds of a scan left where pairs put it, or carried along by the scans around it."""
     T, middle = centred(T_world_body, size)
     begun, places = T, _Places.of(bodies, T, spacing / size, size, steps)
-    scale, settled, rounds, moved = SOFT * spacing / size, 0, 0, np.inf
-    while rounds < ROUNDS and settled < SETTLED_ROUNDS and not (settled and moved < STILL * spacing / size):
-        pieces, rounds = pooled.pieces(T, scale, NEAR * spacing / size), rounds + 1
-        lower = max(HARDER * scale, min(scale, TYPICAL * pieces.residual))
-        settled = settled + 1 if lower > SETTLED * scale else 0
-        rough = pieces.residual * size > FLAT * spacing or pieces.points < SHARE * len(pooled.points)
+    scale, settled, rounds, moved = FIRST_SCALE_SPACINGS * spacing / size, 0, 0, np.inf
+    while rounds < ROUNDS and settled < SETTLED_ROUNDS and not (settled and moved < STILL_SPACINGS * spacing / size):
+        pieces, rounds = pooled.pieces(T, scale, NEW_NEIGHBOURS_SPACINGS * spacing / size), rounds + 1
+        lower = max(MIN_SCALE_FACTOR * scale, min(scale, LAST_SCALE_RESIDUALS * pieces.residual))
+        settled = settled + 1 if lower > SETTLED_SCALE_FACTOR * scale else 0
+        rough = pieces.residual * size > FLAT_SPACINGS * spacing or pieces.points < FACE_SHARE * len(pooled.points)
         if not pieces.points or (settled and rough):
             return None
         moved, scale = 0.0, lower
-        for _ in range(STEPS):
-            T, motion = _stepped(pieces, T, places, FACING if settled and steps is None else 0.0, carried=carried)
+        for _ in range(STEPS_PER_ROUND):
+            T, motion = _stepped(
+                pieces, T, places, MIN_FACING_POINTS if settled and steps is None else 0.0, carried=carried
+            )
             moved = max(moved, motion)
-    if rough or _motion(bodies, begun, T, size) > FAR * spacing / size:
+    if rough or _motion(bodies, begun, T, size) > MAX_MOTION_SPACINGS * spacing / size:
         return None
     root = _root_of_covariance(pieces, T, places, size, carried=carried)
     found = _anchored(begun, T, free)
     found[:, :3, 3] = size * found[:, :3, 3] + middle
     relative = _relative(root, free)
-    return Placed(found, relative, middle, rounds, motion < CONVERGED * spacing / size)
+    return PlacedBodies(found, relative, middle, rounds, motion < CONVERGED_SPACINGS * spacing / size)
 
 
 def _anchored(begun: FloatArray, T: FloatArray, free: IntArray) -> FloatArray:
@@ -161,7 +168,7 @@ class _Places:
 
     @staticmethod
     def of(bodies: Sequence[Body], T: FloatArray, spacing: float, unit: float, steps: PoseGraph | None) -> _Places:
-        held = HELD * spacing
+        held = PAIR_SIGMA_SPACINGS * spacing
         radii = np.array([0.5 * body.surface.diagonal / unit for body in bodies])
         turns, shifts = np.repeat(radii[:, None] ** 2, 3, axis=1), np.ones((len(T), 3))
         return _Places(T, np.hstack([turns, shifts]) / held**2, steps)
@@ -237,7 +244,7 @@ def _counted(kept: FloatArray, shared: BoolArray) -> sparse.csc_matrix:
     """
     count = len(kept)
     rows, columns = np.nonzero(shared & ~np.eye(count, dtype=bool))
-    total = np.tile(SLIGHT * np.eye(6), (count, 1, 1))
+    total = np.tile(ADDED_INFORMATION_SHARE * np.eye(6), (count, 1, 1))
     np.add.at(total, rows, kept[columns])
     around = ((np.eye(6) - kept) @ np.linalg.inv(total))[rows] @ kept[columns]
     each = np.arange(count)
@@ -269,7 +276,7 @@ def _root_of_covariance(pieces: Pieces, T: FloatArray, places: _Places, unit: fl
     A sandwich: pieces are independent of each other, whatever the scatter of each. Three numbers of a plane are fitted
     to its points, which makes their distances smaller than they are (HC3 of MacKinnon and White 1985).
     """
-    matrix, counts, slopes = _normal(pieces, T, places, SURE, carried=carried)
+    matrix, counts, slopes = _normal(pieces, T, places, MIN_COVARIANCE_POINTS, carried=carried)
     each = np.arange(len(T))
     prior = places.about(T)[1]
     solve = factorised((counts.T @ matrix @ counts).tocsc() + prior, each).solve

@@ -12,24 +12,25 @@ import scipy.sparse as sparse
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.multiway.graph import PoseGraph
-from dqreg.multiway.loops import BLUNT, BLUNT_RAD, LIMIT, Loops
+from dqreg.multiway.loops import CHI2_LIMIT, MAX_LOOP_SIGMA_RAD, MAX_LOOP_SIGMA_SIZES, Loops
 from dqreg.rigid import pose
 
 # Trust of an edge that no loop tells anything about: its registration accepted, or suspect.
-ACCEPTED, SUSPECT = 0.7, 0.3
+ACCEPTED_TRUST, SUSPECT_TRUST = 0.7, 0.3
 # The same of an accepted edge to the part: all of its surface is there, where a scan shows some.
-ON_PART = 0.9
+ACCEPTED_ON_PART_TRUST = 0.9
 # Votes of a closing loop: wrong edges seldom close one, but one wrong edge makes its right neighbours' loops fail.
 CLOSING_VOTES = 4.0
 # Rounds in which the trust of edges and the votes of loops follow each other.
 TRUST_ROUNDS = 10
 # Cost of a path over an edge that no loop confirms, in typical confirmed edges.
-DETOUR = 30.0
+UNCONFIRMED_COST = 30.0
 # Paths tried for an edge: at first, and at most where nothing else is left to confirm.
-PATHS = 8, 32
-# Scans of an island that doubted edges may join to another one, and such edges; confidence of all other edges between
-# the two, as a share of theirs, beyond which nobody can tell.
-ISLAND, BRIDGES, RIVALS = 3, 2, 0.5
+PATHS_PER_EDGE = 8, 32
+# Scans of an island that doubted edges may join to another one, and such edges, at least.
+MIN_ISLAND_SCANS, MIN_BRIDGES = 3, 2
+# Confidence of all other edges between the two, as a share of theirs, beyond which they cannot be distinguished.
+MAX_RIVAL_CONFIDENCE_SHARE = 0.5
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,13 +43,13 @@ class Confirmation:
 
     def also(self, more: BoolArray) -> Confirmation:
         """The same with more edges confirmed."""
-        trust = np.maximum(self.trust, np.where(more, ACCEPTED, 0.0))
+        trust = np.maximum(self.trust, np.where(more, ACCEPTED_TRUST, 0.0))
         return Confirmation(trust, self.confirmed | more, self.refuted & ~more)
 
 
 def trust_of(loops: Loops, accepted: BoolArray, on_part: BoolArray) -> FloatArray:
     """Trust of edges from closing and failing loops, each weighed by the trust of its other edges. Returns (m,)."""
-    prior = np.where(accepted, np.where(on_part, ON_PART, ACCEPTED), SUSPECT)
+    prior = np.where(accepted, np.where(on_part, ACCEPTED_ON_PART_TRUST, ACCEPTED_TRUST), SUSPECT_TRUST)
     trust, m = prior.copy(), len(prior)
     votes = np.where(loops.closes, CLOSING_VOTES, 0.0), loops.fails.astype(float)
     for _ in range(TRUST_ROUNDS if len(loops.edges) else 0):
@@ -94,12 +95,12 @@ def _by_longer_loops(
 ) -> None:
     """Mark in place what loops along the trusted edges confirm or refute."""
     order = np.argsort(-trust, kind="stable")
-    most = PATHS[0]
-    while most <= PATHS[1]:
+    most = PATHS_PER_EDGE[0]
+    while most <= PATHS_PER_EDGE[1]:
         before = int(confirmed.sum())
         for row in order[~(confirmed | refuted)[order]].tolist():
             if not confirmed[row]:
-                extra = np.where(confirmed, 0.0, np.where(accepted & ~refuted, DETOUR, np.inf))
+                extra = np.where(confirmed, 0.0, np.where(accepted & ~refuted, UNCONFIRMED_COST, np.inf))
                 open_edges, refuted[row] = _search(paths, row, extra, trust, most)
                 # A suspect edge needs a loop of confirmed edges.
                 if open_edges is not None and (accepted[row] or not open_edges):
@@ -115,7 +116,7 @@ def _bridges(paths: _Paths, confirmed: BoolArray, sure: FloatArray, held: BoolAr
     """
     graph = paths.graph
     island = islands(graph, np.flatnonzero(confirmed))
-    large = np.bincount(island) >= ISLAND
+    large = np.bincount(island) >= MIN_ISLAND_SCANS
     ends = np.sort(np.column_stack([island[graph.targets], island[graph.sources]]), axis=1)
     across = ~confirmed & (ends[:, 0] != ends[:, 1]) & large[ends].all(axis=1)
     found = np.zeros(len(confirmed), dtype=bool)
@@ -123,7 +124,10 @@ def _bridges(paths: _Paths, confirmed: BoolArray, sure: FloatArray, held: BoolAr
         rows = np.flatnonzero(across & (ends == pair).all(axis=1))
         best = max((_agreeing(paths, row, rows[held[rows]], confirmed) for row in rows[held[rows]]), default=rows[:0],
                    key=lambda group: float(sure[group].sum()))  # fmt: skip
-        if len(best) >= BRIDGES and sure[np.setdiff1d(rows, best)].sum() <= RIVALS * sure[best].sum():
+        if (
+            len(best) >= MIN_BRIDGES
+            and sure[np.setdiff1d(rows, best)].sum() <= MAX_RIVAL_CONFIDENCE_SHARE * sure[best].sum()
+        ):
             found[best] = True
     return found
 
@@ -136,7 +140,7 @@ def _agreeing(paths: _Paths, row: int, others: IntArray, confirmed: BoolArray) -
         extra[other] = 0.0
         path = paths.shortest(row, extra, frozenset((row,)))
         chi2, sharp = paths.loop(row, path) if path else (np.inf, False)
-        if chi2 <= LIMIT and sharp:
+        if chi2 <= CHI2_LIMIT and sharp:
             group.append(other)
     return np.array(group, dtype=np.int64)
 
@@ -161,9 +165,9 @@ def _search(paths: _Paths, row: int, extra: FloatArray, trust: FloatArray, most:
             continue
         open_edges = [edge for edge, _ in path if extra[edge] > 0.0]
         chi2, sharp = paths.loop(row, path)
-        if chi2 <= LIMIT and sharp:
+        if chi2 <= CHI2_LIMIT and sharp:
             return open_edges, False
-        if chi2 > LIMIT and not open_edges:
+        if chi2 > CHI2_LIMIT and not open_edges:
             return None, True
         # One of these is wrong, or the path is too long to tell: go round each, the least trusted first.
         for edge in sorted(open_edges, key=lambda edge: (float(trust[edge]), edge)):
@@ -201,7 +205,7 @@ class _Paths:
         while heap:
             length, node = heapq.heappop(heap)
             if node == last:
-                return _back(came, first, last)
+                return _path_back(came, first, last)
             if node in done:
                 continue
             done.add(node)
@@ -223,14 +227,15 @@ class _Paths:
         covariance = A @ covariance @ A.T
         twist = pose.log(inward @ T @ self.poses[1][row] @ pose.inverse(inward))
         turn, shift = (float(np.sqrt(np.linalg.eigvalsh(block).max())) for block in _diagonal(covariance))
-        return float(twist @ np.linalg.solve(covariance, twist)), turn <= BLUNT_RAD and shift <= BLUNT * self.size
+        sharp = turn <= MAX_LOOP_SIGMA_RAD and shift <= MAX_LOOP_SIGMA_SIZES * self.size
+        return float(twist @ np.linalg.solve(covariance, twist)), sharp
 
 
 def _diagonal(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
     return covariance[:3, :3], covariance[3:, 3:]
 
 
-def _back(came: dict[int, tuple[int, int, int]], first: int, last: int) -> list[tuple[int, int]]:
+def _path_back(came: dict[int, tuple[int, int, int]], first: int, last: int) -> list[tuple[int, int]]:
     path = []
     while last != first:
         last, edge, against = came[last]

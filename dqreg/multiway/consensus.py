@@ -10,7 +10,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.multiway.consistent_set import ConsistentSet, largest_consistent_set
 from dqreg.multiway.edge_selection import EdgeSelection
-from dqreg.multiway.edges import HELD_BY_LOOPS, PART, Edge, EdgeCode
+from dqreg.multiway.edges import PART, SETTLED_BY_LOOPS, Edge, EdgeCode
 from dqreg.multiway.outlier_scans import Judge
 from dqreg.multiway.overlap import overlap_matrix
 from dqreg.multiway.pair_runs import PairJob, PairRunner
@@ -18,17 +18,18 @@ from dqreg.registration.result import Registration
 from dqreg.rigid import pose
 from dqreg.solvers.motion_words import Motion
 
-# Scans that are asked, and those that make a set: of fewer, a pair says as much; of more, the cloud of all is large.
-FEWEST, MOST = 4, 40
-GROUP = 3
+# Scans that are compared: of fewer, a pair says as much; of more, the cloud of all is large.
+MIN_SCANS, MAX_SCANS = 4, 40
+# Scans that make a consistent set.
+MIN_CONSISTENT_SCANS = 3
 # Pairs that a scan gets whose motions are held by little.
-NEIGHBOURS = 3
+PAIRS_PER_SCAN = 3
 
 
 def by_consensus(runner: PairRunner, judge: Judge, selection: EdgeSelection) -> tuple[Judge, EdgeSelection]:
     """The selection; where scans are not placed or rest on doubted pairs alone, that of the largest consistent set."""
     usable = [k for k, view in enumerate(runner.views) if view.usable]
-    few_or_many = not FEWEST <= len(usable) <= MOST
+    few_or_many = not MIN_SCANS <= len(usable) <= MAX_SCANS
     if few_or_many or judge.home == PART or _seen(runner, usable) or not _in_doubt(selection, usable):
         return judge, selection
     if judge.steps is not None:
@@ -39,7 +40,7 @@ def by_consensus(runner: PairRunner, judge: Judge, selection: EdgeSelection) -> 
     )
     asked = runner.views, selection.edges, judge.size, runner.effort, runner.seed
     consistent = largest_consistent_set(*asked, confirmed, runner.is_over, runner.count)
-    if consistent is None or len(consistent.T) < GROUP or runner.is_over():
+    if consistent is None or len(consistent.T) < MIN_CONSISTENT_SCANS or runner.is_over():
         return judge, selection
     if len(consistent.T) <= 0.5 * len(usable):
         # What did not grow to most of them can tell what is foreign to it, and no more.
@@ -66,7 +67,7 @@ def _in_doubt(selection: EdgeSelection, usable: list[int]) -> bool:
     sure = {k for edge in used if edge.level == "accepted" for k in (edge.target, edge.source)} | selection.on_steps
     if selection.is_unanimous:
         looped = set(selection.loops.nodes[selection.loops.closes].ravel().tolist())
-        loose = [edge for edge in used if set(edge.registration.verdict.codes) <= HELD_BY_LOOPS]
+        loose = [edge for edge in used if set(edge.registration.verdict.codes) <= SETTLED_BY_LOOPS]
         sure |= looped & {k for edge in loose for k in (edge.target, edge.source)}
     return not set(usable) <= sure
 
@@ -112,7 +113,7 @@ def _with_admitted(runner: PairRunner, consistent: ConsistentSet, selection: Edg
     for k, (registration, against) in consistent.admitted.items():
         if k in held:
             continue
-        near = [int(j) for j in np.argsort(-overlap[k], kind="stable")[:NEIGHBOURS] if overlap[k, j] > 0.0]
+        near = [int(j) for j in np.argsort(-overlap[k], kind="stable")[:PAIRS_PER_SCAN] if overlap[k, j] > 0.0]
         if registration.verdict.level == "accepted" and near:
             found.pop((k, near[0]), None)
             found[near[0], k] = Edge(near[0], k, _in_frame(registration, consistent.T[near[0]], against))

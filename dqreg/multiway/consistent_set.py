@@ -14,7 +14,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.errors import DqregError
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.multiway.edges import PART, UNHELD, Edge, sureness
+from dqreg.multiway.edges import PART, WEAKLY_CONSTRAINED, Edge, confidence_of_edge
 from dqreg.multiway.merge import merged_target
 from dqreg.multiway.scans import View
 from dqreg.registration.options import Effort, Search
@@ -24,23 +24,27 @@ from dqreg.registration.target import Target
 from dqreg.rigid import pose
 from dqreg.trust.records import Code
 
-# Seeds that are grown, poses of a scan that are tried in a round, and rounds over the scans that are left.
-SEEDS, TRIED, ROUNDS = 3, 3, 4
+# Seeds that are grown, and rounds over the scans that are left.
+MAX_SEEDS, MAX_ROUNDS = 3, 4
+# Poses of a scan that are tried in a round.
+POSES_PER_ROUND = 3
 # Poses closer than this are one: rotation, and shift in sizes of a scan.
-SAME_RAD, SAME = np.deg2rad(6.0), 0.05
+SAME_RAD, SAME_SHIFT_SIZES = np.deg2rad(6.0), 0.05
 # Points by which poses are compared before, and distance in spacings at which one lies on the others.
-POINTS, NEAR = 600, 2.0
+COMPARED_POINTS, NEAR_SPACINGS = 600, 2.0
 # What may be doubted of the only pose of a scan that fits all others: how well its motions are known, and its scale.
-UNHELD_AMONG_ALL: frozenset[Code] = UNHELD | {"scale_unobservable"}
-# Least confidence of such a pose; that of the next best one, as a share of it, beyond which nobody can tell which of
-# them is right; and confidence below which a pose is not tried again when more scans are in.
-LIKELY, RIVAL, HOPELESS = 0.5, 0.65, 0.016
+WEAKLY_CONSTRAINED_AMONG_ALL: frozenset[Code] = WEAKLY_CONSTRAINED | {"scale_unobservable"}
+# Least confidence of such a pose; and that of the next best one, as a share of it, beyond which they cannot be
+# distinguished.
+MIN_CONFIDENCE, MAX_RIVAL_CONFIDENCE_SHARE = 0.5, 0.65
+# Confidence below which a pose is not tried again when more scans are in.
+MIN_RETRIED_CONFIDENCE = 0.016
 # Confidence below which no pose of a scan is one, even for a set that is small.
-REFUSED = 0.048
+REFUSED_CONFIDENCE = 0.048
 # Accepted pairs that hold a scan at one pose without a registration to all.
-HOLDING = 2
+MIN_AGREEING_PAIRS = 2
 # What a pose that no pair names counts, in confidences of one that does.
-UNNAMED = 0.2
+UNNAMED_CONFIDENCES = 0.2
 
 
 @dataclasses.dataclass
@@ -79,17 +83,17 @@ class ConsistentSet:
     def _left(self) -> list[int]:
         """Scans that are not in, those with most edges to what is in first."""
         left = [k for k, view in enumerate(self.views) if view.usable and k not in self.T]
-        support = {k: sum(sureness(edge) for edge, _ in self._named(k)) for k in left}
+        support = {k: sum(confidence_of_edge(edge) for edge, _ in self._named(k)) for k in left}
         return sorted(left, key=lambda k: (-support[k], k))
 
     def _rounds(self, level: str = "") -> bool:
         """Admit by the poses that pairs (of a level) name; whether any scan was."""
         before = len(self.T)
-        for _ in range(ROUNDS):
+        for _ in range(MAX_ROUNDS):
             count = len(self.T)
             for k in [k for k in self._left() if self.seen.get((k, level)) != len(self.T)]:
                 self.seen[k, level] = len(self.T)
-                found = self._best(k, self._candidates(k, level)[:TRIED])
+                found = self._best(k, self._candidates(k, level)[:POSES_PER_ROUND])
                 if found is not None:
                     self._admit(k, found)
                     if not level:
@@ -118,20 +122,22 @@ class ConsistentSet:
 
     def _support(self, k: int, T: FloatArray) -> float:
         """Confidence of the edges that put a scan at a pose, taken together; a little for a pose that none names."""
-        named = [sureness(edge) for edge, other in self._named(k) if self.close(k, T, other)]
-        return max(sum(named), UNNAMED)
+        named = [confidence_of_edge(edge) for edge, other in self._named(k) if self.close(k, T, other)]
+        return max(sum(named), UNNAMED_CONFIDENCES)
 
     def _admit_loose(self, k: int) -> None:
         """Admit a scan of which only one pose fits, though some of its motions are held by little."""
         found = [
-            fit for fit in self._fits(k, self._candidates(k)[: 2 * TRIED]) if set(fit.verdict.codes) <= UNHELD_AMONG_ALL
+            fit
+            for fit in self._fits(k, self._candidates(k)[: 2 * POSES_PER_ROUND])
+            if set(fit.verdict.codes) <= WEAKLY_CONSTRAINED_AMONG_ALL
         ]
         found.sort(key=lambda fit: -fit.verdict.confidence)
-        if not found or found[0].verdict.confidence < LIKELY:
+        if not found or found[0].verdict.confidence < MIN_CONFIDENCE:
             self.ambiguous |= {k} if found else set()
             return
         best, others = found[0], [fit for fit in found[1:] if not self._same(k, fit, found[0])]
-        if any(fit.verdict.confidence > RIVAL * best.verdict.confidence for fit in others):
+        if any(fit.verdict.confidence > MAX_RIVAL_CONFIDENCE_SHARE * best.verdict.confidence for fit in others):
             self.ambiguous.add(k)
         else:
             self._admit(k, best)
@@ -139,12 +145,12 @@ class ConsistentSet:
     @property
     def refused(self) -> frozenset[int]:
         """Scans that fit nowhere."""
-        return frozenset(k for k, sure in self.surest.items() if k not in self.T and sure < REFUSED)
+        return frozenset(k for k, sure in self.surest.items() if k not in self.T and sure < REFUSED_CONFIDENCE)
 
     def _admit_held(self, k: int) -> None:
         """Admit a scan that several accepted pairs put to one pose, whatever a sparse set says."""
         named = [T for edge, T in self._named(k) if edge.level == "accepted"]
-        if len(named) >= HOLDING and all(self.close(k, T, named[0]) for T in named):
+        if len(named) >= MIN_AGREEING_PAIRS and all(self.close(k, T, named[0]) for T in named):
             self.T[k] = named[0]
 
     def _admit(self, k: int, found: Registration) -> None:
@@ -165,36 +171,36 @@ class ConsistentSet:
     def _candidates(self, k: int, level: str = "") -> list[FloatArray]:
         """Poses that edges (of a level) name, each once; first those of sure edges, with most of it on the others."""
         found: list[list[tuple[float, FloatArray]]] = []
-        for edge, T in sorted(self._named(k), key=lambda each: -sureness(each[0])):
+        for edge, T in sorted(self._named(k), key=lambda each: -confidence_of_edge(each[0])):
             if any(self.close(k, T, other) for other in self.hopeless.get(k, ())):
                 continue
             if level and edge.level != level:
                 continue
-            named = sureness(edge), T
+            named = confidence_of_edge(edge), T
             same = next((group for group in found if self.close(k, T, group[0][1])), None)
             found.append([named]) if same is None else same.append(named)
-        found.sort(key=lambda group: -sum(sure for sure, _ in group) * self._lying(k, group[0][1]))
+        found.sort(key=lambda group: -sum(sure for sure, _ in group) * self._share_on_others(k, group[0][1]))
         return [group[0][1] for group in found]
 
-    def _lying(self, k: int, T: FloatArray) -> float:
+    def _share_on_others(self, k: int, T: FloatArray) -> float:
         """Share of a scan that lies on the others at a pose."""
         if self._tree is None:
             clouds = [(self.T[j], self.views[j].cloud) for j in self.T]
             self._tree = NeighbourTree(np.concatenate([pose.apply(W, c.points) for W, c in clouds if c is not None]))
         points = pose.apply(T, self._some(k))
-        return float(np.mean(self._tree.nearest(points, 1)[1] <= NEAR * self.views[k].scan.spacing))
+        return float(np.mean(self._tree.nearest(points, 1)[1] <= NEAR_SPACINGS * self.views[k].scan.spacing))
 
     def _some(self, k: int) -> FloatArray:
         cloud = self.views[k].cloud
         assert cloud is not None
-        return cloud.points[:: max(1, len(cloud.points) // POINTS)]
+        return cloud.points[:: max(1, len(cloud.points) // COMPARED_POINTS)]
 
     def close(self, k: int, first: FloatArray, second: FloatArray) -> bool:
         """Whether two poses of a scan are one."""
         middle = self._some(k).mean(axis=0)
         return bool(
             pose.angle_between(first, second) <= SAME_RAD
-            and pose.offset_between(first, second, at=middle) <= SAME * self.size
+            and pose.offset_between(first, second, at=middle) <= SAME_SHIFT_SIZES * self.size
         )
 
     def _same(self, k: int, first: Registration, second: Registration) -> bool:
@@ -221,7 +227,7 @@ class ConsistentSet:
             fits.append(found)
             self.tell(Edge(next(iter(self.T)), k, against(found, self.T)))
             self.surest[k] = max(self.surest.get(k, 0.0), float(np.nan_to_num(found.verdict.confidence)))
-            if start is not None and not found.verdict.confidence > HOPELESS:
+            if start is not None and not found.verdict.confidence > MIN_RETRIED_CONFIDENCE:
                 self.hopeless.setdefault(k, []).append(start)
             if found.verdict.level == "accepted":
                 break
@@ -245,10 +251,10 @@ def largest_consistent_set(
 ) -> ConsistentSet | None:
     """The largest set of scans that fit together, grown from the surest pairs; None where no pair is accepted."""
     sure = [edge for edge in edges if edge.level == "accepted" and edge.target != PART]
-    sure.sort(key=lambda e: (-((e.target, e.source) in confirmed), -sureness(e)))
+    sure.sort(key=lambda e: (-((e.target, e.source) in confirmed), -confidence_of_edge(e)))
     usable = sum(view.usable for view in views)
     best: ConsistentSet | None = None
-    for _ in range(SEEDS):
+    for _ in range(MAX_SEEDS):
         # What is in already grows to the same again.
         new = [edge for edge in sure if best is None or not {edge.target, edge.source} <= set(best.T)]
         if not new or (best is not None and 2 * len(best.T) > usable):

@@ -10,18 +10,18 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.multiway.confirm import Confirmation, confirm, islands, joined_by
-from dqreg.multiway.edges import HELD_BY_LOOPS, PART, Edge, EdgeCode, graph_of, sureness
+from dqreg.multiway.edges import PART, SETTLED_BY_LOOPS, Edge, EdgeCode, confidence_of_edge, graph_of
 from dqreg.multiway.equal_steps import EqualSteps
 from dqreg.multiway.graph import PoseGraph, solve_graph
-from dqreg.multiway.loops import BLUNT, BLUNT_RAD, LIMIT, Loops, covariances_of, find_loops
+from dqreg.multiway.loops import CHI2_LIMIT, MAX_LOOP_SIGMA_RAD, MAX_LOOP_SIGMA_SIZES, Loops, covariances_of, find_loops
 from dqreg.rigid import pose
 
 # Rounds in which the cost goes from convex to truncated, and its factor a round (Yang et al. 2020).
-ROUNDS, FACTOR = 40, 1.4
+MAX_ROUNDS, CONVEXITY_FACTOR = 40, 1.4
 # Trust of an edge, in that of a single thread which it contradicts, from which nobody can tell which of them is wrong.
-RIVAL = 0.8
+RIVAL_TRUST_SHARE = 0.8
 # Confidence of a doubted edge, as a share of that of all edges used at either of its scans, which tells nothing there.
-OUTWEIGHED = 0.6
+OUTWEIGHED_CONFIDENCE_SHARE = 0.6
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,10 +55,11 @@ class EdgeSelection:
             return False
         weight = np.zeros(len(self.T_world_scan))
         for edge in self.edges:
-            weight[[edge.target, edge.source]] += edge.used * sureness(edge)
+            weight[[edge.target, edge.source]] += edge.used * confidence_of_edge(edge)
         left_out = [edge for edge in self.edges if edge.found and not edge.used and edge.code != "uncertain"]
         return all(
-            edge.level != "accepted" and sureness(edge) <= OUTWEIGHED * weight[[edge.target, edge.source]].min()
+            edge.level != "accepted"
+            and confidence_of_edge(edge) <= OUTWEIGHED_CONFIDENCE_SHARE * weight[[edge.target, edge.source]].min()
             for edge in left_out
         )
 
@@ -77,22 +78,22 @@ def select_edges(
     The anchor, a scan or -1 for the part, gets the pose given. Poses of pairs need not agree to better than the floor,
     a length; size is a typical diagonal of a scan. Steps of a turntable confirm edges, and hold what these do not.
     """
-    codes: list[EdgeCode] = [_first_look(edge, size) for edge in edges]
+    codes: list[EdgeCode] = [_initial_code(edge, size) for edge in edges]
     rows = np.array([k for k, code in enumerate(codes) if code == "unconfirmed"], dtype=np.int64)
     graph = graph_of([edges[k] for k in rows], count)
     loops = find_loops(graph, size, floor)
     accepted = np.array([edges[k].level == "accepted" for k in rows], dtype=bool)
     covariances = covariances_of(graph, size, floor)
-    sure = np.array([sureness(edges[k]) for k in rows])
-    held = np.array([set(edges[k].registration.verdict.codes) <= HELD_BY_LOOPS for k in rows], dtype=bool)
+    sure = np.array([confidence_of_edge(edges[k]) for k in rows])
+    held = np.array([set(edges[k].registration.verdict.codes) <= SETTLED_BY_LOOPS for k in rows], dtype=bool)
     told = confirm(graph, covariances, loops, accepted, size, sure, held)
     by_steps = np.zeros(len(rows), dtype=bool) if steps is None else steps.agree(graph, [edges[k] for k in rows])
     told = told.also(by_steps)
     candidate = accepted | told.confirmed | (loops.counts(loops.closes, len(rows)) > 0)
-    gated = dataclasses.replace(graph, information=np.asarray(np.linalg.inv(covariances), dtype=np.float64))
-    order = np.lexsort((-np.linalg.slogdet(gated.information)[1], -told.trust, told.refuted, ~told.confirmed))
+    floored = dataclasses.replace(graph, information=np.asarray(np.linalg.inv(covariances), dtype=np.float64))
+    order = np.lexsort((-np.linalg.slogdet(floored.information)[1], -told.trust, told.refuted, ~told.confirmed))
     prior = None if steps is None else steps.graph(count + 1)
-    T, kept = _inliers(gated, order[candidate[order]], told, prior)
+    T, kept = _inliers(floored, order[candidate[order]], told, prior)
     kept &= ~_disputed(graph, kept, accepted & ~kept, told)
     for row, k in enumerate(rows):
         if not candidate[row]:
@@ -119,7 +120,7 @@ def select_edges(
     return EdgeSelection(tuple(judged), final, island[:count], home_node, loops, rows, told.confirmed, by_steps)
 
 
-def _first_look(edge: Edge, size: float) -> EdgeCode:
+def _initial_code(edge: Edge, size: float) -> EdgeCode:
     """Why an edge can be of no use, or "unconfirmed"."""
     if edge.level == "failed" or not edge.found:
         return "untried" if edge.code == "untried" else "no_pose"
@@ -129,7 +130,7 @@ def _first_look(edge: Edge, size: float) -> EdgeCode:
     free = any(motion.is_free for motion in edge.registration.observability)
     if not free:
         turn, shift = np.sqrt(np.diag(covariance)[:3].max()), np.sqrt(np.diag(covariance)[3:].max())
-        if not (turn <= BLUNT_RAD and shift <= BLUNT * size):
+        if not (turn <= MAX_LOOP_SIGMA_RAD and shift <= MAX_LOOP_SIGMA_SIZES * size):
             return "uncertain"
     return "unconfirmed"
 
@@ -139,7 +140,7 @@ def _inside(prior: PoseGraph | None, T: FloatArray, placed: BoolArray) -> PoseGr
     if prior is None:
         return None
     there = placed[prior.targets] & placed[prior.sources]
-    return prior.part(np.flatnonzero(there & (prior.chi2(T) <= LIMIT)))
+    return prior.part(np.flatnonzero(there & (prior.chi2(T) <= CHI2_LIMIT)))
 
 
 def _inliers(
@@ -162,16 +163,16 @@ def _inliers(
         island = islands(graph, tree)
         prior = prior.part(np.flatnonzero(island[prior.targets] == island[prior.sources]))
     T = _graduated(graph.part(order[asked]).joined(prior), T, free)
-    inside = part.chi2(T) <= LIMIT
+    inside = part.chi2(T) <= CHI2_LIMIT
     whole = part.joined(prior)
-    steps = np.zeros(0) if prior is None else np.where(prior.chi2(T) <= LIMIT, 1.0, 1e-9)
+    steps = np.zeros(0) if prior is None else np.where(prior.chi2(T) <= CHI2_LIMIT, 1.0, 1e-9)
     T = solve_graph(whole, T, free, np.r_[np.where(inside, 1.0, 1e-9), steps])
     # An edge much sharper than its neighbours lies outside until it takes part: loops have confirmed it.
     more = inside | told.confirmed[order]
     if (more & ~inside).any():
         trial = solve_graph(whole, T, free, np.r_[np.where(more, 1.0, 1e-9), steps])
-        T = trial if (part.chi2(trial)[more] <= LIMIT).all() else T
-    kept[order[part.chi2(T) <= LIMIT]] = True
+        T = trial if (part.chi2(trial)[more] <= CHI2_LIMIT).all() else T
+    kept[order[part.chi2(T) <= CHI2_LIMIT]] = True
     return T, kept
 
 
@@ -179,13 +180,13 @@ def _graduated(part: PoseGraph, T: FloatArray, free: IntArray) -> FloatArray:
     """Poses by graduated non-convexity."""
     chi2 = part.chi2(T)
     worst = float(chi2.max())
-    mu = LIMIT / max(2.0 * worst - LIMIT, 1e-9 * LIMIT)
+    mu = CHI2_LIMIT / max(2.0 * worst - CHI2_LIMIT, 1e-9 * CHI2_LIMIT)
     weights = _truncated(chi2, mu)
-    for _ in range(ROUNDS if worst > LIMIT else 1):
+    for _ in range(MAX_ROUNDS if worst > CHI2_LIMIT else 1):
         T = solve_graph(part, T, free, np.maximum(weights, 1e-9))
         chi2 = part.chi2(T)
         weights = _truncated(chi2, mu)
-        mu *= FACTOR
+        mu *= CONVEXITY_FACTOR
         if ((weights < 1e-6) | (weights > 1.0 - 1e-6)).all():
             break
     return T
@@ -210,7 +211,7 @@ def _disputed(graph: PoseGraph, kept: BoolArray, left_out: BoolArray, told: Conf
         near.setdefault(b, []).append((a, row))
     for row in np.flatnonzero(left_out & (ends[0] != ends[1])).tolist():
         between = np.array(_threads_between(near, int(ends[0][row]), int(ends[1][row])), dtype=np.int64)
-        found[between[told.trust[row] >= RIVAL * told.trust[between]]] = True
+        found[between[told.trust[row] >= RIVAL_TRUST_SHARE * told.trust[between]]] = True
     return found
 
 
@@ -234,8 +235,8 @@ def _threads_between(near: Mapping[int, Sequence[tuple[int, int]]], first: int, 
 
 def _truncated(chi2: FloatArray, mu: float) -> FloatArray:
     """Weights of the truncated least squares of graduated non-convexity at a stage (Yang et al. 2020, eq. 14)."""
-    low, high = mu / (mu + 1.0) * LIMIT, (mu + 1.0) / mu * LIMIT
-    middle = np.sqrt(LIMIT * mu * (mu + 1.0) / np.maximum(chi2, 1e-12 * LIMIT)) - mu
+    low, high = mu / (mu + 1.0) * CHI2_LIMIT, (mu + 1.0) / mu * CHI2_LIMIT
+    middle = np.sqrt(CHI2_LIMIT * mu * (mu + 1.0) / np.maximum(chi2, 1e-12 * CHI2_LIMIT)) - mu
     return np.where(chi2 <= low, 1.0, np.where(chi2 >= high, 0.0, np.clip(middle, 0.0, 1.0)))
 
 

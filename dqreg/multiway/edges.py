@@ -29,7 +29,7 @@ EdgeCode = Literal[
     "ambiguous",
     "elsewhere",
 ]
-WORDS: dict[EdgeCode, str] = {
+TEXT_OF_CODE: dict[EdgeCode, str] = {
     "used": "used: its registration is accepted",
     "confirmed": "used: its registration is suspect, but loops through accepted edges close",
     "untried": "not tried",
@@ -44,12 +44,12 @@ WORDS: dict[EdgeCode, str] = {
     "elsewhere": "not used: it joins scans that are not placed",
 }
 # What a verdict may doubt of a scan that fits: how well its motions are known.
-UNHELD: frozenset[Code] = frozenset({"weakly_constrained", "unconstrained", "large_uncertainty"})
+WEAKLY_CONSTRAINED: frozenset[Code] = frozenset({"weakly_constrained", "unconstrained", "large_uncertainty"})
 # What it may doubt of a right pose: that, and whether the search and the steps have come to an end. That says nothing
 # against where a scan stands.
-LOOSE: frozenset[Code] = UNHELD | {"alternative_poses", "not_converged", "search_time_limit"}
+DOUBTS_OF_RIGHT_POSE: frozenset[Code] = WEAKLY_CONSTRAINED | {"alternative_poses", "not_converged", "search_time_limit"}
 # May be doubted of pairs that all agree, since loops tell it: how well motions are held, and whether beyond one plane.
-HELD_BY_LOOPS: frozenset[Code] = UNHELD | {"one_plane"}
+SETTLED_BY_LOOPS: frozenset[Code] = WEAKLY_CONSTRAINED | {"one_plane"}
 # Node of a part in whose frame all scans are placed.
 PART = -1
 
@@ -88,7 +88,7 @@ class Edge:
     @property
     def why(self) -> str:
         """The code in words."""
-        return WORDS[self.code]
+        return TEXT_OF_CODE[self.code]
 
     @property
     def level(self) -> str:
@@ -101,7 +101,7 @@ class Edge:
         return bool(np.isfinite(self.registration.T_target_source).all())
 
 
-def sureness(edge: Edge) -> float:
+def confidence_of_edge(edge: Edge) -> float:
     """Confidence of an edge; 0 where it is not known."""
     return float(np.nan_to_num(edge.registration.verdict.confidence))
 
@@ -163,7 +163,7 @@ def better(old: Edge, new: Edge) -> Edge:
 
 def is_refused(edge: Edge) -> bool:
     """Whether the verdict holds something against the pose itself, and not only how well it is known."""
-    return edge.level != "accepted" and not set(edge.registration.verdict.codes) <= LOOSE
+    return edge.level != "accepted" and not set(edge.registration.verdict.codes) <= DOUBTS_OF_RIGHT_POSE
 
 
 def graph_of(edges: Sequence[Edge], count: int) -> PoseGraph:
@@ -179,7 +179,7 @@ def graph_of(edges: Sequence[Edge], count: int) -> PoseGraph:
     )
 
 
-def turned_round(graph: PoseGraph) -> PoseGraph:
+def with_lower_targets(graph: PoseGraph) -> PoseGraph:
     """The same graph with the lower node of every edge as its target."""
     back = graph.targets > graph.sources
     low, high = np.minimum(graph.targets, graph.sources), np.maximum(graph.targets, graph.sources)

@@ -13,22 +13,22 @@ from itertools import pairwise
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
-from dqreg.multiway.edges import LOOSE, PART, Edge, graph_of
+from dqreg.multiway.edges import DOUBTS_OF_RIGHT_POSE, PART, Edge, graph_of
 from dqreg.multiway.graph import PoseGraph
-from dqreg.multiway.loops import LIMIT, covariances_of
+from dqreg.multiway.loops import CHI2_LIMIT, covariances_of
 from dqreg.multiway.scans import View
-from dqreg.multiway.turntable import OTHER, step_of
+from dqreg.multiway.turntable import OTHER_STEP_SHARE, step_of
 from dqreg.rigid import DualQuaternion, pose
 from dqreg.trust.records import Code
 
 # Accepted pairs of near places that agree with the step, at least, and their share of all of these.
-FEWEST, SHARE = 3, 0.5
+MIN_AGREEING_PAIRS, MIN_AGREEING_SHARE = 3, 0.5
 # Places apart of pairs that tell how well the steps agree.
-NEAR = 2
+MAX_PLACES_APART = 2
 # Median of the sum of three squares of unit variance.
-MEDIAN = 2.366
+MEDIAN_OF_THREE_SQUARES = 2.366
 # What the steps tell of a pair besides how well it is held: which of several poses it is, and that of one plane.
-TOLD: frozenset[Code] = LOOSE | {"one_plane"}
+SETTLED_BY_STEPS: frozenset[Code] = DOUBTS_OF_RIGHT_POSE | {"one_plane"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,21 +57,21 @@ class EqualSteps:
             return None
         found = EqualSteps(table.step, places, True, np.ones(6), table.agreeing, size, floor, centres)
         accepted = [edge for edge in pairs if edge.level == "accepted"]
-        near = [edge for edge in accepted if abs(found._apart(edge.target, edge.source)) <= NEAR]
+        near = [edge for edge in accepted if abs(found._apart(edge.target, edge.source)) <= MAX_PLACES_APART]
         if not near:
             return None
         twists = found._twists(graph_of(near, len(views)))
         alike = found._near(twists)
-        if alike.sum() < FEWEST or alike.sum() < SHARE * len(near):
+        if alike.sum() < MIN_AGREEING_PAIRS or alike.sum() < MIN_AGREEING_SHARE * len(near):
             return None
         squares = np.array([np.median((twists[alike][:, rows] ** 2).sum(axis=1)) for rows in (slice(3), slice(3, 6))])
-        found = dataclasses.replace(found, variances=np.repeat(squares / MEDIAN, 3))
+        found = dataclasses.replace(found, variances=np.repeat(squares / MEDIAN_OF_THREE_SQUARES, 3))
         return dataclasses.replace(found, closes=found._goes_round())
 
     def agree(self, graph: PoseGraph, edges: Sequence[Edge]) -> BoolArray:
         """Edges of a graph that come to what the steps say, and of which nothing else is doubted, (m,)."""
         on_table = [edge.target in self.places and edge.source in self.places for edge in edges]
-        sound = [edge.level == "accepted" or set(edge.registration.verdict.codes) <= TOLD for edge in edges]
+        sound = [edge.level == "accepted" or set(edge.registration.verdict.codes) <= SETTLED_BY_STEPS for edge in edges]
         rows = np.flatnonzero(np.array(on_table, dtype=bool) & np.array(sound, dtype=bool))
         found = np.zeros(len(edges), dtype=bool)
         part = graph.part(rows)
@@ -79,7 +79,7 @@ class EqualSteps:
         spread = covariances_of(part, self.size, self.floor)
         spread[:, range(6), range(6)] += self._variances(n)
         chi2 = np.einsum("mi,mi->m", twists, np.linalg.solve(spread, twists[..., None])[..., 0])
-        found[rows] = (chi2 <= LIMIT) & self._near(twists)
+        found[rows] = (chi2 <= CHI2_LIMIT) & self._near(twists)
         return found
 
     def graph(self, count: int) -> PoseGraph:
@@ -96,7 +96,7 @@ class EqualSteps:
         count, inward = len(self.places), pose.from_parts(np.eye(3), -self.centres[next(iter(self.places))])
         twist = pose.log(inward @ (self.step ** float(count)).as_matrix() @ pose.inverse(inward))
         floor = np.r_[[2.0 * self.floor / self.size] * 3, [self.floor] * 3]
-        return bool((twist**2 / (self._variances(np.array([float(count)]))[0] + floor**2)).sum() <= LIMIT)
+        return bool((twist**2 / (self._variances(np.array([float(count)]))[0] + floor**2)).sum() <= CHI2_LIMIT)
 
     def _variances(self, apart: FloatArray) -> FloatArray:
         """Of the motion between places so far apart: the step's own error adds up, (m, 6)."""
@@ -119,4 +119,4 @@ class EqualSteps:
 
     def _near(self, twists: FloatArray) -> BoolArray:
         turned, shifted = np.linalg.norm(twists[:, :3], axis=1), np.linalg.norm(twists[:, 3:], axis=1)
-        return np.asarray((turned <= OTHER) & (shifted <= OTHER * self.size))
+        return np.asarray((turned <= OTHER_STEP_SHARE) & (shifted <= OTHER_STEP_SHARE * self.size))

@@ -16,7 +16,7 @@ from dqreg.rigid import pose
 from dqreg.rigid.twist import TRANSLATION_FIRST
 
 # Weakest information about a motion that a file holds, as a fraction of the strongest: a free one is almost none.
-WEAKEST = 1e-9
+MIN_INFORMATION_SHARE = 1e-9
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -47,7 +47,7 @@ def factors_of(edges: Sequence[Edge], count: int) -> Factors:
     information = back.transpose(0, 2, 1) @ graph.information @ back
     scale = np.sqrt(np.maximum(np.einsum("mii->mi", information), np.finfo(float).tiny))
     scaled = information / scale[:, :, None] / scale[:, None]
-    covariances = np.linalg.inv(scaled + WEAKEST * np.eye(6)) / scale[:, :, None] / scale[:, None]
+    covariances = np.linalg.inv(scaled + MIN_INFORMATION_SHARE * np.eye(6)) / scale[:, :, None] / scale[:, None]
     return Factors(graph.targets, graph.sources, graph.measured, covariances)
 
 

@@ -17,15 +17,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # Colours and styles of edges: those used, and those that contradict; the others are faint.
-STYLES = {
+EDGE_STYLES = {
     "used": (LEVELS["accepted"], "-", 2.2, "used, pair accepted"),
     "confirmed": (LEVELS["suspect"], "-", 1.6, "used, confirmed by loops"),
     "contradicts": (LEVELS["failed"], "--", 1.6, "contradicts the others"),
     "elsewhere": ("#7d8590", "-.", 1.2, "joins scans that are not placed"),
 }
-FAINT = ("#c9ccd2", ":", 0.7, "not used")
+UNUSED_EDGE_STYLE = ("#c9ccd2", ":", 0.7, "not used")
 # Scans up to which each has its name in the figure.
-NAMED = 40
+NAMED_SCANS = 40
 
 
 def graph_figure(result: ManyScans) -> Figure:
@@ -35,7 +35,7 @@ def graph_figure(result: ManyScans) -> Figure:
     places = _places(result)
     labels: set[str] = set()
     for edge in sorted(result.edges, key=lambda edge: edge.used):
-        colour, line, width, label = STYLES.get(edge.code, FAINT)
+        colour, line, width, label = EDGE_STYLES.get(edge.code, UNUSED_EDGE_STYLE)
         a, b = places[edge.target], places[edge.source]
         once = label if label not in labels else None
         labels.add(label)
@@ -45,7 +45,7 @@ def graph_figure(result: ManyScans) -> Figure:
             continue
         found = node == PART or node in result.placed
         axes.plot(x, y, "o", markersize=9, color="#0072B2" if found else "#ffffff", markeredgecolor="#333333", zorder=4)
-        if len(result.names) <= NAMED:
+        if len(result.names) <= NAMED_SCANS:
             side = "left" if x >= 0.0 else "right"
             axes.annotate(name_of(result, node), (x, y), (1.07 * x, 1.07 * y), ha=side, va="center", fontsize=9)
     axes.set_aspect("equal")
@@ -69,7 +69,7 @@ def overlap_figure(result: ManyScans) -> Figure:
     overlap: FloatArray = 100.0 * result.overlap
     image = axes.imshow(overlap, cmap="cividis", vmin=0.0, vmax=100.0)
     figure.colorbar(image, ax=axes, label="overlap [% of the smaller scan]")
-    if len(result.names) <= NAMED:
+    if len(result.names) <= NAMED_SCANS:
         ticks = np.arange(len(result.names))
         axes.set_xticks(ticks, result.names, rotation=60, ha="right", fontsize=8)
         axes.set_yticks(ticks, result.names, fontsize=8)

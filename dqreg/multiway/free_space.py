@@ -15,7 +15,7 @@ from dqreg.trust.free_space import MIN_COMPARED, DepthImage
 from dqreg.trust.limits import DEPTH_CONFLICT_SHARE
 
 # Points of a scan that are looked at, and cells of free space in spacings of them.
-POINTS, GAPS = 3_000, 4.0
+COMPARED_POINTS, CELL_SPACINGS = 3_000, 4.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,7 +45,7 @@ class FreeSpace:
 
         NaN where too few can be compared.
         """
-        margin = GAPS * max(self.spacings[i], self.spacings[j])
+        margin = CELL_SPACINGS * max(self.spacings[i], self.spacings[j])
         nearer = alike = 0
         for image, points, T in ((self.images[i], self.points[j], T_i_j), (self.images[j], self.points[i], None)):
             if image is not None and points is not None:
@@ -75,5 +75,5 @@ class FreeSpace:
 
 
 def _some(rows: FloatArray) -> FloatArray:
-    some: FloatArray = rows[:: max(1, len(rows) // POINTS)]
+    some: FloatArray = rows[:: max(1, len(rows) // COMPARED_POINTS)]
     return some

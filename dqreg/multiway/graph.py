@@ -18,11 +18,11 @@ from dqreg._arrays import FloatArray, IntArray
 from dqreg.multiway import dual_poses
 from dqreg.rigid import pose
 
-ITERATIONS = 50
+MAX_ITERATIONS = 50
 # Steps below this, in radians and in sizes of the graph, change nothing.
-STILL = 1e-10
+CONVERGED_STEP = 1e-10
 # Information added to every motion, as a fraction of the largest: what no edge holds stays where it is.
-RIDGE = 1e-12
+ADDED_INFORMATION_SHARE = 1e-12
 
 
 @dataclasses.dataclass(frozen=True)
@@ -101,7 +101,7 @@ def factorised(matrix: sparse.csc_matrix, free: IntArray) -> SuperLU:
     """Factors of the rows and columns of the nodes that may move."""
     kept = (6 * free[:, None] + np.arange(6)).ravel()
     inner = matrix[kept][:, kept]
-    ridge = RIDGE * max(float(inner.diagonal().max(initial=0.0)), np.finfo(float).tiny)
+    ridge = ADDED_INFORMATION_SHARE * max(float(inner.diagonal().max(initial=0.0)), np.finfo(float).tiny)
     return splu((inner + ridge * sparse.identity(len(kept))).tocsc())
 
 
@@ -119,7 +119,7 @@ def solve_graph(graph: PoseGraph, T: FloatArray, free: IntArray, weights: FloatA
     T[:, :3, 3] -= middle
     size = max(float(np.abs(T[:, :3, 3]).max()), float(np.abs(graph.measured[:, :3, 3]).max()), np.finfo(float).tiny)
     cost = float(weights @ graph.chi2(T))
-    for _ in range(ITERATIONS):
+    for _ in range(MAX_ITERATIONS):
         step = _step(graph, T, free, weights)
         trial, length = T, 1.0
         for _ in range(8):
@@ -131,7 +131,7 @@ def solve_graph(graph: PoseGraph, T: FloatArray, free: IntArray, weights: FloatA
         else:
             break
         T, cost = trial, lower
-        if max(float(np.abs(step[:, :3]).max()), float(np.abs(step[:, 3:]).max()) / size) < STILL:
+        if max(float(np.abs(step[:, :3]).max()), float(np.abs(step[:, 3:]).max()) / size) < CONVERGED_STEP:
             break
     T[:, :3, 3] += middle
     return T

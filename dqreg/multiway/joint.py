@@ -18,30 +18,35 @@ from dqreg.multiway.acceleration import JointAnderson
 from dqreg.multiway.bodies import Body
 from dqreg.multiway.graph import PoseGraph, factorised, normal_matrix
 from dqreg.multiway.matches import Matching
-from dqreg.multiway.planes import Planes, planes_of
+from dqreg.multiway.planes import WeighedMatches, planes_of
 from dqreg.rigid import pose
 from dqreg.solvers.quadratic import derivatives
 
-# Rounds of new correspondences, and steps for each.
-ROUNDS, STRICT_ROUNDS, STEPS = 60, 6, 3
+# Rounds of new correspondences.
+MAX_ROUNDS, MAX_STRICT_ROUNDS = 60, 6
+STEPS_PER_ROUND = 3
 # The refinement has ended when the scans move by less than this in a round, in spacings; and it has converged when they
-# move by less than the second number in the last round: nearest points change from round to round. There it has ended
-# too when so many rounds brought no less.
-STILL, SETTLED, PATIENCE = 1e-3, 0.02, 4
+# move by less than the second number in the last round: nearest points change from round to round.
+STILL_SPACINGS, CONVERGED_SPACINGS = 1e-3, 0.02
+# There it has ended too when so many rounds brought no less.
+STALLED_ROUNDS = 4
 # Points a direction of a pair: all pairs together have so many, and each at least the second number.
-ALL_POINTS, FEWEST_POINTS = 4_000_000, 500
-# Largest distance of a correspondence: in spacings, in scales of the distances of the round before, and at first in
-# times the first number.
-REACH, NARROW, WIDEST = 2.0, 5.0, 2.0
+MAX_POINTS, MIN_POINTS_PER_DIRECTION = 4_000_000, 500
+# Largest distance of a correspondence: in spacings, and in scales of the distances of the round before.
+REACH_SPACINGS, REACH_SCALES = 2.0, 5.0
+# At first, in times the first number.
+FIRST_REACH_FACTOR = 2.0
 # Normals farther apart than this are of different faces; the second is for a look at what hangs on the first.
-FACING, STRICT = float(np.cos(np.deg2rad(45.0))), float(np.cos(np.deg2rad(15.0)))
-# The first rounds, so many at most, are with so many times fewer points, until the scans move by less than this in a
-# round, in spacings.
-COARSE_ROUNDS, COARSER, COARSE_STILL = 10, 4, 0.1
-# Least scale of the distances in the first round, in spacings, its factor a round, and where it ends: in noises of the
-# least noisy scan, and in spacings. Small faces, which alone hold some motions, are many scales of the large ones off
-# at first, and would count as outliers.
-SOFT, HARDER, HARD, HARDEST = 0.4, 0.9, 0.5, 2e-3
+MIN_NORMAL_COS, STRICT_NORMAL_COS = float(np.cos(np.deg2rad(45.0))), float(np.cos(np.deg2rad(15.0)))
+# The first rounds, so many at most, are with so many times fewer points,
+MAX_COARSE_ROUNDS, COARSE_POINTS_DIVISOR = 10, 4
+# until the scans move by less than this in a round, in spacings.
+COARSE_STILL_SPACINGS = 0.1
+# Least scale of the distances in the first round, in spacings, and its factor a round. Small faces, which alone hold
+# some motions, are many scales of the large ones off at first, and would count as outliers.
+FIRST_SCALE_SPACINGS, SCALE_FACTOR = 0.4, 0.9
+# Where it ends: in noises of the least noisy scan, and in spacings.
+LAST_SCALE_NOISES, LAST_SCALE_SPACINGS = 0.5, 2e-3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,7 +54,7 @@ class Joint:
     """All poses and the correspondences that they rest on."""
 
     T_world_body: FloatArray  # (n, 4, 4): Of the centred frames
-    planes: tuple[Planes, ...]  # One a direction of a pair
+    planes: tuple[WeighedMatches, ...]  # One a direction of a pair
     rounds: int
     converged: bool
 
@@ -74,19 +79,19 @@ def refine_jointly(
     Shapes: T_world_body (n, 4, 4).
     """
     ways = [way for i, j in pairs for way in ((i, j), (j, i)) if bodies[way[1]].scan is not None]
-    budget = int(np.clip(ALL_POINTS // max(len(ways), 1), FEWEST_POINTS, points))
-    few = max(budget // COARSER, FEWEST_POINTS)
+    budget = int(np.clip(MAX_POINTS // max(len(ways), 1), MIN_POINTS_PER_DIRECTION, points))
+    few = max(budget // COARSE_POINTS_DIVISOR, MIN_POINTS_PER_DIRECTION)
     T = T_world_body.copy()
-    found: dict[tuple[int, int], Planes] = {}
-    rounds, moved, coarse, soft = 0, np.inf, few < budget and not strict, 0.0 if strict else SOFT
-    hard = _hard(bodies)
+    found: dict[tuple[int, int], WeighedMatches] = {}
+    rounds, moved, coarse, soft = 0, np.inf, few < budget and not strict, 0.0 if strict else FIRST_SCALE_SPACINGS
+    hard = _last_scale(bodies)
     matchings = _matchings(bodies, ways, few if coarse else budget)
     faster = JointAnderson(free, np.array([0.5 * body.surface.diagonal for body in bodies]))
     motions: list[float] = []
-    most = most or (STRICT_ROUNDS if strict else ROUNDS)
-    while rounds < most and (coarse or soft > 0.0 or not _ended(motions)) and not is_over():
+    most = most or (MAX_STRICT_ROUNDS if strict else MAX_ROUNDS)
+    while rounds < most and (coarse or soft > 0.0 or not _has_ended(motions)) and not is_over():
         rounds, new = rounds + 1, rounds == 0
-        if coarse and (moved < COARSE_STILL or rounds >= COARSE_ROUNDS):
+        if coarse and (moved < COARSE_STILL_SPACINGS or rounds >= MAX_COARSE_ROUNDS):
             # Pairs that met nowhere at first may do so from better poses.
             coarse, new, matchings = False, True, _matchings(bodies, ways, budget)
             faster.restart()
@@ -96,27 +101,27 @@ def refine_jointly(
             # Sparse clouds may meet nowhere with half of the reach.
             return Joint(T, (), rounds, converged=False)
         if soft > 0.0:
-            soft = soft * HARDER if soft * HARDER > hard else 0.0
+            soft = soft * SCALE_FACTOR if soft * SCALE_FACTOR > hard else 0.0
             motions.clear()
         before = T
-        for _ in range(STEPS):
+        for _ in range(STEPS_PER_ROUND):
             T, motion = _stepped(T, list(found.values()), free)
-            if motion < STILL * 0.1:
+            if motion < STILL_SPACINGS * 0.1:
                 break
         moved = _motion(bodies, before, T)
         motions.append(moved)
         T = faster.propose(before, T)
         if observe is not None and observe(rounds, moved) is False:
             break
-    return Joint(T, tuple(found.values()), rounds, moved < SETTLED)
+    return Joint(T, tuple(found.values()), rounds, moved < CONVERGED_SPACINGS)
 
 
-def _ended(motions: Sequence[float]) -> bool:
+def _has_ended(motions: Sequence[float]) -> bool:
     """Whether a round moved nothing, or several moved little and no less than those before."""
-    if not motions or motions[-1] < STILL:
+    if not motions or motions[-1] < STILL_SPACINGS:
         return bool(motions)
-    recent, earlier = motions[-PATIENCE:], motions[:-PATIENCE]
-    return motions[-1] < SETTLED and bool(earlier) and min(recent) >= min(earlier)
+    recent, earlier = motions[-STALLED_ROUNDS:], motions[:-STALLED_ROUNDS]
+    return motions[-1] < CONVERGED_SPACINGS and bool(earlier) and min(recent) >= min(earlier)
 
 
 def _matchings(bodies: Sequence[Body], ways: Iterable[tuple[int, int]], count: int) -> dict[tuple[int, int], Matching]:
@@ -127,20 +132,20 @@ def _matchings(bodies: Sequence[Body], ways: Iterable[tuple[int, int]], count: i
 def _correspond(
     matchings: Mapping[tuple[int, int], Matching],
     T: FloatArray,
-    before: Mapping[tuple[int, int], Planes],
+    before: Mapping[tuple[int, int], WeighedMatches],
     *,
     new: bool,
     strict: bool,
     soft: float,
-) -> dict[tuple[int, int], Planes]:
+) -> dict[tuple[int, int], WeighedMatches]:
     found = {}
     for (i, j), matching in matchings.items():
         known = before.get((i, j))
         if known is None and not new:
             continue
-        reach, facing = _reach(matching, known), FACING
+        reach, facing = _reach(matching, known), MIN_NORMAL_COS
         if strict:
-            reach, facing = 0.5 * reach, STRICT
+            reach, facing = 0.5 * reach, STRICT_NORMAL_COS
         matches = matching.at(pose.inverse(T[i]) @ T[j], reach, facing)
         planes = planes_of((i, j), matching.source, matching.target, matches, reach, known, soft)
         if planes is not None:
@@ -148,20 +153,20 @@ def _correspond(
     return found
 
 
-def _hard(bodies: Sequence[Body]) -> float:
+def _last_scale(bodies: Sequence[Body]) -> float:
     """Least scale of the distances, in spacings, that is next to none."""
     ratios = [body.scan.noise / body.scan.spacing for body in bodies if body.scan is not None]
-    return max(HARD * min(ratios), HARDEST)
+    return max(LAST_SCALE_NOISES * min(ratios), LAST_SCALE_SPACINGS)
 
 
-def _reach(matching: Matching, known: Planes | None) -> float:
+def _reach(matching: Matching, known: WeighedMatches | None) -> float:
     ends = matching.source.scan, matching.target.scan
     spacing = max(scan.spacing for scan in ends if scan is not None)
-    widest = WIDEST * REACH * spacing
-    return widest if known is None else float(np.clip(NARROW * known.sigma, REACH * spacing, widest))
+    widest = FIRST_REACH_FACTOR * REACH_SPACINGS * spacing
+    return widest if known is None else float(np.clip(REACH_SCALES * known.sigma, REACH_SPACINGS * spacing, widest))
 
 
-def linearised(T: FloatArray, planes: Sequence[Planes]) -> tuple[PoseGraph, FloatArray, FloatArray]:
+def linearised(T: FloatArray, planes: Sequence[WeighedMatches]) -> tuple[PoseGraph, FloatArray, FloatArray]:
     """The cost about the poses, as a graph of pairs: slopes and curvatures by increments in the world frame.
 
     Shapes: slopes (m, 6), curvatures (m, 6, 6).
@@ -180,7 +185,7 @@ def linearised(T: FloatArray, planes: Sequence[Planes]) -> tuple[PoseGraph, Floa
     return graph, pull, B.transpose(0, 2, 1) @ information @ B
 
 
-def _stepped(T: FloatArray, planes: Sequence[Planes], free: IntArray) -> tuple[FloatArray, float]:
+def _stepped(T: FloatArray, planes: Sequence[WeighedMatches], free: IntArray) -> tuple[FloatArray, float]:
     middle = pose.from_parts(np.eye(3), -np.mean(T[:, :3, 3], axis=0))
     T = middle @ T
     graph, pull, blocks = linearised(T, planes)

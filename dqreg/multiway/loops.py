@@ -8,16 +8,16 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.multiway import dual_poses
-from dqreg.multiway.edges import turned_round
+from dqreg.multiway.edges import with_lower_targets
 from dqreg.multiway.graph import PoseGraph
 from dqreg.rigid import pose
 
 # Chi-square of six degrees of freedom that one good loop in a thousand exceeds.
-LIMIT = 22.46
+CHI2_LIMIT = 22.46
 # A loop whose sum of covariances is wider than this tells nothing: rotation in radians, translation in sizes.
-BLUNT_RAD, BLUNT = np.deg2rad(6.0), 0.06
+MAX_LOOP_SIGMA_RAD, MAX_LOOP_SIGMA_SIZES = np.deg2rad(6.0), 0.06
 # Loops looked at, at most.
-MOST = 200_000
+MAX_LOOPS = 200_000
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,12 +33,12 @@ class Loops:
     @property
     def closes(self) -> BoolArray:
         """Loops that tell something and close, (k,)."""
-        return np.asarray(self.sharp & (self.chi2 <= LIMIT))
+        return np.asarray(self.sharp & (self.chi2 <= CHI2_LIMIT))
 
     @property
     def fails(self) -> BoolArray:
         """Loops that tell something and do not close, (k,)."""
-        return np.asarray(self.sharp & ~(self.chi2 <= LIMIT))
+        return np.asarray(self.sharp & ~(self.chi2 <= CHI2_LIMIT))
 
     def counts(self, loops: BoolArray, edges: int) -> IntArray:
         """In how many of some loops each edge takes part, (m,)."""
@@ -62,7 +62,7 @@ def find_loops(graph: PoseGraph, size: float, floor: float) -> Loops:
 
     The product is taken of dual quaternions; each edge's covariance is carried to the frame in which it ends.
     """
-    ordered = turned_round(graph)
+    ordered = with_lower_targets(graph)
     rows = _triangles(ordered)
     covariances = covariances_of(ordered, size, floor)
     ab, bc, ac = rows.T
@@ -81,7 +81,7 @@ def find_loops(graph: PoseGraph, size: float, floor: float) -> Loops:
     )
     turn = np.sqrt(np.linalg.eigvalsh(total[:, :3, :3]).max(axis=1, initial=0.0))
     shifted = np.sqrt(np.linalg.eigvalsh(total[:, 3:, 3:]).max(axis=1, initial=0.0))
-    sharp = (turn <= BLUNT_RAD) & (shifted <= BLUNT * size)
+    sharp = (turn <= MAX_LOOP_SIGMA_RAD) & (shifted <= MAX_LOOP_SIGMA_SIZES * size)
     nodes = np.column_stack([ordered.targets[ab], ordered.sources[ab], ordered.sources[bc]])
     return Loops(nodes, rows, twists, chi2, sharp)
 
@@ -98,6 +98,6 @@ def _triangles(graph: PoseGraph) -> IntArray:
             ac = row_of.get((a, c))
             if ac is not None:
                 found.append((ab, row_of[b, c], ac))
-        if len(found) >= MOST:
+        if len(found) >= MAX_LOOPS:
             break
     return np.array(found, dtype=np.int64).reshape(-1, 3)

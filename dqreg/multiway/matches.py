@@ -14,7 +14,7 @@ from dqreg.rigid import pose
 
 
 @dataclasses.dataclass(frozen=True)
-class Matches:
+class BodyMatches:
     """Points of one body and the places that they meet on another, between the centred frames."""
 
     points: FloatArray  # (n, 3): Of the source, where they were scanned
@@ -45,20 +45,20 @@ class Matching:
         self._others = np.full(len(rows), -np.inf)
         self._last: FloatArray | None = None
 
-    def at(self, T_target_source: FloatArray, reach: float, facing: float) -> Matches:
+    def at(self, T_target_source: FloatArray, reach: float, facing: float) -> BodyMatches:
         """Matches within reach whose normals agree."""
         return (self._on_part if self.target.scan is None else self._on_scan)(T_target_source, reach, facing)
 
-    def _on_scan(self, T: FloatArray, reach: float, facing: float) -> Matches:
+    def _on_scan(self, T: FloatArray, reach: float, facing: float) -> BodyMatches:
         from dqreg.kernels.close_points import close_points, facing_matches
-        from dqreg.kernels.point_tree import LEAF
+        from dqreg.kernels.point_tree import LEAF_POINTS
 
         assert self.source.scan is not None
         assert self.target.scan is not None
         planed, count = self.target.planed, len(self.rows)
         motion = np.ascontiguousarray(T[:3])
         tree, moved_by = planed.tree, self._moved_by(T)
-        place = tree.boxes, tree.places, LEAF, tree.rows, planed.points
+        place = tree.boxes, tree.places, LEAF_POINTS, tree.rows, planed.points
         close_points(0, count, *place, self._points, motion, moved_by, reach, self._found, self._others)
         kept, distances, aside = np.zeros(count, dtype=np.int64), np.zeros(count), np.zeros(count)
         signed = self.source.scan.oriented and self.target.surface.oriented
@@ -80,7 +80,7 @@ class Matching:
         kept = kept[:found]
         met, own = self._found[kept], self.rows[kept]
         points = np.take(self._points, kept, axis=0)
-        return Matches(
+        return BodyMatches(
             points=points,
             moved=pose.apply(T, points),
             feet=np.take(planed.points, met, axis=0),
@@ -102,7 +102,7 @@ class Matching:
         change = T - last
         return float(np.linalg.norm(change[:3, 3]) + self._radius * np.linalg.norm(change[:3, :3], 2))
 
-    def _on_part(self, T: FloatArray, reach: float, facing: float) -> Matches:
+    def _on_part(self, T: FloatArray, reach: float, facing: float) -> BodyMatches:
         assert self.source.scan is not None
         surface = self.target.surface
         moved, turned = pose.apply(T, self._points), self._normals @ T[:3, :3].T
@@ -113,7 +113,7 @@ class Matching:
         kept = kept[(cosines if signed else np.abs(cosines)) >= facing]
         kept = kept[~at_boundary(_taken(closest, kept), surface, reach)]
         found, own = _taken(closest, kept), self.rows[kept]
-        return Matches(
+        return BodyMatches(
             points=self._points[kept],
             moved=moved[kept],
             feet=found.points,

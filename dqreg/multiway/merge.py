@@ -18,7 +18,7 @@ from dqreg.registration.target import Target, prepare_target
 from dqreg.rigid import pose
 
 # Noise of a point, at least, as a fraction of the typical noise: none is exact.
-LEAST = 0.1
+MIN_NOISE_RATIO = 0.1
 
 
 def merged(views: Sequence[View], T_world_scan: FloatArray, voxel: float | None) -> PointCloud:
@@ -35,7 +35,7 @@ def merged(views: Sequence[View], T_world_scan: FloatArray, voxel: float | None)
     noise = np.concatenate([part[2] for part in parts])
     known = noise > 0.0
     usual = float(np.median(noise[known])) if known.any() else 1.0
-    weights = 1.0 / np.maximum(noise, LEAST * usual) ** 2
+    weights = 1.0 / np.maximum(noise, MIN_NOISE_RATIO * usual) ** 2
     if voxel > 0.0:
         points, normals = _means(points, normals, weights, voxel)
     lengths = np.linalg.norm(normals, axis=1)

@@ -13,7 +13,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.errors import DqregError
 from dqreg.multiway.edge_selection import EdgeSelection, select_edges
-from dqreg.multiway.edges import HELD_BY_LOOPS, UNHELD, Edge, EdgeCode
+from dqreg.multiway.edges import SETTLED_BY_LOOPS, WEAKLY_CONSTRAINED, Edge, EdgeCode
 from dqreg.multiway.equal_steps import EqualSteps
 from dqreg.multiway.merge import merged_target
 from dqreg.multiway.pairs import Pair
@@ -25,17 +25,17 @@ from dqreg.rigid import pose
 from dqreg.trust.records import Code
 
 # Scans that are left out for a trial, those first that most speaks against; and share of all that may be left out.
-TRIED, MOST = 6, 0.5
+MAX_TRIALS, MAX_LEFT_OUT_SHARE = 6, 0.5
 # Scans that are put to the test against all others together, those that the others stand without, and scans that make
 # a test.
-TESTED, FEWEST = 8, 3
+MAX_TESTED_SCANS, MIN_SCANS_OF_TEST = 8, 3
 # What may be doubted of a scan that fits, where all pairs agree: how well it is held, also by one plane; and its
 # normals, which are guesses for a plate seen from its edge.
-AGREED: frozenset[Code] = HELD_BY_LOOPS | {"disagreeing_normals"}
+SETTLED_BY_AGREEMENT: frozenset[Code] = SETTLED_BY_LOOPS | {"disagreeing_normals"}
 # The same where the steps of a table confirm its pairs: they tell which of several poses it is.
-ON_TABLE: frozenset[Code] = AGREED | {"alternative_poses"}
+SETTLED_BY_TABLE: frozenset[Code] = SETTLED_BY_AGREEMENT | {"alternative_poses"}
 # Motion, in sizes of a scan, by which a pose may differ from that of its pairs.
-MOVED = 0.05
+MAX_MOTION_SIZES = 0.05
 
 
 Key = tuple[int, int, bytes]
@@ -75,7 +75,7 @@ class Judge:
         return self.sides.free.contradictions(selection.T_world_scan[: self.count])
 
 
-def without_foreign(judge: Judge, selection: EdgeSelection) -> tuple[Judge, EdgeSelection]:
+def without_contradicting_scans(judge: Judge, selection: EdgeSelection) -> tuple[Judge, EdgeSelection]:
     """The selection without the edges of scans that cannot stand where they were placed.
 
     A scan of something else bends those that its edges join, which then contradict the others too: each scan in
@@ -83,12 +83,12 @@ def without_foreign(judge: Judge, selection: EdgeSelection) -> tuple[Judge, Edge
     it where nothing speaks against it are taken back.
     """
     against = judge.contradictions(selection)
-    for _ in range(int(MOST * judge.count)):
+    for _ in range(int(MAX_LEFT_OUT_SHARE * judge.count)):
         pairs = _count(against)
         if not pairs:
             break
         trials: list[tuple[int, int, Judge, EdgeSelection, FloatArray]] = []
-        for k in np.argsort(-against.sum(axis=1), kind="stable")[:TRIED].tolist():
+        for k in np.argsort(-against.sum(axis=1), kind="stable")[:MAX_TRIALS].tolist():
             if not against[k].any() or (trials and min(trials, key=_cost)[0] == 0):
                 break
             trial, rest, left = _left_out(judge, selection, k)
@@ -171,13 +171,13 @@ def without_misfits(
     Suspect pairs confirm each other by loops, and those of another object do so too where its faces meet. All other
     scans together show more than each of them: a right scan fits there, by the verdict on a registration.
     """
-    for k in _weak(judge, selection)[:TESTED]:
+    for k in _weak(judge, selection)[:MAX_TESTED_SCANS]:
         T_scan = selection.T_world_scan[k]
         if not np.isfinite(T_scan).all():
             continue
         without = judge.without(_edges_at(selection, k), "misfit")
         rest = without(selection.edges)
-        if _placed_of(rest) < max(_placed_of(selection) - 1, FEWEST) or rest.anchor != selection.anchor:
+        if _placed_of(rest) < max(_placed_of(selection) - 1, MIN_SCANS_OF_TEST) or rest.anchor != selection.anchor:
             continue
         if not _fits_all(views, k, selection, rest, judge.size, effort, seed):
             judge, selection = without, rest
@@ -202,9 +202,10 @@ def _fits_all(
         found = register(cloud, others, T, effort=effort, seed=seed, search="never", keep_inputs=False, units="ignore")
     except DqregError:
         return False
-    unheld = ON_TABLE if k in selection.on_steps else AGREED if selection.is_unanimous else UNHELD
+    agreed = SETTLED_BY_AGREEMENT if selection.is_unanimous else WEAKLY_CONSTRAINED
+    unheld = SETTLED_BY_TABLE if k in selection.on_steps else agreed
     if found.verdict.level != "accepted" and not set(found.verdict.codes) <= unheld:
         return False
     middle = cloud.points.mean(axis=0)[None]
     moved = np.linalg.norm(pose.apply(found.T_target_source, middle) - pose.apply(T, middle))
-    return bool(moved <= MOVED * size)
+    return bool(moved <= MAX_MOTION_SIZES * size)

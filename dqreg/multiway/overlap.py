@@ -12,12 +12,14 @@ from dqreg.multiway.scans import View
 from dqreg.rigid import pose
 
 # Edge of a cell in typical sizes of a scan, and points that fill the cells of one.
-CELL, POINTS = 0.03, 4_000
+CELL_SIZES, COMPARED_POINTS = 0.03, 4_000
 # Bits of a cell's number along one axis.
-BITS = 21
+AXIS_BITS = 21
 
 
-def overlap_matrix(views: Sequence[View], T_world_scan: FloatArray, size: float, cell: float = CELL) -> FloatArray:
+def overlap_matrix(
+    views: Sequence[View], T_world_scan: FloatArray, size: float, cell: float = CELL_SIZES
+) -> FloatArray:
     """Fraction of the cells of the smaller scan that the other fills too, (n, n); NaN where one is not placed."""
     edge = cell * size
     placed = [k for k, view in enumerate(views) if view.usable and np.isfinite(T_world_scan[k]).all()]
@@ -41,11 +43,11 @@ def cells_of(points: FloatArray, edge: float) -> IntArray:
 
 def cell_numbers(points: FloatArray, edge: float) -> IntArray:
     """Number of the cell of each point, (n,); cells count from a fixed corner, so that scans share them."""
-    grid = np.floor(points / edge).astype(np.int64) + (1 << (BITS - 1))
-    return np.asarray((grid[:, 0] << (2 * BITS)) | (grid[:, 1] << BITS) | grid[:, 2])
+    grid = np.floor(points / edge).astype(np.int64) + (1 << (AXIS_BITS - 1))
+    return np.asarray((grid[:, 0] << (2 * AXIS_BITS)) | (grid[:, 1] << AXIS_BITS) | grid[:, 2])
 
 
 def _some(view: View) -> FloatArray:
     assert view.cloud is not None
     points = view.cloud.points
-    return points[:: max(1, len(points) // POINTS)]
+    return points[:: max(1, len(points) // COMPARED_POINTS)]

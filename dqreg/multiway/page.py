@@ -29,9 +29,10 @@ ADVICE = {
     "failed": "No two scans were joined; there is nothing to use.",
 }
 # Turns of the hue from one scan to the next, beyond the palette.
-GOLDEN = 0.6180339887
-# Pixels of a picture, points of a scan in it, and their size in sizes of the whole.
-WIDTH, HEIGHT, DOTS, DOT = 560, 420, 12_000, 0.0035
+HUE_STEP_TURNS = 0.6180339887
+WIDTH_PIXELS, HEIGHT_PIXELS = 560, 420
+# Points of a scan in a picture, and their size in sizes of the whole.
+POINTS_PER_SCAN, DOT_SIZES = 12_000, 0.0035
 
 
 def write_report(result: ManyScans, path: str | Path) -> Path:
@@ -76,7 +77,7 @@ def colours_of(count: int) -> list[str]:
     """A colour for each scan: the palette, and beyond it hues a golden section apart, dark and light in turns."""
     found = list(PALETTE[:count])
     for k in range(len(found), count):
-        red, green, blue = colorsys.hls_to_rgb(k * GOLDEN % 1.0, (0.35, 0.5, 0.65)[k % 3], 0.75)
+        red, green, blue = colorsys.hls_to_rgb(k * HUE_STEP_TURNS % 1.0, (0.35, 0.5, 0.65)[k % 3], 0.75)
         found.append("#" + "".join(f"{round(255 * part):02x}" for part in (red, green, blue)))
     return found
 
@@ -93,7 +94,7 @@ def _pictures(result: ManyScans) -> list[tuple[str, str]]:
     before, after = [], []
     for k, view in enumerate(result.views):
         if view.usable and view.cloud is not None:
-            points = view.cloud.points[:: max(1, len(view.cloud.points) // DOTS)]
+            points = view.cloud.points[:: max(1, len(view.cloud.points) // POINTS_PER_SCAN)]
             before.append((k, points))
             if k in result.placed:
                 after.append((k, pose.apply(result.T_world_scan[k], points)))
@@ -113,8 +114,8 @@ def _draw(parts: list[tuple[int, FloatArray]], colours: list[str], view: str) ->
     low, high = np.quantile(everything, [0.002, 0.998], axis=0)
     middle, size = 0.5 * (low + high), float(np.linalg.norm(high - low)) or 1.0
     inside = ((everything >= low) & (everything <= high)).all(axis=1)
-    layers = [Dots((points - middle) / size, np.array(rgb(colours[k]), np.uint8), DOT) for k, points in parts]
-    frame = frame_of((everything[inside] - middle) / size, VIEWS[view], WIDTH, HEIGHT)
+    layers = [Dots((points - middle) / size, np.array(rgb(colours[k]), np.uint8), DOT_SIZES) for k, points in parts]
+    frame = frame_of((everything[inside] - middle) / size, VIEWS[view], WIDTH_PIXELS, HEIGHT_PIXELS)
     image = PartScene(None, size).render(frame, TARGET, "#ffffff", layers)
     buffer = io.BytesIO()
     Image.fromarray(image).save(buffer, "jpeg", quality=85, optimize=True)

@@ -15,19 +15,21 @@ from dqreg.multiway.scans import View, typical_size
 from dqreg.search.fpfh import FpfhCloud
 
 # All pairs of that many scans are tried; beyond, those that look alike.
-ALL_PAIRS = 40
+MAX_SCANS_FOR_ALL_PAIRS = 40
 Order = Literal["any", "sequence", "turntable"]
 ORDERS: tuple[Order, ...] = get_args(Order)
 # Pairs are (target, source).
 Edges = Literal["auto", "chain", "ring"] | Iterable[Iterable[int]]
-EDGES = ("auto", "chain", "ring")
+EDGE_PLANS = ("auto", "chain", "ring")
 
-# Pairs tried of one scan, points that describe it, and kinds of places that are told apart.
-ALIKE, POINTS, WORDS = 8, 5_000, 128
+# Pairs tried of one scan, and points that describe it.
+PAIRS_PER_SCAN, DESCRIBED_POINTS = 8, 5_000
+# Kinds of points that are distinguished: visual words.
+MAX_WORDS = 128
 # Distance of places, in sizes of a scan.
-CELL = 1.0 / 60.0
+CELL_SIZES = 1.0 / 60.0
 # Rounds of the clustering that finds the kinds.
-ROUNDS = 12
+CLUSTERING_ROUNDS = 12
 
 Pair = tuple[int, int]
 
@@ -37,10 +39,10 @@ def asked_pairs(edges: Edges, order: Order, usable: Sequence[int], count: int) -
     if not isinstance(order, str) or order not in ORDERS:
         raise InputError(f"order must be one of {', '.join(ORDERS)}; got {order!r:.60}")
     if isinstance(edges, str):
-        if edges not in EDGES:
-            raise InputError(f"edges must be one of {', '.join(EDGES)}, or pairs of scan numbers; got {edges!r}")
+        if edges not in EDGE_PLANS:
+            raise InputError(f"edges must be one of {', '.join(EDGE_PLANS)}, or pairs of scan numbers; got {edges!r}")
         if edges == "auto" and order == "any":
-            return list(combinations(usable, 2)) if len(usable) <= ALL_PAIRS else []
+            return list(combinations(usable, 2)) if len(usable) <= MAX_SCANS_FOR_ALL_PAIRS else []
         pairs = list(pairwise(usable))
         closed = edges == "ring" or (edges == "auto" and order == "turntable")
         if closed and len(usable) > 2:
@@ -57,7 +59,7 @@ def _given(edges: Iterable[Iterable[int]], usable: Sequence[int], count: int) ->
         whole = False
     if not whole:
         raise InputError(
-            f"edges must be {', '.join(EDGES)}, or pairs of scan numbers (target, source); got {edges!r:.80}"
+            f"edges must be {', '.join(EDGE_PLANS)}, or pairs of scan numbers (target, source); got {edges!r:.80}"
         )
     for i, j in pairs.tolist():
         if i == j or not (PART < i < count and PART < j < count):
@@ -84,21 +86,21 @@ def alike_pairs(views: Sequence[View], seed: int) -> list[Pair]:
     np.fill_diagonal(alike, -1.0)
     pairs: dict[Pair, None] = {}
     for row in range(len(usable)):
-        for other in np.argsort(-alike[row], kind="stable")[:ALIKE]:
+        for other in np.argsort(-alike[row], kind="stable")[:PAIRS_PER_SCAN]:
             pairs[usable[min(row, int(other))], usable[max(row, int(other))]] = None
     return sorted(pairs)
 
 
 def _features(view: View, size: float) -> FloatArray:
     """Histograms of the places of a scan, for both signs of its normals: which is right, nobody knows."""
-    cloud = FpfhCloud.of(view.scan.points, CELL * size)
-    return np.concatenate([cloud.histograms[:POINTS], cloud.opposite_histograms[:POINTS]])
+    cloud = FpfhCloud.of(view.scan.points, CELL_SIZES * size)
+    return np.concatenate([cloud.histograms[:DESCRIBED_POINTS], cloud.opposite_histograms[:DESCRIBED_POINTS]])
 
 
 def _clusters(features: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Means of the clusters of features, by Lloyd's rounds from drawn ones."""
-    means = features[rng.choice(len(features), min(WORDS, len(features)), replace=False)]
-    for _ in range(ROUNDS):
+    means = features[rng.choice(len(features), min(MAX_WORDS, len(features)), replace=False)]
+    for _ in range(CLUSTERING_ROUNDS):
         nearest = _nearest(features, means)
         counts = np.bincount(nearest, minlength=len(means))
         sums = np.column_stack([np.bincount(nearest, column, len(means)) for column in features.T])

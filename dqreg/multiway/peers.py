@@ -18,8 +18,10 @@ from dqreg.multiway.scores import ManyScore, score
 from dqreg.rigid import pose
 
 # Open3D's example of multiway registration (0.19): voxels of 0.02 in clouds two metres wide, as a fraction of the size;
-# distances of its coarse and fine ICP in voxels; threshold below which it prunes an edge.
-VOXEL, COARSE, FINE, PRUNE = 0.01, 15.0, 1.5, 0.25
+# threshold below which it prunes an edge.
+VOXEL_SIZES, PRUNED_EDGE_WEIGHT = 0.01, 0.25
+# Distances of its coarse and fine ICP.
+COARSE_REACH_VOXELS, FINE_REACH_VOXELS = 15.0, 1.5
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,8 +98,10 @@ def _downsampled(task: ManyTask) -> list[Any]:
     found = []
     for cloud in task.clouds:
         points = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(cloud.points))
-        points = points.voxel_down_sample(VOXEL * task.size)
-        points.estimate_normals(open3d.geometry.KDTreeSearchParamHybrid(radius=2.0 * VOXEL * task.size, max_nn=30))
+        points = points.voxel_down_sample(VOXEL_SIZES * task.size)
+        points.estimate_normals(
+            open3d.geometry.KDTreeSearchParamHybrid(radius=2.0 * VOXEL_SIZES * task.size, max_nn=30)
+        )
         found.append(points)
     return found
 
@@ -106,11 +110,13 @@ def _icp(source: Any, target: Any, start: FloatArray, size: float) -> tuple[Floa
     """Pose and information of a pair, as the example finds them; a start that is near needs the fine distance alone."""
     registration = load_open3d().pipelines.registration
     T = start
-    far = (COARSE * VOXEL * size,) if np.array_equal(start, np.eye(4)) else ()
-    for reach in (*far, FINE * VOXEL * size):
+    far = (COARSE_REACH_VOXELS * VOXEL_SIZES * size,) if np.array_equal(start, np.eye(4)) else ()
+    for reach in (*far, FINE_REACH_VOXELS * VOXEL_SIZES * size):
         plane = registration.TransformationEstimationPointToPlane()
         T = registration.registration_icp(source, target, reach, T, plane).transformation
-    information = registration.get_information_matrix_from_point_clouds(source, target, FINE * VOXEL * size, T)
+    information = registration.get_information_matrix_from_point_clouds(
+        source, target, FINE_REACH_VOXELS * VOXEL_SIZES * size, T
+    )
     return np.asarray(T), np.asarray(information)
 
 
@@ -134,7 +140,9 @@ def _optimised(task: ManyTask, pairs: Sequence[tuple[int, int, FloatArray]]) -> 
     for (i, j), (T_ij, information) in found.items():
         # Its edge maps the source node's points to the target node's.
         graph.edges.append(registration.PoseGraphEdge(j, i, T_ij, information, uncertain=abs(i - j) > 1))
-    option = registration.GlobalOptimizationOption(FINE * VOXEL * task.size, PRUNE, 1.0, 0)
+    option = registration.GlobalOptimizationOption(
+        FINE_REACH_VOXELS * VOXEL_SIZES * task.size, PRUNED_EDGE_WEIGHT, 1.0, 0
+    )
     registration.global_optimization(
         graph,
         registration.GlobalOptimizationLevenbergMarquardt(),

@@ -14,14 +14,14 @@ from dqreg.multiway.overlap import overlap_matrix
 from dqreg.multiway.pair_runs import PairJob, PairRunner
 from dqreg.multiway.pairs import Order, Pair, alike_pairs
 from dqreg.multiway.scans import typical_size
-from dqreg.multiway.starts import FAR, FAR_RAD
+from dqreg.multiway.starts import OTHER_POSE_RAD, OTHER_POSE_SIZES
 from dqreg.multiway.turntable import on_turntable
 from dqreg.rigid import pose
 
 # Scans that overlap by less are not worth a registration from where the others put them.
-OVERLAP = 0.2
+MIN_OVERLAP = 0.2
 # Rounds in which they are tried, and pairs of one scan.
-ROUNDS, NEIGHBOURS = 2, 6
+MAX_ROUNDS, PAIRS_PER_SCAN = 2, 6
 
 
 def first_edges(
@@ -76,7 +76,7 @@ def _is_far(runner: PairRunner, edge: Edge, start: FloatArray) -> bool:
     cloud, T = runner.views[edge.source].cloud, edge.registration.T_target_source
     assert cloud is not None
     shift = float(pose.offset_between(start, T, at=cloud.points.mean(axis=0)))
-    return float(pose.angle_between(start, T)) > FAR_RAD or shift > FAR * typical_size(runner.views)
+    return float(pose.angle_between(start, T)) > OTHER_POSE_RAD or shift > OTHER_POSE_SIZES * typical_size(runner.views)
 
 
 def _between(known: Sequence[FloatArray | None], i: int, j: int, order: Order) -> FloatArray | None:
@@ -86,12 +86,12 @@ def _between(known: Sequence[FloatArray | None], i: int, j: int, order: Order) -
     return np.eye(4) if order == "sequence" and abs(i - j) == 1 else None
 
 
-def rescued(
+def with_overlapping_pairs(
     runner: PairRunner, selection: EdgeSelection, judged: Callable[[Sequence[Edge]], EdgeSelection], size: float
 ) -> EdgeSelection:
     """The selection after pairs that overlap, and are not joined, were registered from where the others put them."""
     tried: set[Pair] = set()
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ROUNDS):
         T = selection.T_world_scan[: len(runner.views)]
         wanted = [pair for pair in _overlapping(runner, selection, T, size) if pair not in tried]
         if not wanted or runner.stopped:
@@ -119,8 +119,8 @@ def _overlapping(runner: PairRunner, selection: EdgeSelection, T: FloatArray, si
     for k in range(len(T)):
         row = overlap[k].copy()
         row[k] = 0.0
-        for other in np.argsort(-row, kind="stable")[:NEIGHBOURS]:
+        for other in np.argsort(-row, kind="stable")[:PAIRS_PER_SCAN]:
             pair = min(k, int(other)), max(k, int(other))
-            if row[other] >= OVERLAP and pair not in joined and pair[::-1] not in joined:
+            if row[other] >= MIN_OVERLAP and pair not in joined and pair[::-1] not in joined:
                 found[pair] = None
     return list(found)

@@ -8,9 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
-from dqreg.icp.estimators import BEND, FEWEST_PLANES, plane_to_plane_form
+from dqreg.icp.estimators import BEND_VARIANCE, MIN_PLANES, plane_to_plane_form
 from dqreg.multiway.bodies import Body
-from dqreg.multiway.matches import Matches
+from dqreg.multiway.matches import BodyMatches
 from dqreg.multiway.overlap import cell_numbers
 from dqreg.rigid import pose
 from dqreg.solvers.quadratic import QuadraticForm, plane_form
@@ -18,22 +18,22 @@ from dqreg.solvers.robust import InlierMixture
 
 # Distances along the normals below this fraction of the spacing: the planes alone count then. Discs, which hold a
 # little along the surface too, suit noisy clouds; here they would drag the poses towards the nearest points.
-WELL_BELOW = 0.4
+PLANES_ALONE_SPACINGS = 0.4
 # Fraction of the information in one cell that is believed at most.
-MOST_LEVERAGE = 0.9
+MAX_LEVERAGE = 0.9
 # How near edges and rims hold what no face holds, in spacings.
-LOCKED = 0.5
+LOCKED_SPACINGS = 0.5
 # Rounds that fit the scale of the distances.
-ROUNDS = 20
+SCALE_ROUNDS = 20
 
 
 @dataclasses.dataclass(frozen=True)
-class Planes:
+class WeighedMatches:
     """Matches of one pair at one pose, weighed."""
 
     target: int  # Node whose planes count
     source: int  # Node whose points count
-    matches: Matches  # Between the centred frames
+    matches: BodyMatches  # Between the centred frames
     weights: FloatArray  # (n,): Probabilities to be an inlier
     mixture: InlierMixture  # Of the distances along the normals
     spacing: float  # Of the source
@@ -55,15 +55,15 @@ class Planes:
         m, w = self.matches, self.weights
         p, q, n = m.points, m.feet, m.normals
         origins = (w @ p / w.sum(), w @ q / w.sum())
-        if m.variances is not None and self.sigma > WELL_BELOW * self.spacing:
-            spreads = BEND + m.variances, BEND + m.turned_variances
-            matrix = plane_to_plane_form(p, q, (n, m.turned), spreads, 2.0 * BEND * w, origins)
+        if m.variances is not None and self.sigma > PLANES_ALONE_SPACINGS * self.spacing:
+            spreads = BEND_VARIANCE + m.variances, BEND_VARIANCE + m.turned_variances
+            matrix = plane_to_plane_form(p, q, (n, m.turned), spreads, 2.0 * BEND_VARIANCE * w, origins)
         else:
             matrix = plane_form(p, q, n, w, origins)
         return QuadraticForm(matrix / self.sigma**2, *origins)
 
     @property
-    def on_faces(self) -> Planes:
+    def on_faces(self) -> WeighedMatches:
         """Those alone whose planes are those of faces: fits across an edge are tilted by what lies around them."""
         return dataclasses.replace(self, weights=np.where(self.firm, self.weights, 0.0))
 
@@ -76,7 +76,7 @@ class Planes:
         """
         spread = _arms(self.matches.moved)
         weights = self.weights / self.weights.sum()
-        return np.asarray(np.einsum("k,kij,klj->il", weights, spread, spread) / (LOCKED * self.spacing) ** 2)
+        return np.asarray(np.einsum("k,kij,klj->il", weights, spread, spread) / (LOCKED_SPACINGS * self.spacing) ** 2)
 
     @property
     def apparent(self) -> FloatArray:
@@ -86,7 +86,7 @@ class Planes:
         motions along itself. It does not: errors in variables.
         """
         variances = self.matches.variances
-        if variances is None or self.sigma > WELL_BELOW * self.spacing:
+        if variances is None or self.sigma > PLANES_ALONE_SPACINGS * self.spacing:
             return np.zeros((6, 6))
         n = self.matches.normals
         # A normal's variance is the sum over two tangential axes.
@@ -108,7 +108,9 @@ class Planes:
         rows = np.hstack([np.cross(x, n), n])
         cells, group = np.unique(cell_numbers(x, cell), return_inverse=True)
         slopes: FloatArray = np.column_stack([np.bincount(group, column * along, len(cells)) for column in rows.T])
-        return cells, _unfitted(slopes, rows * (np.sqrt(self.weights[kept]) / self.sigma)[:, None], group, relative)
+        return cells, _leverage_corrected(
+            slopes, rows * (np.sqrt(self.weights[kept]) / self.sigma)[:, None], group, relative
+        )
 
 
 def _arms(points: FloatArray) -> FloatArray:
@@ -119,12 +121,12 @@ def _arms(points: FloatArray) -> FloatArray:
     return np.concatenate([turns, np.broadcast_to(np.eye(3), turns.shape)], axis=1)
 
 
-def _unfitted(slopes: FloatArray, rows: FloatArray, group: IntArray, relative: FloatArray) -> FloatArray:
+def _leverage_corrected(slopes: FloatArray, rows: FloatArray, group: IntArray, relative: FloatArray) -> FloatArray:
     """Slopes of cells, (k, 6), as large as they were before the poses were fitted to them too.
 
     A cell that alone holds a motion has residuals of zero there, whatever its error: along each motion the squares are
     divided by the share that the others leave open, which makes the sandwich unbiased (HC2 of MacKinnon and White 1985,
-    of clusters Bell and McCaffrey 2002). Rows are in units of the noise, relative as in `Planes.scores`.
+    of clusters Bell and McCaffrey 2002). Rows are in units of the noise, relative as in `WeighedMatches.scores`.
     """
     scale = np.sqrt(np.diag(relative))
     values, vectors = np.linalg.eigh(relative / scale / scale[:, None])
@@ -136,7 +138,7 @@ def _unfitted(slopes: FloatArray, rows: FloatArray, group: IntArray, relative: F
             shares[:, i, j] = shares[:, j, i] = np.bincount(group, whitened[:, i] * whitened[:, j], len(slopes))
     own, turned = np.linalg.eigh(shares)
     along = np.einsum("kij,ki->kj", turned, (slopes * scale) @ vectors * root)
-    along /= np.sqrt(1.0 - np.minimum(own, MOST_LEVERAGE))
+    along /= np.sqrt(1.0 - np.minimum(own, MAX_LEVERAGE))
     return np.asarray(np.einsum("kij,kj->ki", turned, along) / root @ vectors.T / scale)
 
 
@@ -144,24 +146,24 @@ def planes_of(
     nodes: tuple[int, int],
     source: Body,
     target: Body,
-    matches: Matches,
+    matches: BodyMatches,
     reach: float,
-    before: Planes | None = None,
+    before: WeighedMatches | None = None,
     soft: float = 0.0,
-) -> Planes | None:
+) -> WeighedMatches | None:
     """Matches robustly weighed; None where there are too few.
 
     The scale of the distances is that of this pair: scans differ in noise. It begins at that of the planes before, and
     is so many spacings at least.
     """
     assert source.scan is not None
-    if len(matches.aside) < FEWEST_PLANES:
+    if len(matches.aside) < MIN_PLANES:
         return None
     aside, floor = np.abs(matches.aside), max(source.noise_floor, target.noise_floor, soft * source.scan.spacing)
     begun = InlierMixture.widest(reach, floor)
     if before is not None:
         begun = dataclasses.replace(before.mixture, limit=reach)
-    mixture = begun.fit(aside, floor=floor, rounds=ROUNDS)
+    mixture = begun.fit(aside, floor=floor, rounds=SCALE_ROUNDS)
     weights = mixture.weight(aside) * _sureness(matches, mixture.scale)
     # Below a millionth the weight is rounding.
     weights[weights < 1e-6] = 0.0
@@ -169,11 +171,11 @@ def planes_of(
     firm = np.ones(len(aside), dtype=bool)
     if target.scan is not None:
         firm = (matches.roughness <= source.rough) & (matches.target_roughness <= target.rough)
-    found = Planes(*nodes, matches, weights, mixture, source.scan.spacing, firm)
-    return found if found.count >= FEWEST_PLANES else None
+    found = WeighedMatches(*nodes, matches, weights, mixture, source.scan.spacing, firm)
+    return found if found.count >= MIN_PLANES else None
 
 
-def _sureness(matches: Matches, sigma: float) -> FloatArray:
+def _sureness(matches: BodyMatches, sigma: float) -> FloatArray:
     """Share of the variance of each distance that is not due to the tilt of its plane, (n,).
 
     A plane that is tilted by a little errs by so much of the way from its point to the foot: fits across an edge do.

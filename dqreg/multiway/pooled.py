@@ -17,11 +17,11 @@ from dqreg.multiway.bodies import Body
 from dqreg.rigid import pose
 
 # Points of all scans together.
-ALL_POINTS = 1_000_000
+MAX_POINTS = 1_000_000
 # Each so manieth point is the seed of a piece, which takes some of so many neighbours.
-EVERY, NEIGHBOURS = 3, 48
+POINTS_PER_SEED, PIECE_NEIGHBOURS = 3, 48
 # Numbers of a plane.
-NUMBERS = 3
+PLANE_NUMBERS = 3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Pieces:
         """Slopes of the groups, (groups, 6), as columns of their pieces, (6 count, pieces), jackknifed."""
         number = np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts))
         points = np.add.reduceat(self.moments[:, 3, 3], self.starts[:-1])
-        values = slopes * (points / (points - NUMBERS))[number][:, None]
+        values = slopes * (points / (points - PLANE_NUMBERS))[number][:, None]
         rows = (6 * self.scans[:, None] + np.arange(6)).ravel()
         return sparse.csr_matrix((values.ravel(), (rows, np.repeat(number, 6))), shape=(6 * count, len(points)))
 
@@ -56,7 +56,7 @@ class Pooled:
     """Points of all scans in their centred frames, in units of a length."""
 
     def __init__(self, bodies: Sequence[Body], unit: float) -> None:
-        rows = [body.rows(ALL_POINTS // len(bodies)) for body in bodies]
+        rows = [body.rows(MAX_POINTS // len(bodies)) for body in bodies]
         rows = [r[~body.single[r]] for r, body in zip(rows, bodies, strict=True)]
         self.points = np.concatenate([body.planed.points[r] for body, r in zip(bodies, rows, strict=True)]) / unit
         self.normals = np.concatenate([body.planed.normals[r] for body, r in zip(bodies, rows, strict=True)])
@@ -64,7 +64,7 @@ class Pooled:
         self.signed = all(body.scan is not None and body.scan.oriented for body in bodies)
         # Distances that cannot be real: of scans without noise.
         self.floor = min(body.noise_floor for body in bodies) / unit
-        self.seeds = np.arange(0, len(self.points), EVERY)
+        self.seeds = np.arange(0, len(self.points), POINTS_PER_SEED)
         self._neighbours: tuple[FloatArray, IntArray] | None = None
 
     def pieces(self, T: FloatArray, scale: float, near: float) -> Pieces:
@@ -95,7 +95,7 @@ class Pooled:
 
         known = self._neighbours
         if known is None or float(np.abs(points - known[0]).max()) > near:
-            found, _ = PointTree.of(points).nearest(points[self.seeds], min(NEIGHBOURS, len(points)))
+            found, _ = PointTree.of(points).nearest(points[self.seeds], min(PIECE_NEIGHBOURS, len(points)))
             self._neighbours = known = points, np.ascontiguousarray(found, dtype=np.int64)
         return known[1]
 

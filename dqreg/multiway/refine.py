@@ -9,10 +9,10 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.multiway.bodies import Body
-from dqreg.multiway.common_planes import Placed, refine_on_planes
+from dqreg.multiway.common_planes import PlacedBodies, refine_on_planes
 from dqreg.multiway.edges import PART
 from dqreg.multiway.joint import refine_jointly
-from dqreg.multiway.overlap import CELL, overlap_matrix
+from dqreg.multiway.overlap import CELL_SIZES, overlap_matrix
 from dqreg.multiway.scans import View, typical_spacing
 from dqreg.multiway.spread import beyond_noise, joint_covariance
 from dqreg.registration.options import Effort
@@ -20,13 +20,13 @@ from dqreg.registration.target import Target
 from dqreg.rigid import pose
 
 # Pairs that share fewer cells than this, of the smaller scan, add nothing but their borders.
-OVERLAP = 0.08
+MIN_OVERLAP = 0.08
 # Points of a scan in the joint cost.
-POINTS: dict[str, int] = {"fast": 5_000, "normal": 20_000, "best": 10**9}
+POINTS_OF_EFFORT: dict[str, int] = {"fast": 5_000, "normal": 20_000, "best": 10**9}
 # Points and rounds of pairs alone, before faces are planes in common.
-ROUGH_POINTS, ROUGH_ROUNDS = 2_000, 20
+ROUGH_POINTS, MAX_ROUGH_ROUNDS = 2_000, 20
 # Edge of the cells whose residuals are independent of the next one's: in spacings, and in sizes of a scan.
-PATCH_SPACINGS, PATCH = 8.0, 0.02
+PATCH_SPACINGS, PATCH_SIZES = 8.0, 0.02
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,13 +75,13 @@ def refined(
         return Refined(T, covariance, np.zeros(3), converged=False, rounds=0)
     spacing = typical_spacing([views[k] for k in placed])
     T_begun = np.array(poses)
-    rough = refine_jointly(bodies, T_begun, pairs, free, ROUGH_POINTS, most=ROUGH_ROUNDS)
+    rough = refine_jointly(bodies, T_begun, pairs, free, ROUGH_POINTS, most=MAX_ROUGH_ROUNDS)
     usable = [k for k in range(count) if views[k].usable]
     table = ([usable.index(k) for k in placed], len(usable)) if on_table else None
     found_by = refine_on_planes(bodies, rough.T_world_body, free, spacing, size, table)
     if found_by is None:
-        cell = max(PATCH_SPACINGS * spacing, PATCH * size)
-        found_by = _by_pairs(bodies, T_begun, pairs, free, len(placed), POINTS[effort], cell, size)
+        cell = max(PATCH_SPACINGS * spacing, PATCH_SIZES * size)
+        found_by = _by_pairs(bodies, T_begun, pairs, free, len(placed), POINTS_OF_EFFORT[effort], cell, size)
     found = np.full((count, 4, 4), np.nan)
     for k, body, T_world_body in zip(placed, bodies, found_by.T_world_body, strict=False):
         found[k] = T_world_body @ _shift(-body.origin)
@@ -102,18 +102,18 @@ def _by_pairs(
     points: int,
     cell: float,
     size: float,
-) -> Placed:
+) -> PlacedBodies:
     joint = refine_jointly(bodies, T, pairs, free, points)
     centre = np.mean(joint.T_world_body[:scans, :3, 3], axis=0)
     about = _shift(-centre) @ joint.T_world_body
     if not joint.planes:
         unknown = np.full((6 * len(free), 6 * len(free)), np.nan)
-        return Placed(joint.T_world_body, unknown, centre, joint.rounds, converged=False)
+        return PlacedBodies(joint.T_world_body, unknown, centre, joint.rounds, converged=False)
     spread = joint_covariance(about, joint.planes, free, cell, size)
     # Doubtful correspondences (blends of two faces, places that only one of two scans sees) bias motions that little
     # else holds. What the poses change by without them, beyond what noise does, is an error that no scatter shows.
     strict = refine_jointly(bodies, joint.T_world_body, pairs, free, points, strict=True)
-    found = Placed(joint.T_world_body, spread.covariance, centre, joint.rounds, joint.converged)
+    found = PlacedBodies(joint.T_world_body, spread.covariance, centre, joint.rounds, joint.converged)
     if not strict.planes:
         return found
     moved = _shift(-centre) @ strict.T_world_body
@@ -123,9 +123,9 @@ def _by_pairs(
 
 
 def _pairs(views: Sequence[View], placed: Sequence[int], T: FloatArray, size: float) -> list[tuple[int, int]]:
-    overlap = np.nan_to_num(overlap_matrix(views, T, size, CELL))
+    overlap = np.nan_to_num(overlap_matrix(views, T, size, CELL_SIZES))
     n = len(placed)
-    return [(a, b) for a in range(n) for b in range(a + 1, n) if overlap[placed[a], placed[b]] >= OVERLAP]
+    return [(a, b) for a in range(n) for b in range(a + 1, n) if overlap[placed[a], placed[b]] >= MIN_OVERLAP]
 
 
 def _shift(offset: FloatArray) -> FloatArray:

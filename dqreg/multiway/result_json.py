@@ -12,7 +12,7 @@ import numpy as np
 from dqreg._arrays import RIGID_TOLERANCE, as_pose
 from dqreg.errors import InputError
 from dqreg.files.strict_json import fields_from, plain, record_from
-from dqreg.multiway.edges import WORDS, Edge
+from dqreg.multiway.edges import TEXT_OF_CODE, Edge
 from dqreg.registration import result_json
 from dqreg.registration.result import Registration
 from dqreg.registration.result_json import float_array
@@ -24,7 +24,7 @@ CONVENTIONS = {
     "centre; joint: those of all scans, one after the other",
 }
 # Scans up to which the joint covariance is written whole; beyond, each pose's own.
-WHOLE = 100
+MAX_SCANS_OF_JOINT_COVARIANCE = 100
 
 
 def to_plain(result: Any) -> dict[str, Any]:
@@ -33,7 +33,7 @@ def to_plain(result: Any) -> dict[str, Any]:
     values = {name: plain(getattr(result, name)) for name in names}
     values["verdict"] = {**plain(result.verdict), "codes": list(result.verdict.codes)}
     values["covariances"] = plain(result.covariances)
-    values["joint"] = plain(result.joint) if len(result.names) <= WHOLE else None
+    values["joint"] = plain(result.joint) if len(result.names) <= MAX_SCANS_OF_JOINT_COVARIANCE else None
     values["edges"] = [
         {
             **{name: plain(getattr(edge, name)) for name in ("target", "source", "used", "code", "chi2", "overlap")},
@@ -95,7 +95,7 @@ def _edge(values: Any, count: int) -> Edge:
     fields = [field.name for field in dataclasses.fields(Registration) if field.name != "inputs"]
     checked = fields_from(Registration, {name: found[name] for name in fields}, result_json.CHECKS)
     target, source = int(record["target"]), int(record["source"])
-    if not (-1 <= target < count and 0 <= source < count) or record["code"] not in WORDS:
+    if not (-1 <= target < count and 0 <= source < count) or record["code"] not in TEXT_OF_CODE:
         raise ValueError(f"an edge {target} - {source} with the code {record['code']!r:.40}")
     numbers = {name: np.nan if record[name] is None else float(record[name]) for name in ("chi2", "overlap")}
     return Edge(target, source, Registration(**checked), bool(record["used"]), record["code"], **numbers)

@@ -24,13 +24,15 @@ from dqreg.multiway.wobble import Line, moved_line, wobble
 from dqreg.rigid import DualQuaternion, pose
 
 # Share of the pairs that must leave the rotation about one axis next to unheld, and pairs at least.
-MOSTLY, FEWEST = 0.5, 3
-# Axes that are one: angle, and distance in sizes of a scan; and share of them that must agree.
-SAME_RAD, SAME, AGREEING = np.deg2rad(6.0), 0.05, 0.7
+MIN_FREE_SHARE, MIN_PAIRS = 0.5, 3
+# Axes that are one: angle, and distance in sizes of a scan.
+SAME_AXIS_RAD, SAME_AXIS_SIZES = np.deg2rad(6.0), 0.05
+# Share of them that must agree.
+MIN_AGREEING_SHARE = 0.7
 # All steps that come this close to a full turn, as a share of it, are one.
-NEARLY = 0.05
+FULL_TURN_SHARE = 0.05
 # Variance of an angle of which nothing is known.
-ANY_ANGLE = np.pi**2 / 3.0
+UNKNOWN_ANGLE_VARIANCE = np.pi**2 / 3.0
 
 Agreed = Literal["starts", "wobble", "step", "pairs"]
 
@@ -59,7 +61,7 @@ class RoundPart:
         covariance = joint.covariance.copy()
         for k, T in enumerate(joint.T_world_scan):
             if k != anchor and np.isfinite(T).all():
-                covariance[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] += ANY_ANGLE * np.outer(along, along)
+                covariance[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] += UNKNOWN_ANGLE_VARIANCE * np.outer(along, along)
         return dataclasses.replace(joint, covariance=covariance)
 
 
@@ -69,12 +71,12 @@ def laid_by_angles(
     """The edges, at angles that fit together where the part looks round; else as they are."""
     lines = [(edge, line) for edge in edges if (line := _line_of(edge)) is not None]
     found = [edge for edge in edges if edge.found and edge.target != PART]
-    if len(lines) < FEWEST or len(lines) <= MOSTLY * len(found) or len(found) < len(edges) * MOSTLY:
+    if len(lines) < MIN_PAIRS or len(lines) <= MIN_FREE_SHARE * len(found) or len(found) < len(edges) * MIN_FREE_SHARE:
         return edges, None
     size = typical_size(runner.views)
     own = [(edge.target, line) for edge, line in lines]
     own += [(e.source, moved_line(pose.inverse(e.registration.T_target_source), line)) for e, line in lines]
-    if _agreement(own, size) < AGREEING:
+    if _agreement(own, size) < MIN_AGREEING_SHARE:
         return edges, None
     pairs = [(edge.target, edge.source) for edge in edges if edge.target != PART]
     usable = [k for k, view in enumerate(runner.views) if view.usable]
@@ -90,7 +92,7 @@ def laid_by_angles(
             step = _whole(M, len(usable))
             turns = {scan: (step ** float(k)).as_matrix() for k, scan in enumerate(usable)}
             return _laid(runner, _neighbours(usable), turns, own), RoundPart(tuple(own), "wobble")
-        if _share_alike([line for _, line in own], size) >= AGREEING:
+        if _share_alike([line for _, line in own], size) >= MIN_AGREEING_SHARE:
             return _by_full_turn(runner, own, usable)
     return _laid(runner, pairs, _along_surest(lines, len(runner.views)), own), RoundPart(tuple(own), "pairs")
 
@@ -127,7 +129,7 @@ def _whole(M: FloatArray, count: int) -> DualQuaternion:
     """The step, so that all steps make a full turn where they nearly do."""
     step = DualQuaternion.from_matrix(M)
     share = 2.0 * np.pi / count / float(np.linalg.norm(pose.log(M)[:3]))
-    return step**share if abs(share - 1.0) <= NEARLY else step
+    return step**share if abs(share - 1.0) <= FULL_TURN_SHARE else step
 
 
 def _laid(
@@ -145,7 +147,7 @@ def _turned_back(edge: Edge, start: FloatArray | None, line: Line) -> Edge:
         return edge
     T = edge.registration.T_target_source
     slid = float(pose.log(T @ pose.inverse(start))[:3] @ line[0])
-    if edge.level == "accepted" and abs(slid) <= SAME_RAD:
+    if edge.level == "accepted" and abs(slid) <= SAME_AXIS_RAD:
         return edge
     back = pose.about(pose.exp(np.r_[-slid * line[0], np.zeros(3)]), line[1])
     return dataclasses.replace(edge, registration=dataclasses.replace(edge.registration, T_target_source=back @ T))
@@ -184,8 +186,8 @@ def _freed(edge: Edge) -> Edge:
     motion = said.observability[0]
     centre = np.asarray(said.settings.get("centre", np.zeros(3)), dtype=np.float64)
     along = np.r_[motion.axis, np.cross(motion.axis, centre - np.array(motion.point))]
-    covariance = said.covariance + ANY_ANGLE * np.outer(along, along)
-    sigma = float(np.sqrt(ANY_ANGLE)) * 0.5 * float(said.settings["diagonal"])
+    covariance = said.covariance + UNKNOWN_ANGLE_VARIANCE * np.outer(along, along)
+    sigma = float(np.sqrt(UNKNOWN_ANGLE_VARIANCE)) * 0.5 * float(said.settings["diagonal"])
     held = (dataclasses.replace(motion, strength=0.0, sigma=sigma), *said.observability[1:])
     return dataclasses.replace(edge, registration=dataclasses.replace(said, covariance=covariance, observability=held))
 
@@ -205,7 +207,7 @@ def _share_alike(lines: Sequence[Line], size: float) -> float:
     for axis, point in lines:
         turned = np.arccos(np.clip(np.abs(axes @ axis), 0.0, 1.0))
         apart = np.linalg.norm(np.cross(points - point, axis), axis=1)
-        shares.append(float(np.mean((turned <= SAME_RAD) & (apart <= SAME * size))))
+        shares.append(float(np.mean((turned <= SAME_AXIS_RAD) & (apart <= SAME_AXIS_SIZES * size))))
     return max(shares)
 
 

@@ -23,9 +23,9 @@ from dqreg.registration.target_index import index_target
 from dqreg.trust.free_space import MAX_HIDDEN_SHARE, hidden_share
 
 # Scans that are compared at least.
-FEWEST = 2
+MIN_SCANS = 2
 # Scans of a faulty call that the message names.
-NAMED = 3
+NAMED_SCANS = 3
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -86,7 +86,7 @@ def read_views(scans: Sequence[Any], seed: int, viewpoints: Any = None) -> tuple
         raise InputError(f"scans must be a list of paths, arrays or clouds; got one array of shape {shape}")
     if isinstance(scans, (str, os.PathLike)) or not (hasattr(scans, "__len__") and hasattr(scans, "__getitem__")):
         raise InputError(f"scans must be a list of paths, arrays or clouds; got {type(scans).__name__}")
-    if len(scans) < FEWEST:
+    if len(scans) < MIN_SCANS:
         raise InputError(f"multiway registration needs two scans at least; got {len(scans)}")
     places = _places(viewpoints, len(scans))
     views: list[View] = []
@@ -169,10 +169,12 @@ def _hidden_share(cloud: PointCloud) -> float:
 
 def _require_some(views: Sequence[View]) -> None:
     usable = [view for view in views if view.usable]
-    if len(usable) < FEWEST:
+    if len(usable) < MIN_SCANS:
         bad = [view for view in views if not view.usable]
-        why = "; ".join(f"{view.name}: {view.problem or f'a copy of scan {view.copy_of}'}" for view in bad[:NAMED])
-        more = f"; and {len(bad) - NAMED} more" if len(bad) > NAMED else ""
+        why = "; ".join(
+            f"{view.name}: {view.problem or f'a copy of scan {view.copy_of}'}" for view in bad[:NAMED_SCANS]
+        )
+        more = f"; and {len(bad) - NAMED_SCANS} more" if len(bad) > NAMED_SCANS else ""
         raise InputError(f"multiway registration needs two usable scans at least; {why}{more}")
     units = {view.cloud.units: view.name for view in usable if view.cloud is not None and view.cloud.units}
     if len(units) > 1:

@@ -14,7 +14,7 @@ from dqreg.rigid import pose
 from dqreg.solvers import solve
 
 # Points of a scan that an error is measured on, and errors of a scan that is right: in sizes of a scan.
-POINTS, RIGHT = 1_000, 0.01
+JUDGING_POINTS, RIGHT_ERROR_SIZES = 1_000, 0.01
 # From the increments of two poses to that between them.
 DIFFERENCE = np.hstack([-np.eye(6), np.eye(6)])
 
@@ -38,7 +38,7 @@ def score(name: str, T: FloatArray, truth: FloatArray, clouds: Sequence[PointClo
     placed = np.flatnonzero(np.isfinite(T).all(axis=(1, 2)))
     if len(placed) < 2:
         return ManyScore(name, len(placed), 0, np.nan, np.nan, np.nan, np.nan)
-    some = [cloud.points[:: max(1, len(cloud.points) // POINTS)] for cloud in clouds]
+    some = [cloud.points[:: max(1, len(cloud.points) // JUDGING_POINTS)] for cloud in clouds]
     there = [pose.apply(T[k], some[k]) for k in placed]
     exact = [pose.apply(truth[k], some[k]) for k in placed]
     common = solve(np.concatenate(there), np.concatenate(exact)).T_target_source
@@ -48,7 +48,7 @@ def score(name: str, T: FloatArray, truth: FloatArray, clouds: Sequence[PointClo
     return ManyScore(
         name,
         len(placed),
-        int((each <= RIGHT * size).sum()),
+        int((each <= RIGHT_ERROR_SIZES * size).sum()),
         float(np.sqrt(np.concatenate([(error**2).sum(axis=1) for error in errors]).mean())),
         float(each.max()),
         float(np.rad2deg(max(turns))),

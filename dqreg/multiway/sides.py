@@ -25,16 +25,20 @@ from dqreg.multiway.viewpoints import Viewpoint, Viewpoints, common_viewpoints, 
 from dqreg.rigid import pose
 from dqreg.trust.limits import DEPTH_CONFLICT_SHARE
 
-# Matches are of one place within so many spacings, and so many scales of noise along the normal.
-NEAR, THICK, ALIKE = 2.0, 4.0, 0.8
-# Share of opposite sides, and matches, from which a pair is wrong; and overlap from which it is looked at.
-OPPOSED, FEWEST, OVERLAP = 0.3, 50, 0.08
+# Matches are of one place within so many spacings, and so many scales of noise along the normal,
+NEAR_SPACINGS, NEAR_NOISES = 2.0, 4.0
+# at this cosine of the normals, whichever side they face.
+MIN_NORMAL_COS = 0.8
+# Share of opposite sides, and matches, from which a pair is wrong.
+MAX_OPPOSITE_SHARE, MIN_MATCHES = 0.3, 50
+# Overlap from which it is looked at.
+MIN_OVERLAP = 0.08
 # Share of what was looked through from which a pair is wrong: a pose of a pair is a little off.
-THROUGH = 0.1
+LOOKED_THROUGH_SHARE = 0.1
 # Accepted pairs that tell whether a line of sight is right, at least and at most, and the share that must agree.
-TELLING, FITTING = (3, 60), 0.8
+TELLING_PAIRS, MIN_FITTING_SHARE = (3, 60), 0.8
 # Points of a scan that are looked at.
-POINTS = 3_000
+COMPARED_POINTS = 3_000
 
 
 def body_of(view: View, viewpoint: Viewpoint | None) -> Body:
@@ -59,10 +63,10 @@ def viewpoints_of(views: Sequence[View], order: Order, edges: Sequence[Edge] = (
     common = common_viewpoints(views)
     if common is None:
         return given
-    sure = _sure(edges)[: TELLING[1]]
+    sure = _sure(edges)[: TELLING_PAIRS[1]]
     fits = [_fitting(FreeSpace.of(views, viewpoints), sure) for viewpoints in common]
     best = int(np.argmax(fits))
-    if fits[best] >= FITTING and fits[best] > fits[1 - best]:
+    if fits[best] >= MIN_FITTING_SHARE and fits[best] > fits[1 - best]:
         return tuple(
             None if viewpoint is None else dataclasses.replace(viewpoint, certain=True) for viewpoint in common[best]
         )
@@ -81,7 +85,7 @@ def _fitting(free: FreeSpace, pairs: Sequence[tuple[int, int, FloatArray]]) -> f
     """Share of the pairs in which next to nothing stands where the other's scanner looked through."""
     shares = np.array([free.share(*pair) for pair in pairs])
     shares = shares[np.isfinite(shares)]
-    return float(np.mean(shares <= DEPTH_CONFLICT_SHARE)) if len(shares) >= TELLING[0] else 0.0
+    return float(np.mean(shares <= DEPTH_CONFLICT_SHARE)) if len(shares) >= TELLING_PAIRS[0] else 0.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,18 +117,17 @@ class Sides:
         """The edges, with those marked that lay one side of a sheet on the other, or stand in free space."""
         found = []
         for edge in edges:
-            wrong = self._wrong(edge) if edge.found and edge.target != PART else None
+            wrong = self._contradiction_code(edge) if edge.found and edge.target != PART else None
             found.append(edge if wrong is None else dataclasses.replace(edge, code=wrong))
         return found
 
-    def _wrong(self, edge: Edge) -> EdgeCode | None:
+    def _contradiction_code(self, edge: Edge) -> EdgeCode | None:
         i, j, T = edge.target, edge.source, edge.registration.T_target_source
         key = i, j, T.tobytes()
         if key not in self.known:
-            opposite = self.opposed(i, j, T) > OPPOSED
-            self.known[key] = (
-                "opposite_sides" if opposite else "looked_through" if self.free.share(i, j, T) > THROUGH else None
-            )
+            opposite = self.opposed(i, j, T) > MAX_OPPOSITE_SHARE
+            through = not opposite and self.free.share(i, j, T) > LOOKED_THROUGH_SHARE
+            self.known[key] = "opposite_sides" if opposite else "looked_through" if through else None
         return self.known[key]
 
     def opposed(self, i: int, j: int, T_i_j: FloatArray) -> float:
@@ -138,12 +141,12 @@ class Sides:
     def contradictions(self, T_world_scan: FloatArray, overlap: FloatArray) -> Iterator[Contradiction]:
         """Pairs of placed scans that overlap, and that their sides or lines of sight contradict."""
         through = self.free.contradictions(T_world_scan)
-        overlapping = np.nan_to_num(overlap) >= OVERLAP
+        overlapping = np.nan_to_num(overlap) >= MIN_OVERLAP
         for i, j in np.argwhere(np.triu(overlapping | (through > 0.0), 1)).tolist():
             if self.bodies[i] is None or self.bodies[j] is None:
                 continue
             T = pose.inverse(T_world_scan[i]) @ T_world_scan[j]
-            if overlapping[i, j] and self.opposed(i, j, T) > OPPOSED:
+            if overlapping[i, j] and self.opposed(i, j, T) > MAX_OPPOSITE_SHARE:
                 yield Contradiction("opposite_sides", i, j)
             elif through[i, j] > 0.0:
                 yield Contradiction("looked_through", i, j)
@@ -172,11 +175,11 @@ def opposed(a: Body, b: Body, T_a_b: FloatArray) -> float:
     cosines = np.einsum("ij,ij->i", normals @ T_a_b[:3, :3].T, found.normals)
     along = np.abs(np.einsum("ij,ij->i", moved - found.points, found.normals))
     noise = max(a.scan.noise, b.scan.noise, a.noise_floor)
-    near = (found.distances <= NEAR * max(a.scan.spacing, b.scan.spacing)) & (along <= THICK * noise)
-    alike = near & (np.abs(cosines) >= ALIKE)
-    return float(np.mean(cosines[alike] < 0.0)) if np.count_nonzero(alike) >= FEWEST else np.nan
+    near = (found.distances <= NEAR_SPACINGS * max(a.scan.spacing, b.scan.spacing)) & (along <= NEAR_NOISES * noise)
+    alike = near & (np.abs(cosines) >= MIN_NORMAL_COS)
+    return float(np.mean(cosines[alike] < 0.0)) if np.count_nonzero(alike) >= MIN_MATCHES else np.nan
 
 
 def _some(rows: FloatArray) -> FloatArray:
-    some: FloatArray = rows[:: max(1, len(rows) // POINTS)]
+    some: FloatArray = rows[:: max(1, len(rows) // COMPARED_POINTS)]
     return some

@@ -14,20 +14,20 @@ import numpy as np
 import scipy.sparse as sparse
 
 from dqreg._arrays import FloatArray, IntArray
-from dqreg.icp.estimators import FEWEST_PLANES
+from dqreg.icp.estimators import MIN_PLANES
 from dqreg.multiway.graph import PoseGraph, factorised, normal_matrix
 from dqreg.multiway.joint import linearised
-from dqreg.multiway.planes import Planes
+from dqreg.multiway.planes import WeighedMatches
 from dqreg.rigid import pose
 
 # Variance of a scaled motion, in squares of a radian or of the size, beyond which it is free.
-FREE = 1.0
+FREE_VARIANCE = 1.0
 # Share of the information about a motion that is left, at least, where the rest is that of errors of the normals.
-LEAST_HELD = 1e-3
+MIN_INFORMATION_SHARE = 1e-3
 
 
 @dataclasses.dataclass(frozen=True)
-class Spread:
+class WorldCovariance:
     """Covariance of the world increments of the free nodes about the world's origin, and what cells add to them."""
 
     covariance: FloatArray  # (6 k, 6 k): NaN in rows and columns of free motions
@@ -35,7 +35,9 @@ class Spread:
     influences: FloatArray  # (6 k, c): What the errors of each cell do to the poses
 
 
-def joint_covariance(T: FloatArray, planes: Sequence[Planes], free: IntArray, cell: float, size: float) -> Spread:
+def joint_covariance(
+    T: FloatArray, planes: Sequence[WeighedMatches], free: IntArray, cell: float, size: float
+) -> WorldCovariance:
     """How sure the free nodes are. Coordinates are relative to the middle of the graph, as ``T`` is given.
 
     Few cells tell the sizes of the errors and not how these go together: as far as there are few for the motions, the
@@ -58,10 +60,10 @@ def joint_covariance(T: FloatArray, planes: Sequence[Planes], free: IntArray, ce
     covariance = root @ root.T
     scale = np.tile(np.r_[[1.0] * 3, [size] * 3], len(free))
     # Nothing is known of a node that met no other one.
-    loose = (np.diag(covariance) / scale**2 > FREE) | (np.diag(held + beside) <= 0.0)
+    loose = (np.diag(covariance) / scale**2 > FREE_VARIANCE) | (np.diag(held + beside) <= 0.0)
     covariance[loose] = np.nan
     covariance[:, loose] = np.nan
-    return Spread(covariance, cells, solve(slopes.toarray()))
+    return WorldCovariance(covariance, cells, solve(slopes.toarray()))
 
 
 def root_of(matrix: FloatArray) -> FloatArray:
@@ -80,7 +82,7 @@ def root_of(matrix: FloatArray) -> FloatArray:
     return np.asarray(scale[:, None] * root)
 
 
-def beyond_noise(change: FloatArray, spread: Spread, other: Spread) -> FloatArray:
+def beyond_noise(change: FloatArray, spread: WorldCovariance, other: WorldCovariance) -> FloatArray:
     """The part of a change of all poses, (k, 6), from one spread to another, that errors of the cells do not explain.
 
     Two estimates from the same points differ by their noise already: of the change of each pose the share is left by
@@ -101,14 +103,14 @@ def beyond_noise(change: FloatArray, spread: Spread, other: Spread) -> FloatArra
 
 
 def _information(
-    T: FloatArray, faces: Sequence[Planes], planes: Sequence[Planes]
+    T: FloatArray, faces: Sequence[WeighedMatches], planes: Sequence[WeighedMatches]
 ) -> tuple[PoseGraph, FloatArray, FloatArray]:
     """What the faces hold, without what errors of their normals seem to, and what all edges together hold.
 
     Shapes: both (m, 6, 6), of increments in the world frame.
     """
     whole, _, _ = linearised(T, planes)
-    firm = [k for k, each in enumerate(faces) if each.count >= FEWEST_PLANES]
+    firm = [k for k, each in enumerate(faces) if each.count >= MIN_PLANES]
     held = np.zeros((len(planes), 6, 6))
     if firm:
         graph, _, _ = linearised(T, [faces[k] for k in firm])
@@ -116,7 +118,7 @@ def _information(
         apparent = np.array([faces[k].apparent for k in firm])
         B = graph.jacobians(T)
         for k, row in enumerate(firm):
-            squares = less(graph.information[k], to_centre[k].T @ apparent[k] @ to_centre[k])
+            squares = without_apparent(graph.information[k], to_centre[k].T @ apparent[k] @ to_centre[k])
             held[row] = B[k].T @ squares @ B[k]
     outward = pose.adjoint(pose.inverse(T[whole.targets]))
     # Both ways of a pair look at the same edges.
@@ -125,7 +127,7 @@ def _information(
     return whole, held, outward.transpose(0, 2, 1) @ locked @ outward
 
 
-def less(information: FloatArray, apparent: FloatArray) -> FloatArray:
+def without_apparent(information: FloatArray, apparent: FloatArray) -> FloatArray:
     """Information without the apparent part of it; a little of each motion is left. Shapes: (6, 6)."""
     scale = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(information / scale / scale[:, None])
@@ -133,11 +135,11 @@ def less(information: FloatArray, apparent: FloatArray) -> FloatArray:
     forth, back = (vectors * roots) * scale[:, None], vectors / roots / scale[:, None]
     shares, turn = np.linalg.eigh(np.eye(6) - back.T @ apparent @ back)
     root = forth @ turn
-    return np.asarray((root * np.maximum(shares, LEAST_HELD)) @ root.T)
+    return np.asarray((root * np.maximum(shares, MIN_INFORMATION_SHARE)) @ root.T)
 
 
 def _by_cell(
-    T: FloatArray, planes: Sequence[Planes], place: IntArray, cell: float, inverse: FloatArray
+    T: FloatArray, planes: Sequence[WeighedMatches], place: IntArray, cell: float, inverse: FloatArray
 ) -> tuple[IntArray, sparse.csc_matrix]:
     """Numbers of cells, and slopes of the cost by the increments of the free nodes, one column a cell, (6 k, cells)."""
     rows, cells, values = [], [], []

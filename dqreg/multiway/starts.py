@@ -18,7 +18,7 @@ from dqreg.rigid import pose
 from dqreg.trust.records import Reason
 
 # A pose farther from an initial one than this rotation, and this share of a scan's size, is another one.
-FAR_RAD, FAR = np.deg2rad(15.0), 0.1
+OTHER_POSE_RAD, OTHER_POSE_SIZES = np.deg2rad(15.0), 0.1
 
 
 def read_starts(starts: Any, count: int) -> list[FloatArray | None]:
@@ -62,7 +62,7 @@ def contradicted_starts(
         given, found = pose.inverse(first) @ second, pose.inverse(home) @ T_world_scan[source]
         turned = float(pose.angle_between(given, found))
         shift = float(pose.offset_between(given, found, at=cloud.points.mean(axis=0))) / size
-        if turned > FAR_RAD or shift > FAR:
+        if turned > OTHER_POSE_RAD or shift > OTHER_POSE_SIZES:
             for k in {target, source} - {PART}:
                 off.setdefault(k, []).append((target, source, turned, shift))
     while off:

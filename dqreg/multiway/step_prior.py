@@ -14,18 +14,20 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.multiway.graph import PoseGraph
-from dqreg.multiway.loops import LIMIT
+from dqreg.multiway.loops import CHI2_LIMIT
 from dqreg.rigid import pose
 
-# Rounds of the mean step; steps, at least, in all and in the better held half; share of them that must agree.
-ROUNDS, FEWEST, FIRM, SHARE = 5, 8, 6, 0.5
+# Rounds of the mean step; share of the steps that must agree.
+MEAN_ROUNDS, MIN_AGREEING_SHARE = 5, 0.5
+# Steps, at least, in all and in the better constrained half.
+MIN_STEPS, MIN_FIRM_STEPS = 8, 6
 # Medians of the sums of one, two and three squares of unit variance; and the scatter of a variance that follows from
 # one, in that of the mean of squares.
-MEDIANS, BY_MEDIAN = (0.455, 1.386, 2.366), 1.6
+MEDIANS_OF_SQUARES, MEDIAN_SCATTER_RATIO = (0.455, 1.386, 2.366), 1.6
 # Places err, and not steps: of one between two others by half as much again as two steps that err by themselves say.
-PLACES = 1.5
+PLACE_VARIANCE_RATIO = 1.5
 # Least variance, of rounding; and largest standard deviation of a step, which is none beyond it.
-LEAST, WIDEST = 1e-14, 0.02
+MIN_VARIANCE, MAX_STEP_SIGMA = 1e-14, 0.02
 
 
 def step_prior(
@@ -40,7 +42,7 @@ def step_prior(
     ends = [(i, j) for i, j in pairwise(order.tolist()) if places[j] - places[i] == 1]
     if places[order[-1]] - places[order[0]] == count - 1 > 1:
         ends.append((int(order[-1]), int(order[0])))
-    if len(ends) < FEWEST:
+    if len(ends) < MIN_STEPS:
         return None
     targets, sources = np.array(ends).T
     # All scans are in one frame, the scanner's: about one middle of all of them.
@@ -74,14 +76,14 @@ def _mean_step(motions: FloatArray, spread: FloatArray) -> tuple[FloatArray, Flo
     apart = np.array([np.median(_lengths(pose.log(motions @ pose.inverse(motion)))) for motion in motions])
     step, kept, errs = motions[int(apart.argmin())], np.arange(len(motions)), np.eye(6)
     traces = np.trace(spread, axis1=1, axis2=2)
-    firm = np.argsort(traces, kind="stable")[: max(FIRM, len(motions) // 2)]
-    for _ in range(ROUNDS):
+    firm = np.argsort(traces, kind="stable")[: max(MIN_FIRM_STEPS, len(motions) // 2)]
+    for _ in range(MEAN_ROUNDS):
         twists = pose.log(motions @ pose.inverse(step))
         errs = _errors(twists[firm], spread[firm], pose.log(step))
         weights = np.linalg.inv(spread + errs)
         chi2 = np.einsum("mi,mij,mj->m", twists, weights, twists)
-        kept = np.flatnonzero(chi2 <= LIMIT)
-        if len(kept) < SHARE * len(motions) or np.linalg.eigvalsh(errs)[-1] > WIDEST**2:
+        kept = np.flatnonzero(chi2 <= CHI2_LIMIT)
+        if len(kept) < MIN_AGREEING_SHARE * len(motions) or np.linalg.eigvalsh(errs)[-1] > MAX_STEP_SIGMA**2:
             return None
         pull = np.einsum("mij,mj->i", weights[kept], twists[kept])
         step = pose.exp(np.linalg.solve(weights[kept].sum(axis=0), pull)) @ step
@@ -110,9 +112,9 @@ def _errors(twists: FloatArray, spread: FloatArray, screw: FloatArray) -> FloatA
 
 def _variance(squares: FloatArray, known: float, dimensions: int) -> float:
     """Variance along one axis that is left of squared lengths, with a standard error of it."""
-    whole = float(np.median(squares)) / MEDIANS[dimensions - 1]
-    error = BY_MEDIAN * np.sqrt(2.0 / (dimensions * len(squares)))
-    return float(PLACES * max(max(whole - known, 0.0) + error * whole, LEAST))
+    whole = float(np.median(squares)) / MEDIANS_OF_SQUARES[dimensions - 1]
+    error = MEDIAN_SCATTER_RATIO * np.sqrt(2.0 / (dimensions * len(squares)))
+    return float(PLACE_VARIANCE_RATIO * max(max(whole - known, 0.0) + error * whole, MIN_VARIANCE))
 
 
 def _lengths(twists: FloatArray) -> FloatArray:

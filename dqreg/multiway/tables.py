@@ -10,9 +10,9 @@ from dqreg.multiway.result_protocol import ManyScans
 from dqreg.report.table import Column, Table
 
 # Loops listed in a report, the worst first; the JSON file holds all.
-LOOPS = 20
+MAX_LISTED_LOOPS = 20
 # A scan placed by fewer used pairs than this hangs by a thread.
-FEW_PAIRS = 2
+MIN_USED_PAIRS = 2
 
 
 def sigmas(result: ManyScans) -> FloatArray:
@@ -107,7 +107,7 @@ def pairs_table(result: ManyScans) -> Table:
 
 def loops_table(result: ManyScans) -> Table:
     """The worst loops of used pairs."""
-    loops = [loop for loop in result.loop_errors if loop.used and loop.sharp][:LOOPS]
+    loops = [loop for loop in result.loop_errors if loop.used and loop.sharp][:MAX_LISTED_LOOPS]
     rows = tuple(
         (
             " - ".join(name_of(result, node) for node in loop.scans),
@@ -141,7 +141,7 @@ def rescans(result: ManyScans) -> list[str]:
                 + (f" (it was compared with {best})" if best and len(tried) < 6 else "")
                 + ", or leave it out if it shows something else."
             )
-        elif len(used) < FEW_PAIRS and len(placed) > 2:
+        elif len(used) < MIN_USED_PAIRS and len(placed) > 2:
             words.append(
                 f"{name}: placed by one pair alone, which no loop checks. One more scan between would check it."
             )

@@ -16,26 +16,34 @@ from dqreg.multiway.symmetric_part import symmetric_axis
 from dqreg.rigid import DualQuaternion, pose
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 
-# Points of a view that are looked at, views, and rounds of the fit of the axis.
-POINTS, VIEWS, ROUNDS = 1_500, 6, 15
+# Points of a view that are looked at, and views.
+POINTS_PER_VIEW, MAX_VIEWS = 1_500, 6
+# Rounds of the fit of the axis.
+AXIS_ROUNDS = 15
 # A normal's line misses the axis of a round face by less than this, in sizes, at a lever of one; and the share of the
 # points that must be on round faces for the part to be nearly round.
-ROUND, MOSTLY = 0.02, 0.8
+AXIS_MISS_SIZES, MIN_ROUND_SHARE = 0.02, 0.8
 # Turns that are tried, and the share of what lies on the others unturned that must do so at each of them.
-TURNS_RAD, ALIKE = np.deg2rad([10.0, 17.0, 30.0, 41.0]), 0.9
-# A point lies on another view within so many spacings, so many scales of noise along the normal, and this cosine.
-NEAR, THICK, FINE, FACING = 3.0, 4.0, 0.1, 0.9
-NEIGHBOURS = 4
-# Rotations of rivals that are one: radians, sizes; those that are none; used pairs that must name it, and share.
-SAME_RAD, SAME, LEAST_RAD, FEWEST, NAMING = np.deg2rad(8.0), 0.05, np.deg2rad(5.0), 2, 0.25
+TRIED_TURNS_RAD, MIN_KEPT_SHARE = np.deg2rad([10.0, 17.0, 30.0, 41.0]), 0.9
+# A point lies on another view within so many spacings, at this cosine of the normals,
+NEAR_SPACINGS, MIN_NORMAL_COS = 3.0, 0.9
+# and within so many scales of noise along the normal, or spacings if these are more.
+NEAR_NOISES, MIN_NEAR_SPACINGS = 4.0, 0.1
+NEAR_NEIGHBOURS = 4
+# Rotations of rivals that are one: radians, sizes.
+SAME_TURN_RAD, SAME_TURN_SIZES = np.deg2rad(8.0), 0.05
+# Those that are none.
+MIN_TURN_RAD = np.deg2rad(5.0)
+# Pairs, at least; and share of the used ones that must name one rotation.
+MIN_PAIRS, MIN_NAMING_SHARE = 2, 0.25
 # Turns that contradicting pairs name, and that are tried on the model.
-TRIED = 6
+MAX_TRIED_TURNS = 6
 # Views that show a part from so many sides that its model can be asked for symmetries.
-FEWEST_VIEWS = 4
+MIN_VIEWS_OF_MODEL = 4
 
 
 @dataclasses.dataclass(frozen=True)
-class Turning:
+class UnobservableRotation:
     """A rotation in the world frame that no view, or few of them, can tell from none."""
 
     axis: FloatArray  # (3,)
@@ -54,7 +62,7 @@ def turnings(
     known: RoundPart | None = None,
     *,
     started: bool = False,
-) -> tuple[Turning, ...]:
+) -> tuple[UnobservableRotation, ...]:
     """Rotations by which views can be turned: of a round part, and those that several pairs name as rivals.
 
     A symmetry of the model alone is one too, unless all scans were started: then the starts tell which.
@@ -62,20 +70,20 @@ def turnings(
     placed = [k for k, view in enumerate(views) if view.usable and np.isfinite(T_world_scan[k]).all()]
     if len(placed) < 2:
         return tuple(_from_pairs(edges))
-    model = _Model.of(views, T_world_scan, placed)
+    model = _PartModel.of(views, T_world_scan, placed)
     if known is not None:
         axis, point = known.axis(T_world_scan)
-        telling = 1.0 - model.kept(axis, point, TURNS_RAD)
-        return (Turning(axis, point, None, telling, agreed=known.agreed, step_rad=known.step_rad),)
+        telling = 1.0 - model.kept(axis, point, TRIED_TURNS_RAD)
+        return (UnobservableRotation(axis, point, None, telling, agreed=known.agreed, step_rad=known.step_rad),)
     found = _round(model)
     if found is not None:
         return (found,)
     turns = list(_from_rivals(T_world_scan, edges, typical_size([views[k] for k in placed])))
     turns = turns or _from_contradictions(model, T_world_scan, edges)
-    return tuple(turns or ([] if started or len(placed) < FEWEST_VIEWS else _from_model(model)))
+    return tuple(turns or ([] if started or len(placed) < MIN_VIEWS_OF_MODEL else _from_model(model)))
 
 
-def _from_pairs(edges: Sequence[Edge]) -> Iterator[Turning]:
+def _from_pairs(edges: Sequence[Edge]) -> Iterator[UnobservableRotation]:
     """The rotation that is the least held motion of most pairs, in the frame of the first one's target."""
     found = [edge for edge in edges if edge.found and edge.target != PART and edge.registration.observability]
     loose = [
@@ -84,13 +92,13 @@ def _from_pairs(edges: Sequence[Edge]) -> Iterator[Turning]:
         if edge.registration.observability[0].kind == "rotation"
         and {"weakly_constrained", "unconstrained"} & set(edge.registration.verdict.codes)
     ]
-    if len(loose) >= FEWEST and len(loose) > 0.5 * len(found):
+    if len(loose) >= MIN_PAIRS and len(loose) > 0.5 * len(found):
         motion = loose[0].registration.observability[0]
-        yield Turning(np.array(motion.axis), np.array(motion.point), None, np.nan, loose[0].target)
+        yield UnobservableRotation(np.array(motion.axis), np.array(motion.point), None, np.nan, loose[0].target)
 
 
 @dataclasses.dataclass(frozen=True)
-class _Model:
+class _PartModel:
     """Points and normals of the placed scans in the world frame, some of each."""
 
     clouds: tuple[tuple[FloatArray, FloatArray], ...]
@@ -98,33 +106,35 @@ class _Model:
     thick: float  # Distance along the normal within which points are of one surface
 
     @staticmethod
-    def of(views: Sequence[View], T_world_scan: FloatArray, placed: Sequence[int]) -> _Model:
+    def of(views: Sequence[View], T_world_scan: FloatArray, placed: Sequence[int]) -> _PartModel:
         spacing = float(np.median([views[k].scan.spacing * np.sqrt(_step(views[k])) for k in placed]))
         noise = float(np.median([views[k].scan.noise for k in placed]))
         clouds = tuple(_in_world(views[k], T_world_scan[k]) for k in placed)
-        return _Model(clouds, spacing, max(THICK * noise, FINE * spacing))
+        return _PartModel(clouds, spacing, max(NEAR_NOISES * noise, MIN_NEAR_SPACINGS * spacing))
 
     def kept(self, axis: FloatArray, point: FloatArray, angles: FloatArray) -> float:
         """Share of a view, of what lies on the others, that does so too when it is turned: the median of some views."""
         count, found = len(self.clouds), []
-        for k in range(0, count, max(1, count // VIEWS)):
+        for k in range(0, count, max(1, count // MAX_VIEWS)):
             rest = [np.concatenate([self.clouds[j][row] for j in range(count) if j != k]) for row in (0, 1)]
             turned = _kept_when_turned(self.clouds[k], rest, (axis, point), self.spacing, self.thick, angles)
             found.append(turned)
         return float(np.median(found))
 
 
-def _round(model: _Model) -> Turning | None:
+def _round(model: _PartModel) -> UnobservableRotation | None:
     """The axis of a part that is nearly a solid of revolution, if views can be turned about it."""
     points, normals = (np.concatenate([cloud[row] for cloud in model.clouds]) for row in (0, 1))
     axis, point, share = axis_of_revolution(points, normals, float(np.linalg.norm(np.ptp(points, axis=0))))
-    if share < MOSTLY:
+    if share < MIN_ROUND_SHARE:
         return None
-    kept = model.kept(axis, point, TURNS_RAD)
-    return Turning(axis, point, None, 1.0 - kept) if kept >= ALIKE else None
+    kept = model.kept(axis, point, TRIED_TURNS_RAD)
+    return UnobservableRotation(axis, point, None, 1.0 - kept) if kept >= MIN_KEPT_SHARE else None
 
 
-def _from_contradictions(model: _Model, T_world_scan: FloatArray, edges: Sequence[Edge]) -> list[Turning]:
+def _from_contradictions(
+    model: _PartModel, T_world_scan: FloatArray, edges: Sequence[Edge]
+) -> list[UnobservableRotation]:
     """The least turn that an accepted pair names against all others, and by which the model comes to lie on itself."""
     against = []
     for edge in edges:
@@ -133,21 +143,21 @@ def _from_contradictions(model: _Model, T_world_scan: FloatArray, edges: Sequenc
         W = T_world_scan[edge.target]
         D = W @ edge.registration.T_target_source @ pose.inverse(T_world_scan[edge.source])
         twist = pose.log(D) if np.isfinite(D).all() else np.zeros(6)
-        if (angle := float(np.linalg.norm(twist[:3]))) > LEAST_RAD:
+        if (angle := float(np.linalg.norm(twist[:3]))) > MIN_TURN_RAD:
             against.append((angle, twist[:3] / angle, D))
-    for angle, axis, D in sorted(against, key=lambda each: each[0])[:TRIED]:
+    for angle, axis, D in sorted(against, key=lambda each: each[0])[:MAX_TRIED_TURNS]:
         point = DualQuaternion.from_matrix(D).as_screw().point
         kept = model.kept(axis, point, np.array([angle]))
-        if kept >= ALIKE:
-            return [Turning(axis, point, angle, 1.0 - kept)]
+        if kept >= MIN_KEPT_SHARE:
+            return [UnobservableRotation(axis, point, angle, 1.0 - kept)]
     return []
 
 
-def _from_model(model: _Model) -> list[Turning]:
+def _from_model(model: _PartModel) -> list[UnobservableRotation]:
     """The symmetry of the model, which pairs cannot name: each found the pose with the largest overlap."""
     points, normals = (np.concatenate([cloud[row] for cloud in model.clouds]) for row in (0, 1))
     found = symmetric_axis(points, normals, model.spacing, model.thick)
-    return [] if found is None else [Turning(found[0], found[1], 2.0 * np.pi / found[2], 0.0)]
+    return [] if found is None else [UnobservableRotation(found[0], found[1], 2.0 * np.pi / found[2], 0.0)]
 
 
 def axis_of_revolution(points: FloatArray, normals: FloatArray, size: float) -> tuple[FloatArray, FloatArray, float]:
@@ -157,7 +167,7 @@ def axis_of_revolution(points: FloatArray, normals: FloatArray, size: float) -> 
     """
     weights = np.ones(len(points))
     axis, point, missed = np.zeros(3), np.zeros(3), np.zeros(len(points))
-    for _ in range(ROUNDS):
+    for _ in range(AXIS_ROUNDS):
         centre = np.average(points, axis=0, weights=weights)
         rows = np.hstack([np.cross((points - centre) / size, normals), normals])
         squares = (rows * weights[:, None]).T @ rows / weights.sum()
@@ -165,9 +175,9 @@ def axis_of_revolution(points: FloatArray, normals: FloatArray, size: float) -> 
         axis = np.linalg.eigh(squares[:3, :3] + squares[:3, 3:] @ shift)[1][:, 0]
         missed = np.abs(rows @ np.r_[axis, shift @ axis])
         point = centre + size * np.cross(axis, shift @ axis)
-        scale = max(GAUSSIAN_MEDIAN * float(np.median(missed)), 0.25 * ROUND)
+        scale = max(GAUSSIAN_MEDIAN * float(np.median(missed)), 0.25 * AXIS_MISS_SIZES)
         weights = 1.0 / (1.0 + (missed / (2.0 * scale)) ** 2) ** 2
-    return axis, point, float(np.mean(missed < ROUND))
+    return axis, point, float(np.mean(missed < AXIS_MISS_SIZES))
 
 
 def _kept_when_turned(
@@ -184,10 +194,10 @@ def _kept_when_turned(
     def share(angle: float) -> float:
         D = pose.about(pose.exp(np.r_[angle * about[0], np.zeros(3)]), about[1])
         points, normals = pose.apply(D, view[0]), view[1] @ D[:3, :3].T
-        rows, distances = tree.nearest(points, NEIGHBOURS)
+        rows, distances = tree.nearest(points, NEAR_NEIGHBOURS)
         along = np.abs(np.einsum("ikj,ikj->ik", points[:, None] - rest[0][rows], rest[1][rows]))
         cosines = np.abs(np.einsum("ij,ikj->ik", normals, rest[1][rows]))
-        there = (distances < NEAR * spacing) & (along < thick) & (cosines > FACING)
+        there = (distances < NEAR_SPACINGS * spacing) & (along < thick) & (cosines > MIN_NORMAL_COS)
         return float(np.mean(there.any(axis=1)))
 
     # One way round or the other may leave what the rest shows.
@@ -201,20 +211,20 @@ def _in_world(view: View, T: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _step(view: View) -> int:
-    return max(1, len(view.scan.points) // POINTS)
+    return max(1, len(view.scan.points) // POINTS_PER_VIEW)
 
 
-def _from_rivals(T_world_scan: FloatArray, edges: Sequence[Edge], size: float) -> Iterator[Turning]:
+def _from_rivals(T_world_scan: FloatArray, edges: Sequence[Edge], size: float) -> Iterator[UnobservableRotation]:
     """Rotations that several used pairs name as other likely poses, in the world frame."""
     named: list[tuple[int, FloatArray]] = []
-    fewest = max(FEWEST, NAMING * sum(edge.used for edge in edges))
+    fewest = max(MIN_PAIRS, MIN_NAMING_SHARE * sum(edge.used for edge in edges))
     for row, edge in enumerate(edges):
         if not edge.used or edge.target == PART:
             continue
         W = T_world_scan[edge.target]
         for rival in edge.registration.alternatives:
             D = W @ rival.T_target_source @ pose.inverse(edge.registration.T_target_source) @ pose.inverse(W)
-            if float(pose.angle_between(D, np.eye(4))) > LEAST_RAD:
+            if float(pose.angle_between(D, np.eye(4))) > MIN_TURN_RAD:
                 named += [(row, D), (row, pose.inverse(D))]
     middle = np.nanmean(T_world_scan[:, :3, 3], axis=0) if len(named) else np.zeros(3)
     while named:
@@ -222,16 +232,16 @@ def _from_rivals(T_world_scan: FloatArray, edges: Sequence[Edge], size: float) -
         near = [
             (row, D)
             for row, D in named
-            if float(pose.angle_between(D, first)) <= SAME_RAD
-            and np.linalg.norm(pose.apply(D, middle[None]) - pose.apply(first, middle[None])) <= SAME * size
+            if float(pose.angle_between(D, first)) <= SAME_TURN_RAD
+            and np.linalg.norm(pose.apply(D, middle[None]) - pose.apply(first, middle[None])) <= SAME_TURN_SIZES * size
         ]
         if len({row for row, _ in near}) >= fewest:
             twist = pose.log(first)
             angle = float(np.linalg.norm(twist[:3]))
             axis = twist[:3] / angle
-            yield Turning(axis, DualQuaternion.from_matrix(first).as_screw().point, angle, np.nan)
+            yield UnobservableRotation(axis, DualQuaternion.from_matrix(first).as_screw().point, angle, np.nan)
             # Its inverse says the same.
             inverse = pose.inverse(first)
-            near += [(row, D) for row, D in named if float(pose.angle_between(D, inverse)) <= SAME_RAD]
+            near += [(row, D) for row, D in named if float(pose.angle_between(D, inverse)) <= SAME_TURN_RAD]
         gone = {id(D) for _, D in near}
         named = [(row, D) for row, D in named if id(D) not in gone]

@@ -15,17 +15,19 @@ from dqreg.multiway.scans import typical_size
 from dqreg.multiway.wobble import lines_of_rivals, wobble
 from dqreg.rigid import DualQuaternion, pose
 
-# Screws that agree: angle between axes, difference of the steps, and distance of the axes in sizes of the motion.
-AXIS_RAD, STEP_RAD, APART = np.deg2rad(6.0), np.deg2rad(6.0), 0.1
+# Screws that agree: angle between axes, and difference of the steps.
+SAME_AXIS_RAD, SAME_STEP_RAD = np.deg2rad(6.0), np.deg2rad(6.0)
+# Distance of their axes, in sizes of the motion.
+SAME_AXIS_SIZES = 0.1
 # Agreeing pairs, at least: two may agree by chance.
-FEWEST = 3
+MIN_AGREEING_PAIRS = 3
 # Steps this many times as far from the middle one as half of them are others; so are pairs, and beyond this share of
 # the way between two views: where the part looks nearly the same after a small motion.
-OUTLYING, OTHER = 5.0, 0.02
+OUTLYING_SCATTERS, OTHER_STEP_SHARE = 5.0, 0.02
 
 
 @dataclasses.dataclass(frozen=True)
-class Table:
+class TableStep:
     """A turntable: each view is the one before it, turned by one step about the axis."""
 
     step: DualQuaternion  # The motion T_k_(k+1) between neighbouring views, as one screw
@@ -38,7 +40,7 @@ class Table:
             return False
         said = (self.step ** float(places)).as_matrix()
         far = float(_distances(edge.registration.T_target_source[None], said)[0])
-        return far > max(OUTLYING * abs(places) * self.scatter, OTHER)
+        return far > max(OUTLYING_SCATTERS * abs(places) * self.scatter, OTHER_STEP_SHARE)
 
     def between(self, i: int, j: int) -> FloatArray:
         """T_i_j that the table says of two places in the order, (4, 4)."""
@@ -50,7 +52,7 @@ class Table:
         return float(np.rad2deg(self.step.as_screw().angle_rad))
 
 
-def step_of(steps: Sequence[tuple[int, Edge]], count: int) -> Table | None:
+def step_of(steps: Sequence[tuple[int, Edge]], count: int) -> TableStep | None:
     """The step that most pairs of neighbours agree on; None where fewer than three do.
 
     ``steps`` are the numbers of places from target to source, with their edges. Each neighbour's motion is a
@@ -60,7 +62,7 @@ def step_of(steps: Sequence[tuple[int, Edge]], count: int) -> Table | None:
     single += [pose.inverse(edge.registration.T_target_source) for n, edge in steps if n == -1 and edge.found]
     # The last view's neighbour is the first one, where the table went all the way round.
     single += [pose.inverse(e.registration.T_target_source) for n, e in steps if n == count - 1 > 1 and e.found]
-    if len(single) < FEWEST:
+    if len(single) < MIN_AGREEING_PAIRS:
         return None
     motions = np.array(single)
     size = float(np.median(np.linalg.norm(motions[:, :3, 3], axis=1))) + np.finfo(float).tiny
@@ -68,22 +70,24 @@ def step_of(steps: Sequence[tuple[int, Edge]], count: int) -> Table | None:
     for guess in motions:
         turned = pose.angle_between(motions, guess)
         shifted = np.linalg.norm(motions[:, :3, 3] - guess[:3, 3], axis=1)
-        agrees = np.flatnonzero((np.asarray(turned) <= STEP_RAD) & (shifted <= APART * size + AXIS_RAD * size))
+        agrees = np.flatnonzero(
+            (np.asarray(turned) <= SAME_STEP_RAD) & (shifted <= SAME_AXIS_SIZES * size + SAME_AXIS_RAD * size)
+        )
         best = agrees.tolist() if len(agrees) > len(best) else best
-    if len(best) < FEWEST:
+    if len(best) < MIN_AGREEING_PAIRS:
         return None
     near = motions[best]
     apart = np.array([_distances(near, motion) for motion in near])
     middle = int(np.median(apart, axis=1).argmin())
     scatter = float(np.median(apart[middle]))
-    near = near[apart[middle] <= max(OUTLYING * scatter, np.finfo(float).eps)]
-    return Table(mean_motion(near), len(near), scatter) if len(near) >= FEWEST else None
+    near = near[apart[middle] <= max(OUTLYING_SCATTERS * scatter, np.finfo(float).eps)]
+    return TableStep(mean_motion(near), len(near), scatter) if len(near) >= MIN_AGREEING_PAIRS else None
 
 
-def step_by_axis(steps: Sequence[tuple[int, Edge]], size: float) -> Table | None:
+def step_by_axis(steps: Sequence[tuple[int, Edge]], size: float) -> TableStep | None:
     """The step by which the part's axis goes round, where pairs name other poses about it: they may be a tooth off."""
     told = wobble(lines_of_rivals([(edge, n == -1) for n, edge in steps if abs(n) == 1]), size)
-    return None if told is None else Table(DualQuaternion.from_matrix(told.motion), told.agreeing, told.scatter)
+    return None if told is None else TableStep(DualQuaternion.from_matrix(told.motion), told.agreeing, told.scatter)
 
 
 def _distances(motions: FloatArray, motion: FloatArray) -> FloatArray:
@@ -130,7 +134,7 @@ def _neighbours(edges: Sequence[Edge], place: Mapping[int, int]) -> Iterator[tup
 
 
 def _by_steps(
-    runner: PairRunner, edges: Sequence[Edge], scans: Sequence[int], table: Table, odd: Sequence[Pair] = ()
+    runner: PairRunner, edges: Sequence[Edge], scans: Sequence[int], table: TableStep, odd: Sequence[Pair] = ()
 ) -> list[Edge]:
     """The edges with those of scans one and two steps apart, begun where the table says, where they were weak.
 

@@ -10,24 +10,24 @@ import scipy.sparse as sparse
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.multiway.edge_selection import EdgeSelection
-from dqreg.multiway.edges import LOOSE, PART, Edge, EdgeCode, is_refused
+from dqreg.multiway.edges import DOUBTS_OF_RIGHT_POSE, PART, Edge, EdgeCode, is_refused
 from dqreg.multiway.scans import View
 from dqreg.multiway.sides import Contradiction
-from dqreg.multiway.turning import Turning
+from dqreg.multiway.turning import UnobservableRotation
 from dqreg.solvers.motion_words import axis_words
 from dqreg.trust.records import Level, Reason, Verdict
 
 # Standard deviations of a pose beyond these are no answer: rotations, and translations in sizes of a scan.
-UNCERTAIN_RAD, UNCERTAIN = np.deg2rad(2.0), 0.02
+MAX_SIGMA_RAD, MAX_SIGMA_SIZES = np.deg2rad(2.0), 0.02
 # Loops that confirm a scan none of whose edges is accepted.
-CONFIRMING = 2
+MIN_CONFIRMING_LOOPS = 2
 # Pairs that can tell whether the viewpoints are right, at least, and the share of them that may contradict these: where
 # they are right it came to 0.09 at most, with all of them on the far side to 0.6.
-TELLING, CONTRADICTING = 3, 1 / 3
+MIN_TELLING_PAIRS, MAX_CONTRADICTING_SHARE = 3, 1 / 3
 # A turn goes into a full one so many times, but for this share.
-WHOLE = 0.01
+WHOLE_ORDER_SHARE = 0.01
 # Scans named in one sentence.
-NAMED = 8
+NAMED_SCANS = 8
 
 
 def judge_scans(
@@ -40,7 +40,7 @@ def judge_scans(
     converged: bool,
     stopped: str,
     against: Sequence[Contradiction] = (),
-    turns: Sequence[Turning] = (),
+    turns: Sequence[UnobservableRotation] = (),
 ) -> Verdict:
     """Level and reasons: "failed" where no two scans are joined, "suspect" where something speaks against a pose."""
     usable = [k for k, view in enumerate(views) if view.usable]
@@ -120,7 +120,7 @@ def _weak(views: Sequence[View], selection: EdgeSelection, placed: Sequence[int]
     confirmed = {int(row): int(n) for row, n in zip(selection.rows, closing, strict=True)}
     sure, ambiguous = set(), []
     for row, edge in enumerate(selection.edges):
-        if edge.used and (edge.level == "accepted" or confirmed.get(row, 0) >= CONFIRMING):
+        if edge.used and (edge.level == "accepted" or confirmed.get(row, 0) >= MIN_CONFIRMING_LOOPS):
             sure |= {edge.source, edge.target}
     weak = [k for k in placed if k not in sure]
     assumed = [k for k in weak if k in selection.on_steps]
@@ -133,7 +133,8 @@ def _weak(views: Sequence[View], selection: EdgeSelection, placed: Sequence[int]
     weak = [k for k in weak if k not in assumed]
     if weak and len(placed) > 1:
         yield Reason(
-            f"{named(views, weak)}: no pair is accepted by itself and fewer than {CONFIRMING} loops confirm the pose",
+            f"{named(views, weak)}: no pair is accepted by itself and fewer than {MIN_CONFIRMING_LOOPS} loops confirm "
+            "the pose",
             "unconfirmed_scan",
         )
     for k in placed:
@@ -156,12 +157,12 @@ def _unconfirmed(views: Sequence[View], selection: EdgeSelection, placed: Sequen
     if len(placed) + (selection.anchor == PART) > 2:
         confirmed = set(selection.rows[selection.confirmed].tolist())
         sound = [edge for row, edge in enumerate(selection.edges) if edge.used and row in confirmed]
-        yield from _hang_on(views, selection, sound, "no closing loop confirms these pairs")
+        yield from _single_links(views, selection, sound, "no closing loop confirms these pairs")
     sound = [edge for edge in selection.edges if edge.used and not is_refused(edge)]
-    yield from _hang_on(views, selection, sound, "the registration of each of these pairs is doubted")
+    yield from _single_links(views, selection, sound, "the registration of each of these pairs is doubted")
 
 
-def _hang_on(views: Sequence[View], selection: EdgeSelection, sound: Sequence[Edge], why: str) -> Iterator[Reason]:
+def _single_links(views: Sequence[View], selection: EdgeSelection, sound: Sequence[Edge], why: str) -> Iterator[Reason]:
     """Used edges between groups of scans that sound ones do not join."""
     group = _joined(sound, len(views))
     alone = [edge for edge in selection.edges if edge.used and group[edge.target] != group[edge.source]]
@@ -190,7 +191,7 @@ def _contradicted(views: Sequence[View], against: Sequence[Contradiction]) -> It
             yield Reason(f"{pairs_named(views, pairs)}: these scans {sentence}", code)
 
 
-def _turned(views: Sequence[View], turns: Sequence[Turning]) -> Iterator[Reason]:
+def _turned(views: Sequence[View], turns: Sequence[UnobservableRotation]) -> Iterator[Reason]:
     """Rotations by which views can be turned unseen."""
     for turn in turns:
         about = axis_words(turn.point, turn.axis)
@@ -206,7 +207,7 @@ def _turned(views: Sequence[View], turns: Sequence[Turning]) -> Iterator[Reason]
             same = f"however it is turned about {about}, but for about {100.0 * max(turn.telling, 0.0):.0f} % of a view"
         else:
             order = 2.0 * np.pi / turn.angle_rad
-            fold = f" (order {order:.0f})" if abs(order - round(order)) < WHOLE * order else ""
+            fold = f" (order {order:.0f})" if abs(order - round(order)) < WHOLE_ORDER_SHARE * order else ""
             same = f"after a turn of {np.rad2deg(turn.angle_rad):.0f} degrees{fold} about {about}"
         words = {
             "step": "the angles are assumed: equal steps of a full turn, "
@@ -231,12 +232,12 @@ def _uncertain(views: Sequence[View], placed: Sequence[int], covariances: FloatA
     wide = []
     for k in placed:
         variances = np.diag(covariances[k])
-        if (np.sqrt(variances[:3]) > UNCERTAIN_RAD).any() or (np.sqrt(variances[3:]) > UNCERTAIN * size).any():
+        if (np.sqrt(variances[:3]) > MAX_SIGMA_RAD).any() or (np.sqrt(variances[3:]) > MAX_SIGMA_SIZES * size).any():
             wide.append(k)
     if wide:
         yield Reason(
-            f"{named(views, wide)}: the pose is uncertain by more than {np.rad2deg(UNCERTAIN_RAD):.0f} degrees or "
-            f"{100 * UNCERTAIN:.0f} % of a scan's size",
+            f"{named(views, wide)}: the pose is uncertain by more than {np.rad2deg(MAX_SIGMA_RAD):.0f} degrees or "
+            f"{100 * MAX_SIGMA_SIZES:.0f} % of a scan's size",
             "large_uncertainty",
         )
 
@@ -244,13 +245,13 @@ def _uncertain(views: Sequence[View], placed: Sequence[int], covariances: FloatA
 def _viewpoints(views: Sequence[View], selection: EdgeSelection) -> Iterator[Reason]:
     """Viewpoints that contradict most pairs, as those do from which the scans were seen through the part."""
     given = {k for k, view in enumerate(views) if view.cloud is not None and view.cloud.viewpoint is not None}
-    sound = LOOSE | {"looked_through", "accepted"}
+    sound = DOUBTS_OF_RIGHT_POSE | {"looked_through", "accepted"}
     telling = [
         edge.code == "looked_through" or "looked_through" in edge.registration.verdict.codes
         for edge in selection.edges
         if edge.found and {edge.target, edge.source} & given and set(edge.registration.verdict.codes) <= sound
     ]
-    if len(telling) >= TELLING and np.mean(telling) > CONTRADICTING:
+    if len(telling) >= MIN_TELLING_PAIRS and np.mean(telling) > MAX_CONTRADICTING_SHARE:
         yield Reason(
             f"in {sum(telling)} of {len(telling)} pairs a scanner looked through what the other one saw, and nothing "
             "else speaks against them: the viewpoints may be wrong, as on the far side of the part. They are asked for "
@@ -263,7 +264,7 @@ def _notes(views: Sequence[View], selection: EdgeSelection) -> Iterator[Reason]:
     """What a user should know, and what speaks against no pose."""
     copies = [k for k, view in enumerate(views) if view.copy_of is not None]
     if copies:
-        words = ", ".join(f"{views[k].name} (of {views[views[k].copy_of or 0].name})" for k in copies[:NAMED])
+        words = ", ".join(f"{views[k].name} (of {views[views[k].copy_of or 0].name})" for k in copies[:NAMED_SCANS])
         yield Reason(f"copies of other scans, placed with them: {words}", "duplicate_scan")
     against = [edge for edge in selection.edges if edge.code == "contradicts" and edge.level == "accepted"]
     blind = [k for k, view in enumerate(views) if view.hidden > 0.0]
@@ -286,13 +287,13 @@ def name_of(views: Sequence[View], node: int) -> str:
 
 def pairs_named(views: Sequence[View], pairs: Sequence[tuple[int, int]]) -> str:
     """Names of pairs (target, source) in a sentence."""
-    words = ", ".join(f"{name_of(views, target)} - {name_of(views, source)}" for target, source in pairs[:NAMED])
-    return words if len(pairs) <= NAMED else f"{words} and {len(pairs) - NAMED} more"
+    words = ", ".join(f"{name_of(views, target)} - {name_of(views, source)}" for target, source in pairs[:NAMED_SCANS])
+    return words if len(pairs) <= NAMED_SCANS else f"{words} and {len(pairs) - NAMED_SCANS} more"
 
 
 def named(views: Sequence[View], scans: Sequence[int]) -> str:
     """Names of scans in a sentence."""
-    if len(scans) == len(views) > NAMED:
+    if len(scans) == len(views) > NAMED_SCANS:
         return f"all {len(views)} scans"
-    words = ", ".join(views[k].name for k in scans[:NAMED])
-    return words if len(scans) <= NAMED else f"{words} and {len(scans) - NAMED} more"
+    words = ", ".join(views[k].name for k in scans[:NAMED_SCANS])
+    return words if len(scans) <= NAMED_SCANS else f"{words} and {len(scans) - NAMED_SCANS} more"

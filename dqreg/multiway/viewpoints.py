@@ -12,14 +12,16 @@ from dqreg.geometry import Scan
 from dqreg.multiway.scans import View
 from dqreg.trust.free_space import MAX_HIDDEN_FROM_ORIGIN
 
-# Directions that are tried, points of a scan that are looked at, and scans of a turntable that are.
-DIRECTIONS, POINTS, LOOKED_AT = 150, 3_000, 12
+# Directions that are tried, and points of a scan that are looked at.
+TRIED_DIRECTIONS, POINTS_PER_SCAN = 150, 3_000
+# Scans of a turntable that are looked at.
+MAX_TABLE_SCANS = 12
 # Edge of a pixel in spacings; a point is behind another that is so many pixels nearer.
-PIXEL, STEP = 2.0, 4.0
+PIXEL_SPACINGS, HIDDEN_DEPTH_PIXELS = 2.0, 4.0
 # Cosine below which a face is seen at a grazing angle.
-GRAZING = 0.1
+GRAZING_COS = 0.1
 # Distance of a likely viewpoint in sizes of the scan.
-FAR = 3.0
+VIEWPOINT_DISTANCE_SIZES = 3.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,13 +50,13 @@ def common_viewpoints(views: Sequence[View]) -> tuple[Viewpoints, Viewpoints] | 
     usable = [k for k, view in enumerate(views) if view.usable]
     if any(_given(views[k]) is not None for k in usable):
         return None
-    sight = _line_of_sight([views[k] for k in usable[:: max(1, len(usable) // LOOKED_AT)]])
+    sight = _line_of_sight([views[k] for k in usable[:: max(1, len(usable) // MAX_TABLE_SCANS)]])
     return None if sight is None else (_along(views, sight), _along(views, -sight))
 
 
 def _along(views: Sequence[View], sight: FloatArray) -> Viewpoints:
     return tuple(
-        Viewpoint(view.scan.points.mean(axis=0) + FAR * view.scan.diagonal * sight, certain=False)
+        Viewpoint(view.scan.points.mean(axis=0) + VIEWPOINT_DISTANCE_SIZES * view.scan.diagonal * sight, certain=False)
         if view.usable
         else None
         for view in views
@@ -68,8 +70,8 @@ def _given(view: View) -> Viewpoint | None:
 
 def _line_of_sight(views: Sequence[View]) -> FloatArray | None:
     """Direction from which no point of any scan hides another and few faces are seen at a grazing angle."""
-    k = np.arange(DIRECTIONS) + 0.5
-    height, turn = 1.0 - k / DIRECTIONS, k * np.pi * (1.0 + 5.0**0.5)
+    k = np.arange(TRIED_DIRECTIONS) + 0.5
+    height, turn = 1.0 - k / TRIED_DIRECTIONS, k * np.pi * (1.0 + 5.0**0.5)
     flat = np.sqrt(1.0 - height**2)
     directions = np.column_stack([flat * np.cos(turn), flat * np.sin(turn), height])
     hidden = np.array([np.mean([_hidden(view.scan, d) for view in views], axis=0) for d in directions])
@@ -81,7 +83,7 @@ def _hidden(scan: Scan, direction: FloatArray) -> tuple[float, float]:
     """Shares of the points behind others, and on faces seen at a grazing angle."""
     points, normals = _some(scan.points), _some(scan.normals)
     across = np.linalg.svd(direction[None])[2][1:]
-    pixel = PIXEL * scan.spacing * np.sqrt(len(scan.points) / len(points))
+    pixel = PIXEL_SPACINGS * scan.spacing * np.sqrt(len(scan.points) / len(points))
     cells = np.floor(points @ across.T / pixel).astype(np.int64)
     cells -= cells.min(axis=0)
     rows = cells[:, 0] * (cells[:, 1].max() + 1) + cells[:, 1]
@@ -89,11 +91,11 @@ def _hidden(scan: Scan, direction: FloatArray) -> tuple[float, float]:
     nearest = np.full(int(rows.max()) + 1, -np.inf)
     np.maximum.at(nearest, rows, depth)
     return (
-        float(np.mean(nearest[rows] - depth > STEP * pixel)),
-        float(np.mean(np.abs(normals @ direction) < GRAZING)),
+        float(np.mean(nearest[rows] - depth > HIDDEN_DEPTH_PIXELS * pixel)),
+        float(np.mean(np.abs(normals @ direction) < GRAZING_COS)),
     )
 
 
 def _some(rows: FloatArray) -> FloatArray:
-    some: FloatArray = rows[:: max(1, len(rows) // POINTS)]
+    some: FloatArray = rows[:: max(1, len(rows) // POINTS_PER_SCAN)]
     return some

@@ -20,13 +20,14 @@ from dqreg.solvers import solve
 
 Line = tuple[FloatArray, FloatArray]  # Unit vector, and a point
 
-# Pairs, at least, that must agree, of most of them; and the distance in sizes of a scan at which the ends of an axis,
-# half a size from its middle, do.
-FEWEST, MOSTLY, AGREEING = 3, 0.5, 0.05
+# Pairs, at least, that must agree, and of most of them.
+MIN_PAIRS, MIN_AGREEING_SHARE = 3, 0.5
+# Distance in sizes of a scan at which the ends of an axis, half a size from its middle, agree.
+SAME_AXIS_SIZES = 0.05
 # Error of a step, and least step, that a wobbling axis may leave.
-TOLD_RAD, LEAST_RAD = np.deg2rad(4.0), np.deg2rad(2.0)
+MAX_STEP_ERROR_RAD, MIN_STEP_RAD = np.deg2rad(4.0), np.deg2rad(2.0)
 # A pose and its rival stand a rotation apart: by this angle at least, and this slide in sizes at most.
-TURNED_RAD, SLIDE = np.deg2rad(5.0), 0.01
+MIN_RIVAL_TURN_RAD, MAX_RIVAL_SLIDE_SIZES = np.deg2rad(5.0), 0.01
 
 
 def moved_line(T: FloatArray, line: Line) -> Line:
@@ -49,7 +50,7 @@ def wobble(lines: Sequence[tuple[Line, Line]], size: float) -> Wobble | None:
     Lines are of neighbours: the part's axis in the frame of the first, and in that of the second. Pairs that have it
     elsewhere are left out.
     """
-    if len(lines) < FEWEST:
+    if len(lines) < MIN_PAIRS:
         return None
     there, here = (
         np.array([point + np.outer([-0.5 * size, 0.5 * size], axis) for axis, point in each])
@@ -58,9 +59,9 @@ def wobble(lines: Sequence[tuple[Line, Line]], size: float) -> Wobble | None:
     best = np.zeros(len(lines), dtype=bool)
     for two in combinations(range(len(lines)), 2):
         M = _motion(here[list(two)], there[list(two)])
-        agree = best if M is None else _missed(M, here, there) <= AGREEING * size
+        agree = best if M is None else _missed(M, here, there) <= SAME_AXIS_SIZES * size
         best = agree if agree.sum() > best.sum() else best
-    if best.sum() < max(FEWEST, MOSTLY * len(lines)):
+    if best.sum() < max(MIN_PAIRS, MIN_AGREEING_SHARE * len(lines)):
         return None
     here, there = here[best], there[best]
     M = _motion(here, there)
@@ -71,7 +72,7 @@ def wobble(lines: Sequence[tuple[Line, Line]], size: float) -> Wobble | None:
     turn = float(screw.angle_rad)
     # Ends on the table's own axis tell nothing, wherever along it they are.
     levers = float(np.sqrt(np.mean(np.sum(np.cross(there.reshape(-1, 3) - screw.point, screw.axis) ** 2, axis=1))))
-    told = missed / np.sqrt(len(here)) <= TOLD_RAD * levers and turn > LEAST_RAD
+    told = missed / np.sqrt(len(here)) <= MAX_STEP_ERROR_RAD * levers and turn > MIN_STEP_RAD
     return Wobble(M, missed / levers, len(here)) if told else None
 
 
@@ -109,7 +110,7 @@ def _line_to_rival(edge: Edge) -> Line | None:
         inward = pose.from_parts(np.eye(3), -centre)
         screw = DualQuaternion.from_matrix(inward @ D @ pose.inverse(inward)).as_screw()
         slide = abs(float(screw.distance)) / float(edge.registration.settings["diagonal"])
-        if float(screw.angle_rad) > TURNED_RAD and slide <= SLIDE:
+        if float(screw.angle_rad) > MIN_RIVAL_TURN_RAD and slide <= MAX_RIVAL_SLIDE_SIZES:
             return screw.axis, centre + screw.point
     return None
 

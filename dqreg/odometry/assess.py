@@ -10,11 +10,11 @@ import numpy as np
 from dqreg._arrays import FloatArray, product
 from dqreg.geometry.vector_rows import nonzero_rows, row_dots
 from dqreg.icp import NO_POSE, Alignment
-from dqreg.odometry.follow import SPURIOUS
+from dqreg.odometry.follow import SPURIOUS_INFORMATION_RATIO
 from dqreg.odometry.frame import DownsampledFrame
 from dqreg.odometry.kiss import rigid
 from dqreg.odometry.prediction import Prediction, contradiction, held_directions, held_notes
-from dqreg.odometry.rivals import Placed
+from dqreg.odometry.rivals import ComparedFrame
 from dqreg.registration.assess import Uncertainty
 from dqreg.registration.result import Registration
 from dqreg.rigid import single_pose
@@ -24,12 +24,12 @@ from dqreg.trust import Evidence, Information, information_of, judge
 from dqreg.trust.records import Code, Reason, Verdict
 
 # Fraction of inliers below which there is no pose to speak of: a frame of another place reaches 0.3.
-LOST = 1.0 / 3.0
+LOST_FRACTION = 1.0 / 3.0
 TINY = float(np.finfo(float).tiny)
 
 
 def frame_result(
-    place: Placed,
+    place: ComparedFrame,
     information: Information | None,
     frame: DownsampledFrame,
     usual: float,
@@ -39,7 +39,7 @@ def frame_result(
 ) -> Registration:
     """The answer for one frame; with a prediction that has a covariance, both are weighed."""
     run = place.aligned
-    if run.status not in NO_POSE and not run.inlier_fraction >= LOST:
+    if run.status not in NO_POSE and not run.inlier_fraction >= LOST_FRACTION:
         words = f"no pose: only {100 * run.inlier_fraction:.0f} % of the points are inliers at the best one"
         return without_pose((Reason(words, "lost"), *notes), run.status, settings)
     uncertainty = None if information is None else Uncertainty.of(information)
@@ -72,7 +72,7 @@ def frame_result(
     )
 
 
-def _evidence(place: Placed, usual: float, uncertainty: Uncertainty | None, max_distance: float) -> Evidence:
+def _evidence(place: ComparedFrame, usual: float, uncertainty: Uncertainty | None, max_distance: float) -> Evidence:
     """What a frame gives the verdict to judge by."""
     run = place.aligned
     return Evidence(
@@ -107,10 +107,10 @@ def _with_prediction(
     return T, Uncertainty(covariance, held_directions(uncertainty.directions, covariance, lever, reach))
 
 
-def information_of_place(place: Placed, reach: float) -> Information | None:
+def information_of_place(place: ComparedFrame, reach: float) -> Information | None:
     """Information of a frame where it was placed, which nothing changes that was seen there; None without a pose."""
     run = place.aligned
-    if not run.found or not run.inlier_fraction >= LOST:
+    if not run.found or not run.inlier_fraction >= LOST_FRACTION:
         return None
     return information_at(run, reach, place.axis if place.is_free else None)
 
@@ -148,7 +148,7 @@ def _without_spurious(
 ) -> Information:
     """Information with the motions free that only the noise of the normals constrains."""
     spurious = across_normals(information.vectors, arms, normals, 0.5 * noise) / max(information.weight, TINY)
-    values = np.where(information.values < SPURIOUS * spurious, 0.0, information.values)
+    values = np.where(information.values < SPURIOUS_INFORMATION_RATIO * spurious, 0.0, information.values)
     order = np.argsort(values, kind="stable")
     return dataclasses.replace(
         information,
@@ -207,7 +207,7 @@ class MapLink:
         self._frame: int | None = None
         self._for_good = False
 
-    def linked(self, result: Registration, place: Placed, number: int, *, fits: bool) -> Registration:
+    def linked(self, result: Registration, place: ComparedFrame, number: int, *, fits: bool) -> Registration:
         """The result of a frame, doubted where it hangs on an earlier one that was not accepted."""
         accepted = result.verdict.level == "accepted"
         if self._frame is not None and not self._for_good and accepted and not place.is_weak:

@@ -20,9 +20,12 @@ from dqreg.errors import InputError, did_you_mean, load_package
 from dqreg.geometry.fields import RawCloud, from_message
 
 SUFFIXES = (".bag", ".db3", ".mcap")
-CLOUD, LIVOX = "sensor_msgs/msg/PointCloud2", ("livox_ros_driver/msg/CustomMsg", "livox_ros_driver2/msg/CustomMsg")
+CLOUD_TYPE, LIVOX_TYPES = (
+    "sensor_msgs/msg/PointCloud2",
+    ("livox_ros_driver/msg/CustomMsg", "livox_ros_driver2/msg/CustomMsg"),
+)
 # Seconds and nanoseconds of the header, behind four bytes: of the encoding in ROS 2, of the number in ROS 1.
-STAMP, OFFSET = struct.Struct("<iI"), 4
+STAMP_FIELDS, STAMP_OFFSET_BYTES = struct.Struct("<iI"), 4
 
 
 def is_bag(path: Path) -> bool:
@@ -112,7 +115,7 @@ class CloudTopic:
     def of(path: Path, topic: str | None) -> CloudTopic:
         """The clouds of a bag."""
         bag = Bag(path)
-        name = bag.topic(topic, (CLOUD, *LIVOX), "--topic")
+        name = bag.topic(topic, (CLOUD_TYPE, *LIVOX_TYPES), "--topic")
         arrivals, stamps = [], []
         for time, data, _ in bag.messages(name):
             arrivals.append(time)
@@ -133,14 +136,14 @@ class CloudTopic:
         if found is None:
             raise InputError(f"{self.bag.path}: message {number} of {self.topic} is gone")
         message = self.bag.parsed(found[1], found[2])
-        return _from_livox(message) if found[2] in LIVOX else from_message(message)
+        return _from_livox(message) if found[2] in LIVOX_TYPES else from_message(message)
 
 
 def stamp_in(data: bytes) -> float:
     """Time of a message with a header, seconds, without parsing the rest; NaN where there is none."""
-    if len(data) < OFFSET + STAMP.size:
+    if len(data) < STAMP_OFFSET_BYTES + STAMP_FIELDS.size:
         return np.nan
-    seconds, nanoseconds = STAMP.unpack_from(data, OFFSET)
+    seconds, nanoseconds = STAMP_FIELDS.unpack_from(data, STAMP_OFFSET_BYTES)
     return float((seconds * 10**9 + nanoseconds) / 10**9)
 
 

@@ -17,8 +17,8 @@ import numpy as np
 from dqreg._arrays import FloatArray, as_float, as_pose, product, require_finite
 from dqreg.errors import InputError
 from dqreg.icp import Alignment
-from dqreg.odometry.align import MANY, FrameSearch
-from dqreg.odometry.follow import Sweep, is_in_cells, off_at
+from dqreg.odometry.align import MIN_POINTS_FOR_CELLS, FrameSearch
+from dqreg.odometry.follow import SweptFrame, is_in_cells, off_at
 from dqreg.odometry.frame import DownsampledFrame
 from dqreg.odometry.kiss import rigid
 from dqreg.odometry.sweep import swept
@@ -27,11 +27,11 @@ from dqreg.trust.records import Reason
 
 # The frame is deskewed again while the motion is wrong by this fraction of a voxel at the frame's edge, and so many
 # times at most.
-WORTHWHILE, ROUNDS = 0.3, 5
+REPEATED_MISFIT_VOXELS, MAX_ROUNDS = 0.3, 5
 # Share of the correspondences that has to face a motion for it to count: at this share, half of it is believed.
-HELD = 0.03
+DAMPING_SHARE = 0.03
 # Loss of inliers at which a round is rejected, unless the kernel narrows by as much: a narrower one holds fewer.
-WORSE = 0.02
+MAX_INLIER_FRACTION_LOSS = 0.02
 
 
 def deskew(points: Any, times: Any, motion: Any) -> FloatArray:
@@ -102,9 +102,9 @@ class Deskewed:
     @staticmethod
     def at_once(frame: DownsampledFrame, search: FrameSearch, worthwhile: float, *, near: bool) -> Deskewed | None:
         """A frame near its prediction, pose and motion found at once; None where that does not fit as usual."""
-        if frame.back is None or search.settings.method != "plane" or len(frame.seen) < MANY:
+        if frame.back is None or search.settings.method != "plane" or len(frame.seen) < MIN_POINTS_FOR_CELLS:
             return None
-        sweep = Sweep(frame, worthwhile)
+        sweep = SweptFrame(frame, worthwhile)
         aligned = search.find_with_sweep(sweep, near=near)
         fits = aligned.status == "converged" and search.fits(aligned) and is_in_cells(aligned)
         return Deskewed(sweep.frame, aligned) if fits else None
@@ -120,14 +120,14 @@ class Deskewed:
                 words = "the sweep was not deskewed: the frame fits better as it is than with its times"
                 best = Deskewed(plain, aligned, (Reason(words, "not_deskewed"),))
         if best.aligned.found and is_in_cells(best.aligned):
-            sweep = Sweep(best.frame, worthwhile)
+            sweep = SweptFrame(best.frame, worthwhile)
             aligned = search.settle_sweep(sweep, best.aligned)
             if fits_no_worse(aligned, best.aligned):
                 return Deskewed(sweep.frame, aligned, best.notes)
             # What was found of fewer points is settled with all.
-            T, scan = best.aligned.T_target_source, search.asked(best.frame)
+            T, scan = best.aligned.T_target_source, search.scan_of(best.frame)
             return dataclasses.replace(best, aligned=search.settle(scan, T, best.aligned))
-        for _ in range(ROUNDS):
+        for _ in range(MAX_ROUNDS):
             if not best.aligned.found:
                 break
             step, change = sweep_steps(best.frame, best.aligned)
@@ -135,7 +135,7 @@ class Deskewed:
                 break
             frame = best.frame.without(rigid(twist.exp(twist.log(best.frame.motion) + change)))
             T = rigid(best.aligned.T_target_source @ twist.exp(step))
-            aligned = search.settle(search.asked(frame), T, best.aligned)
+            aligned = search.settle(search.scan_of(frame), T, best.aligned)
             if not fits_no_worse(aligned, best.aligned):
                 break
             best = Deskewed(frame, aligned)
@@ -146,7 +146,8 @@ def fits_no_worse(after: Alignment, before: Alignment) -> bool:
     """Whether a frame fits as well as before: as many inliers, or as many for the width of their kernel."""
     share = after.inlier_fraction / before.inlier_fraction if before.inlier_fraction > 0.0 else np.inf
     return bool(
-        after.inlier_fraction >= before.inlier_fraction - WORSE or share * before.mixture.scale >= after.mixture.scale
+        after.inlier_fraction >= before.inlier_fraction - MAX_INLIER_FRACTION_LOSS
+        or share * before.mixture.scale >= after.mixture.scale
     )
 
 
@@ -164,7 +165,7 @@ def sweep_steps(frame: DownsampledFrame, aligned: Alignment) -> tuple[FloatArray
     rows = np.hstack([np.cross(points / lever, normals), normals])
     first, second = rows * weights[:, None], rows * (weights * s)[:, None]
     ends, both, sweeps = product(first.T, rows), product(second.T, rows), product(second.T, rows * s[:, None])
-    damping = HELD * (weights @ (s - weights @ s / weights.sum()) ** 2) * np.eye(6)
+    damping = DAMPING_SHARE * (weights @ (s - weights @ s / weights.sum()) ** 2) * np.eye(6)
     full = np.block([[ends + damping, both], [both, sweeps + damping]])
     found = np.linalg.solve(full, -np.concatenate([first.T @ pairs.point_to_plane, second.T @ pairs.point_to_plane]))
     scale = np.array([1.0 / lever] * 3 + [1.0] * 3)

@@ -17,8 +17,8 @@ from dqreg.geometry import Closest, Scan
 from dqreg.icp import Alignment, InlierMixture
 from dqreg.icp.correspondences import Correspondences, find_correspondences, moved_points
 from dqreg.icp.history import Iteration
-from dqreg.icp.level import NEAR_ANGLE_RAD, PLACED, STEEPEST
-from dqreg.icp.loop import FEWEST_PAIRS, Run
+from dqreg.icp.level import MIN_SCALE_RATIO, NEAR_ANGLE_RAD, SAMPLING_ERROR_SHARE
+from dqreg.icp.loop import MIN_CORRESPONDENCES, Run
 from dqreg.kernels.threads import as_plain
 from dqreg.odometry.frame import DownsampledFrame
 from dqreg.odometry.kiss import rigid
@@ -29,19 +29,19 @@ from dqreg.solvers.robust import LEAST_FRACTION
 from dqreg.solvers.status import Status
 
 # A step that is so much shorter than the way since the search waits for the next search.
-SHORT = 0.05
+DEFERRED_STEP_SHARE = 0.05
 # Share of the correspondences that has to face a motion during the sweep for it to count: at this share, half of it is
 # believed in a step.
-HELD = 0.05
+DAMPING_SHARE = 0.05
 # Share of the points that has to meet planes in their cells: 0.13 where 6 rings met one sweep, 0.5 where 16 did.
-FEWEST_IN_CELLS = 1.0 / 3.0
+MIN_SHARE_IN_CELLS = 1.0 / 3.0
 # Information below so many times what the noise of the normals alone would give constrains nothing: on real frames all
 # six motions reach 15, the one along a corridor 1.
-SPURIOUS = 3.0
+SPURIOUS_INFORMATION_RATIO = 3.0
 # Search from which on what is free to slide is left where it is: else the rest would not come to rest for it.
-LATE = 10
+FREE_TRANSLATION_SEARCHES = 10
 # A scale that falls by less in all steps of a search is settled.
-SETTLED = 0.8
+SETTLED_SCALE_RATIO = 0.8
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Following:
     searches: int  # At most
     enough: float  # Root mean square motion of the points since the search that ends it, a length; 0: their noise does
     cells: bool  # Whether matches are the planes of cells, in place of nearest points: for a pose that is near
-    holds: int = LATE  # Search from which on translations that nothing holds are left as they are
+    holds: int = FREE_TRANSLATION_SEARCHES  # Search from which on translations that nothing holds are left as they are
 
 
 def follow(
@@ -66,7 +66,7 @@ def follow(
     floor: float,
     first: int = 1,
     before: Correspondences | None = None,
-    sweep: Sweep | None = None,
+    sweep: SweptFrame | None = None,
 ) -> Alignment:
     """The pose of a frame near a known one, (4, 4), with matches no farther off than the limit of the mixture.
 
@@ -79,15 +79,15 @@ def follow(
     while True:
         began = time.perf_counter()
         pairs = before = (_in_cells if how.cells else find_correspondences)(scan, surface, T, before)
-        enough = max(how.enough, PLACED * mixture.scale / math.sqrt(max(len(scan), 1)))
+        enough = max(how.enough, SAMPLING_ERROR_SHARE * mixture.scale / math.sqrt(max(len(scan), 1)))
         # Normals err about two axes, each by half of their variance.
-        least = 0.5 * SPURIOUS if len(history) >= how.holds else 0.0
-        ends = floor, lever, SHORT * enough, least
+        least = 0.5 * SPURIOUS_INFORMATION_RATIO if len(history) >= how.holds else 0.0
+        ends = floor, lever, DEFERRED_STEP_SHARE * enough, least
         moved, weights, figures = (
             _steps(pairs, mixture, how, ends) if sweep is None else sweep.steps(pairs, mixture, how, ends)
         )
         scale, fraction, energy, total, squares, used, _ = figures.tolist()
-        if used < FEWEST_PAIRS:
+        if used < MIN_CORRESPONDENCES:
             return Alignment(T, "no correspondences", tuple(history), pairs, weights, mixture=mixture)
         after = rigid(moved)
         motion = float(spread.motion(T, after))
@@ -106,7 +106,7 @@ def follow(
             T_target_source=after,
         )
         history.append(record)
-        settled = scale >= SETTLED * mixture.scale and (sweep is None or sweep.is_still)
+        settled = scale >= SETTLED_SCALE_RATIO * mixture.scale and (sweep is None or sweep.is_still)
         mixture, T = InlierMixture(scale, fraction, mixture.limit), after
         # Of two motions the next one can be told.
         to_come = motion * min(motion / last, 1.0) if last > 0.0 else motion
@@ -128,7 +128,7 @@ def _steps(
     weights, figures = np.zeros(len(scan)), np.zeros(FIGURES)
     angle = min(max(math.pi * mixture.scale / mixture.limit, NEAR_ANGLE_RAD), 0.5 * math.pi)
     limits = _limits(mixture, ends, math.cos(angle), float(how.cells))
-    points, own = as_plain(scan.points), as_plain(scan._gating)
+    points, own = as_plain(scan.points), as_plain(scan._rejecting_normals)
     step_on_planes(points, own, *_planes(found), limits, how.steps, T, weights, figures)
     return T, weights, figures
 
@@ -136,7 +136,7 @@ def _steps(
 def _limits(mixture: InlierMixture, ends: tuple[float, float, float, float], *own: float) -> FloatArray:
     """Limits in the order of `plane_steps`, a kernel's own after those of both."""
     learned = mixture.scale, mixture.inlier_fraction, mixture.limit, LEAST_FRACTION
-    return np.array([*learned, ends[0], STEEPEST, *ends[1:], *own])
+    return np.array([*learned, ends[0], MIN_SCALE_RATIO, *ends[1:], *own])
 
 
 def _planes(found: Closest) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -148,10 +148,10 @@ def _planes(found: Closest) -> tuple[FloatArray, FloatArray, FloatArray, FloatAr
 def is_in_cells(run: Run) -> bool:
     """Whether a frame was followed on the planes of cells, and met enough of them."""
     found = run.pairs.closest
-    return isinstance(found, CellPlanes) and bool(np.mean(found.variances < np.inf) >= FEWEST_IN_CELLS)
+    return isinstance(found, CellPlanes) and bool(np.mean(found.variances < np.inf) >= MIN_SHARE_IN_CELLS)
 
 
-class Sweep:
+class SweptFrame:
     """A frame with times, whose motion is found with its pose."""
 
     def __init__(self, frame: DownsampledFrame, worthwhile: float) -> None:
@@ -178,7 +178,7 @@ class Sweep:
         self._frame.whole.begin()
         found, scan, T = pairs.closest, pairs.scan, pairs.T_target_source.copy()
         weights, figures, change = np.zeros(len(scan)), np.zeros(FIGURES), np.zeros(6)
-        planes, points, limits = _planes(found), as_plain(scan.points), _limits(mixture, ends, HELD)
+        planes, points, limits = _planes(found), as_plain(scan.points), _limits(mixture, ends, DAMPING_SHARE)
         step_on_planes_of_sweep(points, self._back, *planes, limits, how.steps, T, change, weights, figures)
         self.is_still = off_at(self._frame.reach, change) <= self._worthwhile
         self._step = self._step + change

@@ -26,19 +26,21 @@ from dqreg.odometry.settings import Resolved
 from dqreg.odometry.sweep import swept
 from dqreg.trust.records import Reason
 
-# Voxels a point, over the map's: of what enters the map, without and with times, and of what the pose is found from.
-DENSE, DENSE_TIMED, SPARSE = 0.5, 0.7, 1.5
+# Voxels a point, over the map's: of what enters the map, without and with times,
+MAP_SAMPLING_VOXELS, TIMED_MAP_SAMPLING_VOXELS = 0.5, 0.7
+# and of what the pose is found from.
+POSE_SAMPLING_VOXELS = 1.5
 # Points that the pose is found from at most, without and with times: beyond, they add time and hardly any accuracy.
-MOST, MOST_TIMED = 3_000, 2_400
+MAX_POSE_POINTS, MAX_TIMED_POSE_POINTS = 3_000, 2_400
 # Share of a sweep within which points of a voxel are seen together: what is seen at its beginning and again at its end
 # lies elsewhere.
-TOGETHER = 0.1
+SAME_TIME_SHARE_OF_SWEEP = 0.1
 # Rows are taken in steps of so many, a large prime.
-STRIDE = 15_485_863
+STRIDE_ROWS = 15_485_863
 # Points of a fit: rings of a LiDAR leave few neighbours across them.
-NEIGHBOURS = 12
+PLANE_NEIGHBOURS = 12
 # Coordinates beyond which a return is no measurement.
-LARGEST = 1e150
+MAX_COORDINATE = 1e150
 
 # Points, (n, 3), and the time of each, (n,).
 Timed = tuple[FloatArray, FloatArray]
@@ -74,9 +76,9 @@ def read_frame(points: Any, timestamps: Any) -> RawFrame:
     # Half of the largest number squared would overflow in every length taken of it.
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     notes = []
-    if lost := len(values) - measured_rows(as_plain(values), LARGEST, low, high):
+    if lost := len(values) - measured_rows(as_plain(values), MAX_COORDINATE, low, high):
         # NaN is not below.
-        x, y, z = np.abs(values).T < LARGEST
+        x, y, z = np.abs(values).T < MAX_COORDINATE
         keep = nonzero_rows(values) & x & y & z
         words = f"{lost} of {len(values)} returns are NaN, infinite or at the origin, and were left out"
         notes.append(Reason(words, "dropped_points"))
@@ -142,7 +144,7 @@ class OwnPlanes:
     def fits(self) -> PlaneFits:
         """At some of the points, among all of them."""
         points, _ = self._whole.result()
-        return fit_planes(NeighbourTree(points, in_order=True), points, self._at, NEIGHBOURS)
+        return fit_planes(NeighbourTree(points, in_order=True), points, self._at, PLANE_NEIGHBOURS)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -205,19 +207,22 @@ def downsample_frame(raw: RawFrame, lengths: Resolved) -> DownsampledFrame | Non
     points, times = _in_range(raw, lengths)
     if not len(points):
         return None
-    size, apart = (DENSE if times is None else DENSE_TIMED) * lengths.voxel_size, SPARSE * lengths.voxel_size
+    size, apart = (
+        (MAP_SAMPLING_VOXELS if times is None else TIMED_MAP_SAMPLING_VOXELS) * lengths.voxel_size,
+        POSE_SAMPLING_VOXELS * lengths.voxel_size,
+    )
     if times is None:
-        dense = _in_order(*VoxelSums.of(points, None, size, TOGETHER).means())
+        dense = _in_order(*VoxelSums.of(points, None, size, SAME_TIME_SHARE_OF_SWEEP).means())
         # In an order that is none: the first along the curve would be the same corner of each voxel.
-        mixed = np.arange(len(dense[0])) * STRIDE % len(dense[0])
+        mixed = np.arange(len(dense[0])) * STRIDE_ROWS % len(dense[0])
         chosen = np.sort(mixed[first_of_voxels(np.take(dense[0], mixed, axis=0), apart)])
-        seen, back = np.take(dense[0], chosen[sample_rows(len(chosen), MOST)], axis=0), None
+        seen, back = np.take(dense[0], chosen[sample_rows(len(chosen), MAX_POSE_POINTS)], axis=0), None
         whole = Whole(lambda: dense)
     else:
         when = (times - times.max()) / np.ptp(times)
-        began = Later(lambda: VoxelSums.of(points, when, size, TOGETHER))
+        began = Later(lambda: VoxelSums.of(points, when, size, SAME_TIME_SHARE_OF_SWEEP))
         some = np.take(points, one_of_voxels(points, apart), axis=0)
-        rows = morton_order(some)[sample_rows(len(some), MOST_TIMED)]
+        rows = morton_order(some)[sample_rows(len(some), MAX_TIMED_POSE_POINTS)]
         sums = began.result()
         seen, back = sums.means_at(np.take(some, rows, axis=0))
         whole = Whole(lambda: _in_order(*sums.means()))

@@ -17,7 +17,7 @@ from dqreg.errors import load_package
 from dqreg.odometry.settings import Resolved
 
 # A rotation is nearly one where its columns are orthonormal to this.
-EYE, NEARLY = np.eye(3), 1e-9
+IDENTITY, ORTHONORMAL_TOLERANCE = np.eye(3), 1e-9
 
 
 def load_kiss(module: str) -> Any:
@@ -36,8 +36,8 @@ def _without_wheel() -> str:
 def rigid(T: FloatArray) -> FloatArray:
     """The pose with its rotation made orthogonal to the last digit."""
     pose, R = T.copy(), T[:3, :3]
-    off = R.T @ R - EYE
-    if np.abs(off).max() < NEARLY:
+    off = R.T @ R - IDENTITY
+    if np.abs(off).max() < ORTHONORMAL_TOLERANCE:
         # What is next in the series of the nearest rotation is below the last digit.
         pose[:3, :3] -= 0.5 * (R @ off)
         return pose

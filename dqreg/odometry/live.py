@@ -12,11 +12,13 @@ from dqreg.report.colours import SOURCE, TARGET, rgb
 from dqreg.report.live_server import add_ellipsoid, open_server, place
 from dqreg.rigid import pose
 
-# Points of a frame that are shown, points of the map at most, and frames from one picture of the map to the next.
-FRAME, MAP, EVERY = 20_000, 400_000, 5
+# Points of a frame that are shown, and points of the map at most.
+FRAME_POINTS, MAX_MAP_POINTS = 20_000, 400_000
+# Frames from one picture of the map to the next.
+FRAMES_PER_MAP_PICTURE = 5
 # Edge of the map's cells over the median range of the first frame.
-CELL = 0.01
-COLOURS = {"accepted": (30, 90, 200), "suspect": (230, 140, 0), "failed": (200, 30, 30)}
+CELL_MEDIAN_RANGES = 0.01
+LEVEL_COLOURS = {"accepted": (30, 90, 200), "suspect": (230, 140, 0), "failed": (200, 30, 30)}
 
 
 class LiveMap:
@@ -45,9 +47,9 @@ class LiveMap:
         if not self._cell:
             # What browsers draw is single precision, and the map begins at its origin: lengths stay as they are.
             self._scale = float(np.median(np.linalg.norm(frame, axis=1)))
-            self._cell = CELL * self._scale
-        shown = frame[:: max(1, len(frame) // FRAME)]
-        colour = rgb(SOURCE) if verdict.level == "accepted" else COLOURS[verdict.level]
+            self._cell = CELL_MEDIAN_RANGES * self._scale
+        shown = frame[:: max(1, len(frame) // FRAME_POINTS)]
+        colour = rgb(SOURCE) if verdict.level == "accepted" else LEVEL_COLOURS[verdict.level]
         place(self._cloud("/frame", shown, colour), found)
         self.sensor = self._axes()
         place(self.sensor, found)
@@ -68,11 +70,11 @@ class LiveMap:
     def _grow(self, points: FloatArray) -> None:
         cells = np.unique(np.floor(points / self._cell).astype(np.int32), axis=0)
         self._cells = np.unique(np.concatenate([self._cells, cells]), axis=0)
-        if len(self._cells) > MAP:
+        if len(self._cells) > MAX_MAP_POINTS:
             # A coarser map of all of it, rather than a part of it.
             self._cell *= 2.0
             self._cells = np.unique(self._cells // 2, axis=0)
-        if len(self._path) % EVERY == 1:
+        if len(self._path) % FRAMES_PER_MAP_PICTURE == 1:
             self.server.scene.add_point_cloud(
                 "/map", (self._cells + 0.5) * self._cell, rgb(TARGET), point_size=0.4 * self._cell, precision="float32"
             )
@@ -82,7 +84,9 @@ class LiveMap:
             return
         path = np.array(self._path)
         segments = np.stack([path[:-1], path[1:]], axis=1)
-        self.server.scene.add_line_segments("/trajectory", segments, COLOURS["accepted"], thickness=0.01 * self._scale)
+        self.server.scene.add_line_segments(
+            "/trajectory", segments, LEVEL_COLOURS["accepted"], thickness=0.01 * self._scale
+        )
 
     def _draw_ellipsoid(self, result: Registration) -> None:
         block = result.covariance[3:, 3:]

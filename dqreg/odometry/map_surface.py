@@ -21,22 +21,26 @@ from dqreg.geometry.surface import Closest, Hint
 Rows = TypeVar("Rows", bound=NDArray[Any])
 
 # Places of the table of blocks for each that there is room for.
-SPARSE = 2
+TABLE_PLACES_PER_BLOCK = 2
 # What is taken off what no other point is nearer than: more than rounding.
-ROUNDING = 1e-12
+RELATIVE_ROUNDING = 1e-12
 # Rows that room is made for, of each that is needed: what nobody wrote to is no memory yet, and is not copied.
-ROOM = 8
+RESERVED_ROWS_PER_ROW = 8
 # Bytes from which on an array has pages of its own.
-LARGE = 1 << 20
+MIN_HUGE_PAGE_BYTES = 1 << 20
 # Points of a voxel that lie side by side at most.
-SLOTS = 16
+MAX_SLOTS_PER_VOXEL = 16
 # A match is kept where no other point can be nearer by more than this many voxels: points of the map are three times as
 # far apart, and the planes of all of them are the same.
-KEPT = 0.03
-# Queries that one thread answers in one go: of planes, of nearest points, and of planes that were asked for before.
-CHUNK, FEWER, ALONE = 256, 64, 8_192
-# Number, voxels and blocks; sums of a voxel; plane of a point: see the kernels.
-COUNTS, SUMS, PLANE = 3, (8, 10), 8
+KEPT_MATCH_VOXELS = 0.03
+# Queries that one thread answers in one go: of planes, of nearest points,
+PLANE_CHUNK_QUERIES, NEAREST_CHUNK_QUERIES = 256, 64
+# and of planes that were queried before.
+KNOWN_PLANE_CHUNK_QUERIES = 8_192
+# Number, voxels and blocks; sums of a voxel: see the kernels.
+COUNTERS, VOXEL_SUMS = 3, (8, 10)
+# Numbers of the plane of a point.
+PLANE_NUMBERS = 8
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,14 +76,14 @@ class MapSurface:
 
     def __init__(self, size: float, most: int, reach: float, points: FloatArray | None = None) -> None:
         self._size, self._most, self._reach = size, most, reach
-        self._counts, self._state = np.zeros(COUNTS, dtype=np.int64), 0
+        self._counts, self._state = np.zeros(COUNTERS, dtype=np.int64), 0
         self._low, self._high = np.full(3, np.inf), np.full(3, -np.inf)
-        self._points, self._planes = np.zeros((0, 3)), np.zeros((0, 8, PLANE))
+        self._points, self._planes = np.zeros((0, 3)), np.zeros((0, 8, PLANE_NUMBERS))
         self._links, self._voxels = np.zeros((0, 2), dtype=np.int64), np.zeros((0, 2), dtype=np.int64)
-        self._sums = np.zeros((0, *SUMS), dtype=np.float32)
-        self._slots = np.zeros((0, min(most, SLOTS), 3), dtype=np.float32)
-        self._members = np.zeros((0, min(most, SLOTS)), dtype=np.int32)
-        self._table, self._keys = np.zeros(SPARSE, dtype=np.int32), np.zeros((0, 3), dtype=np.int64)
+        self._sums = np.zeros((0, *VOXEL_SUMS), dtype=np.float32)
+        self._slots = np.zeros((0, min(most, MAX_SLOTS_PER_VOXEL), 3), dtype=np.float32)
+        self._members = np.zeros((0, min(most, MAX_SLOTS_PER_VOXEL)), dtype=np.int32)
+        self._table, self._keys = np.zeros(TABLE_PLACES_PER_BLOCK, dtype=np.int32), np.zeros((0, 3), dtype=np.int64)
         self._cells = np.zeros((0, 64), dtype=np.int32)
         self.add(np.zeros((0, 3)) if points is None else points)
 
@@ -91,7 +95,7 @@ class MapSurface:
         self._make_room(len(points))
         held = self._points, self._links, self._table, self._keys, self._cells, self._voxels, self._slots, self._members
         apart, before = self._size / float(np.sqrt(self._most)), int(self._counts[0])
-        sums = self._sums.reshape(-1, SUMS[1])
+        sums = self._sums.reshape(-1, VOXEL_SUMS[1])
         admit_points(as_plain(points), self._size, apart, self._most, *held, sums, self._counts)
         # Planes know the points that there were.
         self._state += 1
@@ -108,27 +112,27 @@ class MapSurface:
         held = self._counts.tolist()
         if points > len(self._points):
             self._points, self._links = (
-                _longer(self._points, held[0], ROOM * points),
-                _longer(self._links, held[0], ROOM * points),
+                _longer(self._points, held[0], RESERVED_ROWS_PER_ROW * points),
+                _longer(self._links, held[0], RESERVED_ROWS_PER_ROW * points),
             )
         if voxels > len(self._voxels):
             self._voxels, self._sums = (
-                _longer(self._voxels, held[1], ROOM * voxels),
-                _longer(self._sums, held[1], ROOM * voxels),
+                _longer(self._voxels, held[1], RESERVED_ROWS_PER_ROW * voxels),
+                _longer(self._sums, held[1], RESERVED_ROWS_PER_ROW * voxels),
             )
             self._planes, self._slots = (
-                _longer(self._planes, held[1], ROOM * voxels),
-                _longer(self._slots, held[1], ROOM * voxels),
+                _longer(self._planes, held[1], RESERVED_ROWS_PER_ROW * voxels),
+                _longer(self._slots, held[1], RESERVED_ROWS_PER_ROW * voxels),
             )
-            self._members = _longer(self._members, held[1], ROOM * voxels)
+            self._members = _longer(self._members, held[1], RESERVED_ROWS_PER_ROW * voxels)
         if blocks > len(self._keys):
             self._keys, self._cells = (
-                _longer(self._keys, held[2], ROOM * blocks),
-                _longer(self._cells, held[2], ROOM * blocks),
+                _longer(self._keys, held[2], RESERVED_ROWS_PER_ROW * blocks),
+                _longer(self._cells, held[2], RESERVED_ROWS_PER_ROW * blocks),
             )
-        if SPARSE * blocks > len(self._table):
+        if TABLE_PLACES_PER_BLOCK * blocks > len(self._table):
             size = 1
-            while size < SPARSE * blocks:
+            while size < TABLE_PLACES_PER_BLOCK * blocks:
                 size *= 2
             self._table = np.zeros(size, dtype=np.int32)
             put_blocks(self._keys, int(self._counts[2]), self._table)
@@ -184,13 +188,13 @@ class MapSurface:
         asked = (
             min(within, self._reach),
             *self._held,
-            self._sums.reshape(-1, SUMS[1]),
-            self._planes.reshape(-1, PLANE),
+            self._sums.reshape(-1, VOXEL_SUMS[1]),
+            self._planes.reshape(-1, PLANE_NUMBERS),
             self._state,
         )
         found = rows, distances, others, feet, normals, variances
-        was = before, others_before, 1.0 - ROUNDING, KEPT * self._size
-        over_chunks(closest_in_voxels, count, as_plain(points), *asked, *was, *found, chunk=FEWER)
+        was = before, others_before, 1.0 - RELATIVE_ROUNDING, KEPT_MATCH_VOXELS * self._size
+        over_chunks(closest_in_voxels, count, as_plain(points), *asked, *was, *found, chunk=NEAREST_CHUNK_QUERIES)
         return Closest(feet, normals, distances, rows, others, variances)
 
     def planes_at(self, points: FloatArray, before: CellPlanes | None = None) -> CellPlanes:
@@ -204,10 +208,10 @@ class MapSurface:
 
         found = CellPlanes.none(len(points)) if before is None else before.copied()
         columns = found.asked, found.elements, found.distances, found.points, found.normals, found.variances
-        held = self._size, self._table, self._keys, self._cells, self._sums.reshape(-1, SUMS[1])
-        planes = self._planes.reshape(-1, PLANE), self._state, self._reach
+        held = self._size, self._table, self._keys, self._cells, self._sums.reshape(-1, VOXEL_SUMS[1])
+        planes = self._planes.reshape(-1, PLANE_NUMBERS), self._state, self._reach
         # Of those that were asked before few lie elsewhere: less than it costs to hand them over.
-        chunk = CHUNK if before is None else ALONE
+        chunk = PLANE_CHUNK_QUERIES if before is None else KNOWN_PLANE_CHUNK_QUERIES
         over_chunks(planes_in_cells, len(points), as_plain(points), *held, *planes, *columns, chunk=chunk)
         return found
 
@@ -218,7 +222,7 @@ class MapSurface:
 
         found = np.zeros(len(points))
         asked = as_plain(points), min(cap, self._reach), *self._held
-        over_chunks(distances_in_voxels, len(points), *asked, found, chunk=CHUNK)
+        over_chunks(distances_in_voxels, len(points), *asked, found, chunk=PLANE_CHUNK_QUERIES)
         return found
 
 
@@ -235,7 +239,7 @@ def _zeros(shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
     What NumPy takes again of what it gave back is zeroed at once, all of it.
     """
     size = math.prod(shape) * dtype.itemsize
-    if size < LARGE or not hasattr(mmap, "MADV_HUGEPAGE"):
+    if size < MIN_HUGE_PAGE_BYTES or not hasattr(mmap, "MADV_HUGEPAGE"):
         return np.zeros(shape, dtype=dtype)
     memory = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
     # Where a kernel has none of these, it says so.

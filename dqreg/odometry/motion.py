@@ -17,13 +17,17 @@ from dqreg.registration.result import Registration
 from dqreg.rigid import Trajectory, pose, quaternion
 
 # A topic that is silent for so many of its usual steps says nothing of the motion meanwhile.
-SILENT = 10.0
-# Wheels: one sigma as a fraction of the motion, and at least so many radians and voxels.
-SLIP, LEAST_TURN, LEAST_STEP = 0.05, np.deg2rad(0.3), 0.1
-# Gyroscope: scale, bias in radians a second (a MEMS one in the warm), and at least so many radians.
-SCALE, BIAS, LEAST_GYRO = 0.02, np.deg2rad(0.5), np.deg2rad(0.1)
+MAX_SILENT_STEPS = 10.0
+# Wheels: one sigma as a fraction of the motion,
+SLIP_SHARE = 0.05
+# and at least so many radians and voxels.
+MIN_WHEEL_SIGMA_RAD, MIN_WHEEL_SIGMA_VOXELS = np.deg2rad(0.3), 0.1
+# Gyroscope: error of its scale, and bias (of a MEMS one in the warm).
+GYRO_SCALE_SHARE, GYRO_BIAS_RAD_PER_SECOND = 0.02, np.deg2rad(0.5)
+# One sigma at least.
+MIN_GYRO_SIGMA_RAD = np.deg2rad(0.1)
 # One sigma of constant velocity, over its step and over the reach of closest points: beyond the latter nothing is held.
-WIDE_STEP, WIDE_REACH = 2.0, 3.0
+VELOCITY_SIGMA_STEPS, VELOCITY_SIGMA_REACHES = 2.0, 3.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -48,8 +52,8 @@ class Wheels:
 
         Slip of a fraction of the motion, or what the driver states if that is more.
         """
-        turn = LEAST_TURN + SLIP * float(pose.angle_between(np.eye(4), motion))
-        step = LEAST_STEP * lengths["voxel_size"] + SLIP * float(np.linalg.norm(motion[:3, 3]))
+        turn = MIN_WHEEL_SIGMA_RAD + SLIP_SHARE * float(pose.angle_between(np.eye(4), motion))
+        step = MIN_WHEEL_SIGMA_VOXELS * lengths["voxel_size"] + SLIP_SHARE * float(np.linalg.norm(motion[:3, 3]))
         own = np.repeat([turn**2, step**2], 3)
         return np.diag(np.maximum(own, np.median(self.rates, axis=0) * seconds**2))
 
@@ -73,8 +77,12 @@ class Gyroscope:
 
     def covariance(self, motion: FloatArray, seconds: float, lengths: dict[str, Any]) -> FloatArray:
         """Scale and bias; that of the translation is constant velocity's and not this sensor's."""
-        turn = LEAST_GYRO + SCALE * float(pose.angle_between(np.eye(4), motion)) + BIAS * seconds
-        return np.diag(np.repeat([turn**2, (WIDE_REACH * lengths["reach"]) ** 2], 3))
+        turn = (
+            MIN_GYRO_SIGMA_RAD
+            + GYRO_SCALE_SHARE * float(pose.angle_between(np.eye(4), motion))
+            + GYRO_BIAS_RAD_PER_SECOND * seconds
+        )
+        return np.diag(np.repeat([turn**2, (VELOCITY_SIGMA_REACHES * lengths["reach"]) ** 2], 3))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -91,7 +99,7 @@ class MotionPrior:
         if not times[0] <= start < end <= times[-1]:
             return False
         near = times[max(np.searchsorted(times, start, "right") - 1, 0) : np.searchsorted(times, end, "left") + 1]
-        return bool(np.diff(near).max() <= SILENT * float(np.median(np.diff(times))))
+        return bool(np.diff(near).max() <= MAX_SILENT_STEPS * float(np.median(np.diff(times))))
 
     def usable(self, stamps: FloatArray) -> BoolArray:
         """Which steps between consecutive stamps are covered, (n - 1,)."""
@@ -123,7 +131,10 @@ class MotionGuide:
             # Of the place it knows nothing, with its lever neither: constant velocity, hardly weighed.
             step[:3, 3] = self._velocity * seconds
             covariance[:3, 3:], covariance[3:, :3] = 0.0, 0.0
-            sigma = max(WIDE_REACH * self._lengths["reach"], WIDE_STEP * float(np.linalg.norm(step[:3, 3])))
+            sigma = max(
+                VELOCITY_SIGMA_REACHES * self._lengths["reach"],
+                VELOCITY_SIGMA_STEPS * float(np.linalg.norm(step[:3, 3])),
+            )
             covariance[3:, 3:] = sigma**2 * np.eye(3)
         T = T_last @ step
         turned = np.kron(np.eye(2), T[:3, :3])

@@ -9,13 +9,13 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError, did_you_mean
-from dqreg.odometry.bags import CLOUD, LIVOX, Bag, is_bag, stamp_in
+from dqreg.odometry.bags import CLOUD_TYPE, LIVOX_TYPES, Bag, is_bag, stamp_in
 from dqreg.odometry.motion import Gyroscope, MotionPrior, Wheels
 from dqreg.odometry.scans import Scans
 from dqreg.rigid import Trajectory, pose, quaternion
 
-WHEELS, IMU = "nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu"
-TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+WHEELS_TYPE, IMU_TYPE = "nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu"
+TRANSFORM_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 
 
 def open_motion(path: str | Path, topic: str, scans: Scans, clouds: str | None = None) -> MotionPrior:
@@ -43,7 +43,7 @@ def open_motion(path: str | Path, topic: str, scans: Scans, clouds: str | None =
 
 
 def _kind_of(bag: Bag, topic: str) -> str:
-    usable = {name: (kind, count) for kind in (WHEELS, IMU) for name, count in bag.topics([kind]).items()}
+    usable = {name: (kind, count) for kind in (WHEELS_TYPE, IMU_TYPE) for name, count in bag.topics([kind]).items()}
     if topic in usable:
         return usable[topic][0]
     short = ", ".join(f"{name} ({kind.replace('/msg/', '/')}, {n} messages)" for name, (kind, n) in usable.items())
@@ -55,14 +55,14 @@ def _kind_of(bag: Bag, topic: str) -> str:
 
 def _rows_of(bag: Bag, topic: str, kind: str) -> tuple[FloatArray, FloatArray, str]:
     """Times, numbers of each message, and the frame that they are of."""
-    read = _wheel_row if kind == WHEELS else _gyro_row
+    read = _wheel_row if kind == WHEELS_TYPE else _gyro_row
     stamps, arrivals, rows, body = [], [], [], ""
     for arrival, data, name in bag.messages(topic):
         message = bag.parsed(data, name)
         stamps.append(stamp_in(data))
         arrivals.append(arrival / 1e9)
         rows.append(read(message))
-        body = body or (message.child_frame_id if kind == WHEELS else message.header.frame_id)
+        body = body or (message.child_frame_id if kind == WHEELS_TYPE else message.header.frame_id)
     values = np.array(rows, dtype=np.float64)
     times = np.array(stamps)
     # Drivers without a clock leave the stamps zero.
@@ -95,14 +95,14 @@ def _gyro_row(message: Any) -> list[float]:
 
 
 def _source(kind: str, times: FloatArray, rows: FloatArray) -> Wheels | Gyroscope:
-    if kind == IMU:
+    if kind == IMU_TYPE:
         return Gyroscope(times, rows)
     poses = np.array([pose.from_parts(quaternion.to_matrix(row[3:7]), row[:3]) for row in rows])
     return Wheels(Trajectory(times, poses), rows[:, 7:])
 
 
 def _frame_of_clouds(bag: Bag, topic: str | None) -> str:
-    name = bag.topic(topic, (CLOUD, *LIVOX), "--topic")
+    name = bag.topic(topic, (CLOUD_TYPE, *LIVOX_TYPES), "--topic")
     for _, data, kind in bag.messages(name):
         return _plain(bag.parsed(data, kind).header.frame_id)
     return ""
@@ -113,7 +113,7 @@ def _fixed(bag: Bag, body: str, sensor: str) -> tuple[FloatArray, str]:
     if body and body == sensor:
         return np.eye(4), f"it is of the clouds' own frame {sensor}"
     steps: dict[str, list[tuple[str, FloatArray]]] = {}
-    static = [name for name in bag.topics(TRANSFORMS) if name.endswith("tf_static")]
+    static = [name for name in bag.topics(TRANSFORM_TYPES) if name.endswith("tf_static")]
     for topic in static:
         for _, data, kind in bag.messages(topic):
             for each in bag.parsed(data, kind).transforms:

@@ -19,7 +19,7 @@ from dqreg.odometry.kiss import KissParts, load_kiss, rigid
 from dqreg.odometry.map_file import SavedMap, load_map, save_map
 from dqreg.odometry.prediction import Prediction
 from dqreg.odometry.settings import OdometryOptions, OdometrySettings
-from dqreg.odometry.tracker import FEWEST_POINTS, Tracker
+from dqreg.odometry.tracker import MIN_POINTS, Tracker
 from dqreg.odometry.voxel_map import VoxelMap
 from dqreg.registration.log import logged
 from dqreg.registration.register import register
@@ -208,8 +208,8 @@ class Odometry(Tracker):
         if self._kiss is None or self._map is None or self._lengths is None:
             raise InputError("there is no map to be found in: register a frame first, or load a map")
         frame = downsample_frame(raw, self._lengths)
-        if frame is None or len(frame.scan) < FEWEST_POINTS:
-            raise InputError(f"downsampling leaves too few of {len(raw.points)} points; {FEWEST_POINTS} are needed")
+        if frame is None or len(frame.scan) < MIN_POINTS:
+            raise InputError(f"downsampling leaves too few of {len(raw.points)} points; {MIN_POINTS} are needed")
         found = register(PointCloud(frame.dense, viewpoint=np.zeros(3)), self._map.points, start)
         if found.verdict.level == "accepted":
             self._T_last, self._motion, self._first = rigid(found.T_target_source), np.eye(4), None

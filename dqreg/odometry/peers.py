@@ -17,7 +17,7 @@ from dqreg.odometry.scans import Scans
 from dqreg.odometry.settings import OdometrySettings
 
 
-class Engine(Protocol):
+class SequenceEngine(Protocol):
     """Places frames one by one."""
 
     def place(self, points: FloatArray, timestamps: FloatArray | None) -> FloatArray:
@@ -89,7 +89,9 @@ class SmallGicpEngine:
         return self._T.copy()
 
 
-def run_engine(name: str, engine: Engine, scans: Scans, tell: Callable[[int], object] | None = None) -> TrajectoryRun:
+def run_engine(
+    name: str, engine: SequenceEngine, scans: Scans, tell: Callable[[int], object] | None = None
+) -> TrajectoryRun:
     """Run another engine over a sequence."""
     poses, seconds = [], []
     for number in range(len(scans)):

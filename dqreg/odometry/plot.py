@@ -15,7 +15,8 @@ from dqreg.odometry.run_sequence import TrajectoryRun
 from dqreg.odometry.trajectory import bridge_gaps
 from dqreg.report.figure import PALETTE, encode, new_figure
 
-BLUE, RED, _, _, ORANGE, _, GREY = PALETTE
+BLUE, RED = PALETTE[0], PALETTE[1]
+ORANGE, GREY = PALETTE[4], PALETTE[6]
 
 
 def plot_trip(path: str | Path, trip: TrajectoryRun, truth: FloatArray | None = None) -> None:

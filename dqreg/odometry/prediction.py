@@ -14,9 +14,9 @@ from dqreg.rigid import pose, twist
 from dqreg.trust.records import Direction, Reason
 
 # One sigma to three: where a prediction is taken to hold.
-COVERED = 3.0
+COVERED_SIGMAS = 3.0
 # Standard deviations beyond which frame and prediction contradict each other.
-EXCLUDED = 6.0
+EXCLUDED_SIGMAS = 6.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,11 +54,11 @@ class Prediction:
         if self.information is None:
             return np.inf
         place = np.linalg.inv(self.information)[3:, 3:]
-        return COVERED * float(np.sqrt(np.linalg.eigvalsh(place)[-1]))
+        return COVERED_SIGMAS * float(np.sqrt(np.linalg.eigvalsh(place)[-1]))
 
     def holds(self, limit: float) -> bool:
         """Whether it tells the place to within a limit, by one sigma."""
-        return self.spread <= COVERED * limit
+        return self.spread <= COVERED_SIGMAS * limit
 
     def fused(self, T: FloatArray, information: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Pose and covariance of a frame with the prediction.
@@ -110,7 +110,7 @@ def contradiction(
     for direction in directions:
         if direction.is_free and direction.kind == "translation":
             off = off - np.dot(direction.axis, off) * np.array(direction.axis)
-    apart, limit = float(np.linalg.norm(off)), max(EXCLUDED / COVERED * prediction.spread, near)
+    apart, limit = float(np.linalg.norm(off)), max(EXCLUDED_SIGMAS / COVERED_SIGMAS * prediction.spread, near)
     if not apart > limit:
         return ()
     words = (

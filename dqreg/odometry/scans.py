@@ -24,10 +24,10 @@ from dqreg.odometry.bags import CloudTopic, is_bag
 from dqreg.odometry.kiss import load_kiss
 
 # What a frame may be in a folder of them; text files beside the scans are poses and times.
-KINDS = (".bin", ".csv", ".e57", ".las", ".laz", ".npy", ".npz", ".pcd", ".ply", ".pts", ".xyz")
+FRAME_SUFFIXES = (".bin", ".csv", ".e57", ".las", ".laz", ".npy", ".npz", ".pcd", ".ply", ".pts", ".xyz")
 
 # KISS-ICP's names for its loaders of bags, which give each frame once and drop times out of step: ours reads them.
-BAGS = ("rosbag", "mcap")
+BAG_LOADERS = ("rosbag", "mcap")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,7 +74,7 @@ def open_scans(
         raise InputError(
             f"cannot read {path}: no such file or folder; expected a folder of scans, a bag or an .npz sequence"
         )
-    if loader in BAGS or (loader is None and is_bag(path)):
+    if loader in BAG_LOADERS or (loader is None and is_bag(path)):
         scans = _from_bag(path, topic)
     elif topic is not None:
         raise InputError(f"--topic names a topic of a bag, and {path} is none")
@@ -132,13 +132,13 @@ def _natural(path: Path) -> list[tuple[int, str]]:
 
 
 def _from_folder(folder: Path) -> Scans:
-    files = [file for file in folder.iterdir() if file.suffix.lower() in KINDS]
+    files = [file for file in folder.iterdir() if file.suffix.lower() in FRAME_SUFFIXES]
     if len(files) == 1 and files[0].suffix.lower() == ".npz":
         return _from_archive(files[0])
     # A folder with poses and notes beside the scans: the most frequent kind is the scans.
     suffixes = [file.suffix.lower() for file in files]
     if not files:
-        raise InputError(f"{folder} holds no scans; known are {', '.join(KINDS)}")
+        raise InputError(f"{folder} holds no scans; known are {', '.join(FRAME_SUFFIXES)}")
     kind = max(sorted(set(suffixes)), key=suffixes.count)
     chosen = sorted((file for file in files if file.suffix.lower() == kind), key=_natural)
     return Scans(tuple(file.name for file in chosen), lambda number: _read_file(chosen[number]))

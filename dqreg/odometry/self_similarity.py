@@ -17,37 +17,41 @@ from dqreg.rigid import pose
 from dqreg.trust.free_space import DepthImage
 
 # Cells to a side at most; cosine of a normal with the common direction below which a point is of what stands.
-CELLS, STANDS = 256, 0.5
-# Least share of what stands that must meet known ground, and that must come to lie on what stands; shifts kept.
-COMMON, SIMILAR, KEPT = 0.3, 0.7, 12
+MAX_IMAGE_CELLS, STANDING_COS = 256, 0.5
+# Least share of what stands that must meet known ground, and that must come to lie on what stands.
+MIN_COMMON_SHARE, MIN_SIMILAR_SHARE = 0.3, 0.7
+# Translations that are kept.
+MAX_SHIFTS = 12
 # Cells around a shift within which none is more similar.
-AROUND = 2
+SUPPRESSION_CELLS = 2
 
 
 # A face across a shift blocks the way where it holds this share of the points; cosine of its normal with the shift.
-BLOCKS, ACROSS = 0.1, 0.9
+BLOCKING_SHARE, ACROSS_COS = 0.1, 0.9
 
-# Share of the points of faces across a step that are seen alike from both of its ends, and their number, at least; what
-# of it stands where the frame looked through at most, before the pose is refined and after. Halls of equal columns came
-# to 0.15 and 0.04, furnished ones to 0.09 of the latter and more.
-ALIKE, FEWEST_ALIKE, ROUGHLY, CONTRADICTED = 0.1, 40, 0.2, 0.05
+# Share of the points of faces across a step that are seen alike from both of its ends, and their number, at least.
+MIN_ALIKE_SHARE, MIN_ALIKE_POINTS = 0.1, 40
+# What of it stands where the frame looked through at most, before the pose is refined and after. Halls of equal columns
+# came to 0.15 and 0.04, furnished ones to 0.09 of the latter and more.
+ROUGH_SHARE, CONTRADICTED_SHARE = 0.2, 0.05
 # Frames of so nearly as many points, one a voxel, are as far apart in the image.
-ALIKE_COUNT = 0.1
-# Cosine of a normal with a step whose face is across it; blur of a line of sight over the step; pixels by which a line
-# of sight may be off: the nearest range around each one counts.
-FACING, BLUR, PIXELS = 0.5, 0.5, 1.5
+SAME_COUNT_SHARE = 0.1
+# Cosine of a normal with a step whose face is across it; blur of a line of sight over the step.
+FACING_COS, MAX_BLUR_STEPS = 0.5, 0.5
+# Pixels by which a line of sight may be off: the nearest range around each one counts.
+SIGHT_LINE_PIXELS = 1.5
 
 
-def _stand(normals: FloatArray, axes: FloatArray) -> BoolArray:
+def _are_upright(normals: FloatArray, axes: FloatArray) -> BoolArray:
     """Points of faces across the one that is most common, (n,): what lies in that one fits everywhere."""
-    return np.asarray((np.abs(normals @ axes[:, 2]) < STANDS) & nonzero_rows(normals))
+    return np.asarray((np.abs(normals @ axes[:, 2]) < STANDING_COS) & nonzero_rows(normals))
 
 
 def behind_faces(points: FloatArray, normals: FloatArray, shift: FloatArray) -> bool:
     """Whether a floor, a ceiling or a wall lies between the sensor and a place: no frame gets there in a step."""
     length = float(np.linalg.norm(shift))
-    along, faces = points @ shift / length, np.abs(normals @ shift) > ACROSS * length
-    return bool(np.mean(faces & (along > 0.0) & (along < length)) >= BLOCKS)
+    along, faces = points @ shift / length, np.abs(normals @ shift) > ACROSS_COS * length
+    return bool(np.mean(faces & (along > 0.0) & (along < length)) >= BLOCKING_SHARE)
 
 
 def _axes(normals: FloatArray) -> FloatArray:
@@ -61,12 +65,12 @@ def self_similar_shifts(points: FloatArray, normals: FloatArray, cell: float, le
     The most similar first. Shapes: points, normals (n, 3), zero where none is known.
     """
     axes = _axes(normals)
-    stands, plane = _stand(normals, axes), axes[:, :2]
+    stands, plane = _are_upright(normals, axes), axes[:, :2]
     if not stands.any():
         return np.zeros((0, 3))
     flat = np.ascontiguousarray((points @ plane).T)
     low, high = flat.min(axis=1), flat.max(axis=1)
-    cell = max(cell, float((high - low).max()) / CELLS)
+    cell = max(cell, float((high - low).max()) / MAX_IMAGE_CELLS)
     rows, columns = ((flat - low[:, None]) / cell).astype(np.int64)
     known = np.zeros((rows.max() + 1, columns.max() + 1), dtype=bool)
     occupied = np.zeros_like(known)
@@ -78,26 +82,26 @@ def self_similar_shifts(points: FloatArray, normals: FloatArray, cell: float, le
     if not len(kept):
         return np.zeros((0, 3))
     kept = kept[_is_peak(share, steps[kept])]
-    kept = kept[np.argsort(-share[tuple(steps[kept].T + AROUND)], kind="stable")]
+    kept = kept[np.argsort(-share[tuple(steps[kept].T + SUPPRESSION_CELLS)], kind="stable")]
     found: list[int] = []
-    while len(kept) and len(found) < KEPT:
+    while len(kept) and len(found) < MAX_SHIFTS:
         # Of equal ones side by side one is enough.
         found.append(int(kept[0]))
-        kept = kept[(np.abs(steps[kept] - steps[kept[0]]) > AROUND).any(axis=1)]
+        kept = kept[(np.abs(steps[kept] - steps[kept[0]]) > SUPPRESSION_CELLS).any(axis=1)]
     return np.asarray(shifts[found] @ plane.T)
 
 
 def _similar(occupied: BoolArray, known: BoolArray) -> tuple[FloatArray, IntArray, IntArray]:
     """How much of what comes to lie on known ground lies on what is occupied, or beside it, shift by shift.
 
-    Zero where either is too little. Shapes: (h, w) by shifts in cells from the lowest on, in a frame of `AROUND` zeros,
-    (m, 2) where it is not zero, and (2,) the lowest shift.
+    Zero where either is too little. Shapes: (h, w) by shifts in cells from the lowest on, in a frame of
+    `SUPPRESSION_CELLS` zeros, (m, 2) where it is not zero, and (2,) the lowest shift.
     """
     from dqreg.kernels.shift_counts import count_at_shifts, count_on_runs, runs_around
     from dqreg.kernels.threads import over_chunks
 
     cells = np.column_stack(np.divmod(np.flatnonzero(occupied), occupied.shape[1]))
-    enough = COMMON * len(cells)
+    enough = MIN_COMMON_SHARE * len(cells)
     # As far as that many cells stay within.
     ordered = np.sort(cells, axis=0)
     up, down = occupied.shape - ordered[int(np.ceil(enough)) - 1], ordered[-int(np.ceil(enough))]
@@ -105,12 +109,12 @@ def _similar(occupied: BoolArray, known: BoolArray) -> tuple[FloatArray, IntArra
     count_on_runs(cells, runs_around(occupied), -down, counts)
     # Ground is counted where enough is met of the least that it may be.
     # The last column is none: zeros. Along two axes NumPy takes four times as long.
-    steps = np.column_stack(np.divmod(np.flatnonzero(counts >= SIMILAR * enough), counts.shape[1]))
+    steps = np.column_stack(np.divmod(np.flatnonzero(counts >= MIN_SIMILAR_SHARE * enough), counts.shape[1]))
     met, ground = counts[tuple(steps.T)], np.zeros(len(steps), dtype=np.int32)
     over_chunks(count_at_shifts, len(steps), steps - down, cells, _widened(np.pad(known, (0, 1))), ground)
-    alike = (ground >= enough) & (met >= SIMILAR * ground)
-    share = np.zeros(up + down + 1 + 2 * AROUND)
-    share[tuple(steps[alike].T + AROUND)] = met[alike] / ground[alike]
+    alike = (ground >= enough) & (met >= MIN_SIMILAR_SHARE * ground)
+    share = np.zeros(up + down + 1 + 2 * SUPPRESSION_CELLS)
+    share[tuple(steps[alike].T + SUPPRESSION_CELLS)] = met[alike] / ground[alike]
     return share, steps[alike], -down
 
 
@@ -127,14 +131,14 @@ def _widened(grid: BoolArray) -> BoolArray:
 
 def _is_peak(share: FloatArray, cells: IntArray) -> BoolArray:
     """Whether nothing around some cells of a framed grid, (n, 2), holds more than they do, (n,)."""
-    here, peak = share[tuple(cells.T + AROUND)], np.ones(len(cells), dtype=bool)
-    for step in np.ndindex(2 * AROUND + 1, 2 * AROUND + 1):
+    here, peak = share[tuple(cells.T + SUPPRESSION_CELLS)], np.ones(len(cells), dtype=bool)
+    for step in np.ndindex(2 * SUPPRESSION_CELLS + 1, 2 * SUPPRESSION_CELLS + 1):
         peak &= here >= share[tuple((cells + step).T)]
     return peak
 
 
 @dataclasses.dataclass(frozen=True)
-class View:
+class FrameView:
     """What the scanner saw."""
 
     image: DepthImage
@@ -142,27 +146,29 @@ class View:
     measured: int = 0  # Points of the frame of which the pixel was measured
 
     @staticmethod
-    def of(points: FloatArray, margin: float, before: View | None = None) -> View:
+    def of(points: FloatArray, margin: float, before: FrameView | None = None) -> FrameView:
         """From the points of a frame, (n, 3); their spacing is that of a frame before with about as many."""
         count = len(points)
-        if before is None or abs(count - before.measured) > ALIKE_COUNT * before.measured:
-            return View(DepthImage.of(points, np.zeros(3)), margin, count)
-        return View(DepthImage.of(points, np.zeros(3), before.image.pixel), margin, before.measured)
+        if before is None or abs(count - before.measured) > SAME_COUNT_SHARE * before.measured:
+            return FrameView(DepthImage.of(points, np.zeros(3)), margin, count)
+        return FrameView(DepthImage.of(points, np.zeros(3), before.image.pixel), margin, before.measured)
 
     def compared(self, points: FloatArray, T: FloatArray) -> tuple[int, int]:
         """Points, moved, that stand where the frame looked through, and those about where it saw something."""
-        return self.image.compared(pose.apply(T, points), self.margin, PIXELS)
+        return self.image.compared(pose.apply(T, points), self.margin, SIGHT_LINE_PIXELS)
 
     def repeats(self, scan: Scan, step: FloatArray, most: float) -> bool:
         """Whether a frame at the end of a step would see what it sees here, and no more than a share contradicts."""
         length = np.linalg.norm(step[:3, 3])
         # Of the points that the step takes out of their face, and farther than lines of sight are apart there.
-        blur = self.margin + PIXELS * self.image.pixel * np.linalg.norm(scan.points, axis=1)
-        points = scan.points[(np.abs(scan.normals @ step[:3, 3]) > FACING * length) & (blur < BLUR * length)]
+        blur = self.margin + SIGHT_LINE_PIXELS * self.image.pixel * np.linalg.norm(scan.points, axis=1)
+        points = scan.points[
+            (np.abs(scan.normals @ step[:3, 3]) > FACING_COS * length) & (blur < MAX_BLUR_STEPS * length)
+        ]
         through = whole = 0
         for T in (step, pose.inverse(step)):
             nearer, alike = self.compared(points, T)
-            if alike < max(ALIKE * len(points), FEWEST_ALIKE):
+            if alike < max(MIN_ALIKE_SHARE * len(points), MIN_ALIKE_POINTS):
                 return False
             through, whole = through + nearer, whole + nearer + alike
         return through <= most * whole

@@ -13,10 +13,10 @@ from dqreg.errors import InputError
 # Voxel over the median range of the first frame: 0.4 m in halls and streets, 0.1 m on a desk.
 VOXEL_SHARE = 0.05
 # Range of the map over the farthest point of the first frame; a point farther than so many times what nine tenths are
-# within is a stray: in halls and streets the farthest ones came to 2 to 8.
-BEYOND, STRAY = 2.0, 10.0
+# within is an outlier: in halls and streets the farthest ones came to 2 to 8.
+MAP_RANGE_RATIO, OUTLIER_RANGE_RATIO = 2.0, 10.0
 # Largest distance of a pair, in voxels: while the pose is sought, and on the last level.
-REACH, NEAR = 5.0, 1.25
+REACH_VOXELS, NEAR_VOXELS = 5.0, 1.25
 
 
 Method = Literal["plane", "dq", "dq-points"]
@@ -134,15 +134,17 @@ class OdometrySettings:
         """
         ranges = np.linalg.norm(points, axis=1)
         voxel = self.voxel_size or VOXEL_SHARE * float(np.median(ranges))
-        limit = self.max_range or BEYOND * min(float(ranges.max()), STRAY * float(np.quantile(ranges, 0.9)))
+        limit = self.max_range or MAP_RANGE_RATIO * min(
+            float(ranges.max()), OUTLIER_RANGE_RATIO * float(np.quantile(ranges, 0.9))
+        )
         return Resolved(
             voxel_size=voxel,
             max_range=limit,
             min_range=self.min_range,
             deskew=self.deskew,
             max_points_per_voxel=self.max_points_per_voxel,
-            reach=REACH * voxel,
-            near=NEAR * voxel,
+            reach=REACH_VOXELS * voxel,
+            near=NEAR_VOXELS * voxel,
             threads=self.threads,
         )
 

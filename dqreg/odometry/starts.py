@@ -16,10 +16,12 @@ from dqreg.geometry.spacing import Spread
 from dqreg.odometry.map_surface import MapSurface
 from dqreg.rigid import single_pose, twist
 
-# Points that each pose is judged by; first, all by a few, and the best of them, so many for each that is kept, by all.
-JUDGES, FIRST_JUDGES, SHORTLIST = 150, 30, 10
+# Points that each pose is judged by; first, all poses by a few.
+JUDGING_POINTS, FIRST_JUDGING_POINTS = 150, 30
+# The best of these, so many for each that is kept, are judged by all points.
+SHORTLIST_PER_KEPT = 10
 # Frames over which it is remembered how far predictions were off: who begins near in vain begins again.
-LATELY = 5
+REMEMBERED_FRAMES = 5
 
 
 @functools.cache
@@ -46,7 +48,7 @@ def candidates(T_last: FloatArray, T_predicted: FloatArray, limit_deg: float, st
 
 def screen(surface: MapSurface, points: FloatArray, poses: FloatArray, cap: float, keep: int) -> FloatArray:
     """The poses under which the points lie nearest to the map. Shapes: poses (m, 4, 4), returns (keep, m)."""
-    for judges, kept in ((FIRST_JUDGES, SHORTLIST * keep), (JUDGES, keep)):
+    for judges, kept in ((FIRST_JUDGING_POINTS, SHORTLIST_PER_KEPT * keep), (JUDGING_POINTS, keep)):
         rows = np.linspace(0, len(points) - 1, min(judges, len(points))).round().astype(np.int64)
         moved = np.matmul(points[rows], poses[:, :3, :3].transpose(0, 2, 1)) + poses[:, None, :3, 3]
         away = surface.distances(moved.reshape(-1, 3), cap).reshape(len(poses), -1)
@@ -61,7 +63,7 @@ class Pace:
         self._change = np.zeros(6)
         self._expected: tuple[FloatArray, ...] = ()
         # How far the points of the last frames were from where either put them, root mean square.
-        self._off: deque[tuple[float, ...]] = deque(maxlen=LATELY)
+        self._off: deque[tuple[float, ...]] = deque(maxlen=REMEMBERED_FRAMES)
 
     @property
     def steps(self) -> int:

@@ -8,7 +8,7 @@ from dqreg._arrays import FloatArray
 from dqreg.rigid import single_pose
 
 # Rows that a thread takes in one go: after each it asks for the interpreter, which the other one may be at.
-TOGETHER = 16_384
+CHUNK_ROWS = 16_384
 
 
 def swept(points: FloatArray, back: FloatArray, motion: FloatArray, *, directions: bool = False) -> FloatArray:
@@ -28,5 +28,5 @@ def swept_by(points: FloatArray, back: FloatArray, step: FloatArray) -> FloatArr
     from dqreg.kernels.threads import as_plain, over_chunks
 
     moved = np.zeros(points.shape)
-    over_chunks(swept_rows, len(points), as_plain(points), as_plain(back), step, moved, chunk=TOGETHER)
+    over_chunks(swept_rows, len(points), as_plain(points), as_plain(back), step, moved, chunk=CHUNK_ROWS)
     return moved

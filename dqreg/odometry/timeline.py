@@ -12,7 +12,7 @@ from dqreg.rigid import Trajectory
 from dqreg.trust.records import Reason
 
 # Steps of the last motion beyond which constant velocity is a guess like any other.
-FARTHEST = 5.0
+MAX_PREDICTED_STEPS = 5.0
 
 
 class Timeline:
@@ -74,7 +74,7 @@ class Timeline:
             words = f"the frame's time {stamp:.6f} is not after that of the frame before, {before:.6f}"
             return self.steps, Reason(words, "time_stamp")
         self._gap += stamp - before
-        return (float(np.clip(self._gap / self._pace, 0.0, FARTHEST)) if self._pace else self.steps), None
+        return (float(np.clip(self._gap / self._pace, 0.0, MAX_PREDICTED_STEPS)) if self._pace else self.steps), None
 
     def trust(self) -> None:
         """The frame of now is trusted: the pace is that of the steps since the last one."""

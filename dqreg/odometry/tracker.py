@@ -11,15 +11,15 @@ import numpy as np
 from dqreg._arrays import FloatArray, as_pose, median
 from dqreg.icp import Alignment
 from dqreg.kernels.threads import Later
-from dqreg.odometry.align import BEFORE_SWEEP, FrameSearch
-from dqreg.odometry.assess import LOST, MapLink, first_frame, frame_result, information_of_place, without_pose
-from dqreg.odometry.deskewing import WORTHWHILE, Deskewed, fits_no_worse
+from dqreg.odometry.align import POINTS_BEFORE_SWEEP, FrameSearch
+from dqreg.odometry.assess import LOST_FRACTION, MapLink, first_frame, frame_result, information_of_place, without_pose
+from dqreg.odometry.deskewing import REPEATED_MISFIT_VOXELS, Deskewed, fits_no_worse
 from dqreg.odometry.follow import off_at
 from dqreg.odometry.frame import DownsampledFrame, RawFrame, downsample_frame
 from dqreg.odometry.kiss import KissParts, rigid
 from dqreg.odometry.prediction import Prediction
-from dqreg.odometry.rivals import facing, looked_at, placed, similar_shifts, standing_in
-from dqreg.odometry.self_similarity import View
+from dqreg.odometry.rivals import compared_with_rivals, map_sample, placed, similar_shifts, with_met_normals
+from dqreg.odometry.self_similarity import FrameView
 from dqreg.odometry.settings import OdometrySettings, Resolved
 from dqreg.odometry.starts import Pace, predict
 from dqreg.odometry.timeline import Timeline
@@ -31,14 +31,14 @@ from dqreg.trust.doubts import fraction_fits
 from dqreg.trust.records import Reason
 
 # Points below which a frame gets no pose, and cannot begin a map.
-FEWEST_POINTS = 30
+MIN_POINTS = 30
 # Frames over which the usual fraction of inliers is taken; steps without which no prediction is known to be good.
-MEMORY, FEWEST_STEPS = 10, 3
+USUAL_FRACTION_FRAMES, MIN_STEPS = 10, 3
 # Points that predictions miss by so many voxels at most lie in the cells that they belong to, or beside them. Of those
 # that they miss by such a share of the largest distance of a pair, enough find their matches.
-NEAR, TRUSTED = 0.75, 0.5
+NEAR_VOXELS, TRUSTED_REACHES = 0.75, 0.5
 # The first motion may be so many times what one frame is usually off its prediction: that stands still.
-FIRST_STEP = 3.0
+FIRST_MOTION_DEVIATIONS = 3.0
 
 
 class Tracker:
@@ -55,18 +55,17 @@ class Tracker:
         self._T_last = np.eye(4) if start is None else as_pose(start, "start")
         self._motion = np.eye(4)
         self._T_doubtful: FloatArray | None = None
-        self._usual: deque[float] = deque(maxlen=MEMORY)
+        self._usual: deque[float] = deque(maxlen=USUAL_FRACTION_FRAMES)
         self._pace = Pace()
         # The first frame, while nobody knows the motion during its sweep.
         self._first: DownsampledFrame | None = None
         # Whether the motion is what this frame and the first one told together.
         self._is_under_way = False
-        # Frames kept out of the map in a row.
-        self._kept_out = 0
+        self._kept_out = 0  # Frames kept out of the map in a row
         # Where a frame was like itself nowhere.
         self._unlike: FloatArray | None = None
         # What the last frame saw.
-        self._view: View | None = None
+        self._view: FrameView | None = None
         self._timeline, self._link = Timeline(self.settings.history), MapLink()
 
     def _place(self, raw: RawFrame, ratio: float, expected: Prediction | None, *, insert: bool) -> Registration:
@@ -79,10 +78,10 @@ class Tracker:
             step = rigid(pose.inverse(self._T_last) @ expected.T_map_frame)
             self._motion = rigid(predict(np.eye(4), step, 1.0 / max(ratio, 1.0)))
         frame = _downsampled(raw, lengths)
-        if frame is None or len(frame.seen) < FEWEST_POINTS:
+        if frame is None or len(frame.seen) < MIN_POINTS:
             why = (
                 f"downsampling leaves {0 if frame is None else len(frame.seen)} of {len(raw.points)} points (within "
-                f"{lengths.max_range:.4g}, voxels of {lengths.voxel_size:.4g}); {FEWEST_POINTS} are needed"
+                f"{lengths.max_range:.4g}, voxels of {lengths.voxel_size:.4g}); {MIN_POINTS} are needed"
             )
             return self._failed(why, raw, "too few points")
         if self._map is None:
@@ -90,7 +89,7 @@ class Tracker:
             self._T_last = self._T_last if expected is None else expected.T_map_frame
             self._merge(self._map, frame)
             self._first = None if frame.back is None else frame
-            return first_frame(self._T_last, raw.notes, self._words(frame))
+            return first_frame(self._T_last, raw.notes, self._settings_of(frame))
         self._is_under_way = (
             self._first is not None
             and frame.back is not None
@@ -111,21 +110,21 @@ class Tracker:
         _ = Later(lambda: frame.own.fits)
         search = FrameSearch(self._map.surface, lengths, self.settings, np.nan, [(self._T_last, self._T_last)])
         aligned = search.find(frame, trust_motion=False)
-        skewed = Deskewed(frame, aligned).repeated(search, WORTHWHILE * lengths.voxel_size)
-        if not skewed.aligned.inlier_fraction >= LOST:
+        skewed = Deskewed(frame, aligned).repeated(search, REPEATED_MISFIT_VOXELS * lengths.voxel_size)
+        if not skewed.aligned.inlier_fraction >= LOST_FRACTION:
             return False
         self._first = None
         half = 0.5 * twist.log(skewed.frame.motion)
         middle = rigid(pose.inverse(self._T_last) @ skewed.aligned.T_target_source @ twist.exp(-half))
         mean = twist.log(middle) / max(ratio, 1.0)
         self._motion = twist.exp(mean + half)
-        if off_at(frame.reach, mean - half) <= WORTHWHILE * lengths.voxel_size:
+        if off_at(frame.reach, mean - half) <= REPEATED_MISFIT_VOXELS * lengths.voxel_size:
             return True
         made = VoxelMap(lengths)
         made.insert(lambda: first.without(twist.exp(mean - half)).dense, self._T_last)
         there = dataclasses.replace(search, surface=made.surface)
         # As few as it is compared with were placed by.
-        scan = search.asked(frame.without(self._motion)).thinned(BEFORE_SWEEP)
+        scan = search.scan_of(frame.without(self._motion)).thinned(POINTS_BEFORE_SWEEP)
         T = predict(self._T_last, self._motion, ratio)
         straight = there.settle(scan, T, aligned, anew=True)
         if not fits_no_worse(straight, aligned):
@@ -176,7 +175,7 @@ class Tracker:
         seen = seen or self._seen(frame, lengths)
         # After a frame that was not trusted constant velocity is worth nothing, and before any motion is known, little.
         is_first = expected is None and not self._usual
-        deviation = np.inf if self._timeline.missed else kiss.deviation * (FIRST_STEP if is_first else 1.0)
+        deviation = np.inf if self._timeline.missed else kiss.deviation * (FIRST_MOTION_DEVIATIONS if is_first else 1.0)
         measured = expected is not None and expected.information is not None
         spread = expected.spread if expected is not None and measured else deviation
         timed = self._timeline.is_timed
@@ -184,16 +183,16 @@ class Tracker:
         T = first.aligned.T_target_source
         asked = first.aligned.found and not (timed or measured or self._is_unlike(frame, T, lengths.reach))
         # After the depth image, beside the information.
-        similar = Later(lambda: similar_shifts(search, facing(frame, first.aligned))) if asked else None
-        standing, enters = standing_in(surface), self._enters(first.aligned, trusted=first.is_escaped)
+        similar = Later(lambda: similar_shifts(search, with_met_normals(frame, first.aligned))) if asked else None
+        standing, enters = map_sample(surface), self._is_absorbed(first.aligned, trusted=first.is_escaped)
         # What is said of it changes neither its pose nor whether it enters; places that it is like ask the map.
         if grows := insert and enters and not asked and not measured:
             world.insert(lambda: frame.dense, rigid(T))
         information = information_of_place(first, frame.reach)
-        place = looked_at(first, search, frame, seen, standing, similar)
+        place = compared_with_rivals(first, search, frame, seen, standing, similar)
         # For the next frame, which is taken for as dense.
         self._view = seen.result()
-        found = frame_result(place, information, frame, self._usual_fraction, notes, self._words(frame), expected)
+        found = frame_result(place, information, frame, self._usual_fraction, notes, self._settings_of(frame), expected)
         fits = self._kept_out >= self.settings.patience or (found.verdict.level != "failed" and self._fits(found))
         result = self._link.linked(found, place, self._timeline.count, fits=fits)
         if similar is not None:
@@ -207,12 +206,12 @@ class Tracker:
         """Where a frame lies, without the motion during its sweep; the prediction may be trusted anyway."""
         off, lengths = np.inf if self._timeline.missed else self._pace.off, search.lengths
         # A sweep tells its own motion: one step that was as predicted is enough.
-        likely = trusted or self._is_under_way or off <= TRUSTED * lengths.reach
-        if self._pace.steps < FEWEST_STEPS:
+        likely = trusted or self._is_under_way or off <= TRUSTED_REACHES * lengths.reach
+        if self._pace.steps < MIN_STEPS:
             off = np.inf
-        near = self._is_under_way or off <= NEAR * lengths.voxel_size
-        trusted = trusted or off <= TRUSTED * lengths.reach
-        worthwhile = WORTHWHILE * lengths.voxel_size
+        near = self._is_under_way or off <= NEAR_VOXELS * lengths.voxel_size
+        trusted = trusted or off <= TRUSTED_REACHES * lengths.reach
+        worthwhile = REPEATED_MISFIT_VOXELS * lengths.voxel_size
         # Where a near start fails, a frame is sought from farther off before its motion is left out.
         for is_near in [True, False] if near else [False]:
             if likely and (found := Deskewed.at_once(frame, search, worthwhile, near=is_near)) is not None:
@@ -225,14 +224,15 @@ class Tracker:
         before = None if self._timeline.missed else self._unlike
         return before is not None and frame.scan._spread.motion(before, T) <= reach
 
-    def _seen(self, frame: DownsampledFrame, lengths: Resolved) -> Later[View]:
+    def _seen(self, frame: DownsampledFrame, lengths: Resolved) -> Later[FrameView]:
         before = self._view
-        return Later(lambda: View.of(frame.dense, lengths.near, before))
+        return Later(lambda: FrameView.of(frame.dense, lengths.near, before))
 
-    def _enters(self, aligned: Alignment, *, trusted: bool) -> bool:
+    def _is_absorbed(self, aligned: Alignment, *, trusted: bool) -> bool:
         """Whether a frame is absorbed: one that has a pose, and fits as usual, or the last ones did not either."""
         fits = trusted or fraction_fits(aligned.inlier_fraction, self._usual_fraction)
-        return aligned.found and aligned.inlier_fraction >= LOST and (fits or self._kept_out >= self.settings.patience)
+        accepted = fits or self._kept_out >= self.settings.patience
+        return aligned.found and aligned.inlier_fraction >= LOST_FRACTION and accepted
 
     def _fits(self, result: Registration) -> bool:
         return fraction_fits(result.inlier_fraction, self._usual_fraction)
@@ -283,7 +283,7 @@ class Tracker:
             world.insert(lambda: frame.dense, self._T_last)
         self._kept_out, self._T_doubtful, self._first = 0, None, None
 
-    def _words(self, frame: DownsampledFrame) -> dict[str, Any]:
+    def _settings_of(self, frame: DownsampledFrame) -> dict[str, Any]:
         return {
             **({} if self._lengths is None else dataclasses.asdict(self._lengths)),
             "method": self.settings.method,

@@ -17,7 +17,7 @@ from dqreg.rigid import Trajectory
 from dqreg.rigid.twist import TRANSLATION_FIRST
 
 # Information that is written of a motion of which nothing is known.
-UNKNOWN = 1e-9
+UNKNOWN_INFORMATION = 1e-9
 
 
 def bridge_gaps(poses: Any) -> tuple[FloatArray, IntArray]:
@@ -187,7 +187,7 @@ def _graph(numbers: IntArray, poses: FloatArray, covariances: FloatArray | None)
 def _information(R: FloatArray, covariance: FloatArray) -> FloatArray:
     """Information of a right increment in the sensor's axes, translation first."""
     if not np.isfinite(covariance).all() or not covariance.any():
-        return UNKNOWN * np.eye(6)
+        return UNKNOWN_INFORMATION * np.eye(6)
     axes = np.kron(np.eye(2), R)
     found = np.asarray(np.linalg.pinv(axes.T @ covariance @ axes, hermitian=True), dtype=np.float64)
     shifted: FloatArray = found[np.ix_(TRANSLATION_FIRST, TRANSLATION_FIRST)]

@@ -19,7 +19,7 @@ from dqreg.rigid import pose
 
 # Share of the points that are out of range from which on they are forgotten, since the map is made anew then; and how
 # far the sensor has to move, over the range, until they are counted again.
-FAR, STEP = 1.0 / 8.0, 1.0 / 32.0
+FORGOTTEN_SHARE, RECOUNT_RANGES = 1.0 / 8.0, 1.0 / 32.0
 
 
 # Maps that other threads may be adding to.
@@ -90,14 +90,14 @@ class _Made:
         """With the points of a frame, without what is out of range if that is much; the surface is the same."""
         self.surface.add(pose.apply(T_map_frame, points()))
         place, reach = T_map_frame[:3, 3].copy(), self.lengths.max_range
-        if np.linalg.norm(place - self.counted_at) <= STEP * reach:
+        if np.linalg.norm(place - self.counted_at) <= RECOUNT_RANGES * reach:
             return self
         held, corner = self.surface.points, np.abs(self.surface.ends - place).max(axis=0)
         if corner @ corner > reach**2:
             away = held - place
             # The first point stands for its voxel.
             far = self.surface.voxels_of(np.einsum("ij,ij->i", away, away)) > reach**2
-            if np.count_nonzero(far) > FAR * len(held):
+            if np.count_nonzero(far) > FORGOTTEN_SHARE * len(held):
                 return _Made.of(self.lengths, held[~far], place)
         return dataclasses.replace(self, counted_at=place)
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from dqreg._arrays import LARGEST
 from dqreg.errors import InputError
-from dqreg.icp import COARSE, ESTIMATORS, Estimator, IcpSettings, Stopping
+from dqreg.icp import COARSE_POINTS, ESTIMATORS, Estimator, IcpSettings, Stopping
 from dqreg.icp.estimators import cells_to_cells
 from dqreg.icp.history import Iteration
 from dqreg.icp.noise_by_face import (
@@ -216,7 +216,7 @@ class Options:
         """Points that need normals of their own: planes take the target's."""
         if self.method == "generalised":
             return None
-        return COARSE if self.method == "auto" else EFFORTS[self.effort]
+        return COARSE_POINTS if self.method == "auto" else EFFORTS[self.effort]
 
     def icp_settings(
         self,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 from numpy.typing import ArrayLike
 
 if TYPE_CHECKING:
-    from dqreg.report.cell import Cell
+    from dqreg.report.cell import NotebookCell
     from dqreg.report.result_protocol import RegistrationResult
 
 
@@ -65,7 +65,7 @@ class ShownResult:
 
     def view(
         self, tolerance: float | None = None, *, height: int = 640, reach: float | None = None, start: Any = None
-    ) -> Cell:
+    ) -> NotebookCell:
         """The report's live view in a cell of a notebook: turn it, play the iterations, read deviations.
 
         Parameters

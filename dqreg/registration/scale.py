@@ -150,8 +150,8 @@ def _last_step(task: ScaleProblem, result: Registration, scale: float) -> ScaleS
 
     def weigh(pairs: Correspondences) -> FloatArray:
         weights = mixture.weight(pairs.distances)
-        for gate in boundary_rejectors(surface, settings["width"]):
-            weights = weights * gate(pairs)
+        for rejector in boundary_rejectors(surface, settings["width"]):
+            weights = weights * rejector(pairs)
         # As for the last step of the pose: noise carries points over an edge onto the face behind it, to one side.
         return without_creases(pairs, weights, settings["width"])
 

@@ -18,7 +18,7 @@ from dqreg.errors import DegenerateGeometryError
 from dqreg.files.units import RATIOS
 from dqreg.geometry import Mesh, Surface
 from dqreg.geometry.scan import Scan
-from dqreg.icp import COARSE, Correspondences, InlierMixture, find_correspondences, smallest_kernel_scale
+from dqreg.icp import COARSE_POINTS, Correspondences, InlierMixture, find_correspondences, smallest_kernel_scale
 from dqreg.registration.initial_pose import GlobalSearch
 from dqreg.registration.problem import SourceAndTarget
 from dqreg.rigid import pose
@@ -75,7 +75,7 @@ def joint_step(
 def refine_scale(search: GlobalSearch, scale: float, T_centred: FloatArray, *, hold: bool = False) -> ScaleCandidate:
     """Scale and pose together, on a few thousand points."""
     surface = search.target.surface
-    few = search.scan.thinned(COARSE)
+    few = search.scan.thinned(COARSE_POINTS)
     floor, held = smallest_kernel_scale(few, surface), True
     for _ in range(MAX_STEPS):
         try:

@@ -33,7 +33,7 @@ TREE_BYTES_A_POINT = 48
 
 
 @dataclasses.dataclass(frozen=True)
-class Header:
+class TargetHeader:
     """What stands beside the arrays."""
 
     format: str
@@ -47,7 +47,7 @@ class Header:
 def save_target(indexed: TargetIndex, path: str | Path) -> None:
     """Write a target, whole or not at all."""
     geometry = indexed.geometry
-    header = Header(FORMAT, VERSION, indexed.kind, indexed.name, geometry.units, geometry.dropped)
+    header = TargetHeader(FORMAT, VERSION, indexed.kind, indexed.name, geometry.units, geometry.dropped)
     arrays: dict[str, Any] = {"origin": indexed.origin}
     if isinstance(geometry, Mesh):
         arrays |= {"vertices": geometry.vertices, "faces": geometry.faces, "flat": geometry.flat}
@@ -78,12 +78,12 @@ def load_target(path: str | Path) -> TargetIndex:
             "it again"
         )
     try:
-        return _indexed(Path(path), record_from(Header, header), arrays)
+        return _indexed(Path(path), record_from(TargetHeader, header), arrays)
     except (KeyError, TypeError, ValueError, IndexError, ArithmeticError) as error:
         raise InputError(f"{path} is a damaged prepared target: {type(error).__name__} {error}") from error
 
 
-def _indexed(path: Path, header: Header, arrays: dict[str, NDArray[Any]]) -> TargetIndex:
+def _indexed(path: Path, header: TargetHeader, arrays: dict[str, NDArray[Any]]) -> TargetIndex:
     def read(name: str, *shape: int | None) -> FloatArray:
         array = numbers(path, arrays[name], name, shape)
         require_finite(array, name)

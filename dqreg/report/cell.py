@@ -17,7 +17,7 @@ LOWEST, HIGHEST = 200, 4000
 
 
 @dataclasses.dataclass(frozen=True)
-class Cell:
+class NotebookCell:
     """A page that a notebook shows in a frame of its own."""
 
     html: str  # The page, whole
@@ -40,11 +40,11 @@ class Cell:
 
 def cell_of(
     result: RegistrationResult, tolerance: float | None, *, height: int, reach: float | None, start: Any
-) -> Cell:
+) -> NotebookCell:
     """The view of a result that holds its sides."""
     checked_tolerance(tolerance)
     if isinstance(height, bool) or not isinstance(height, int) or not LOWEST <= height <= HIGHEST:
         raise InputError(f"height must be a whole number of pixels from {LOWEST} to {HIGHEST}; got {height!r:.60}")
     if result.inputs is None:
         raise InputError(NO_SIDES)
-    return Cell(to_html(result, collect(result, result.inputs, tolerance, start, reach), in_cell=True), height)
+    return NotebookCell(to_html(result, collect(result, result.inputs, tolerance, start, reach), in_cell=True), height)

@@ -24,7 +24,7 @@ from dqreg.report.figure import encode
 from dqreg.report.hints import hints_of, remarks_of
 from dqreg.report.html import data_uri, render
 from dqreg.report.page_file import page_path, write_page
-from dqreg.report.pictures import Panel, draw
+from dqreg.report.pictures import PicturePanel, draw
 from dqreg.report.report_data import ReportData, checked_tolerance, collect, unit_of
 from dqreg.report.result_protocol import RegistrationResult
 from dqreg.report.sheet import digests_of, head_rows, sheet_of
@@ -186,16 +186,21 @@ def _shown(data: ReportData | None, views: Sequence[str], *, printed: bool, trus
     }
 
 
-def panels_of(data: ReportData, views: Sequence[str] = ()) -> list[Panel]:
+def panels_of(data: ReportData, views: Sequence[str] = ()) -> list[PicturePanel]:
     """The panels of the picture for print: before and the deviations from three sides, or from those asked for."""
     if not data.found:
-        return [Panel("before", "best"), Panel("before", "top")]
+        return [PicturePanel("before", "best"), PicturePanel("before", "top")]
     if views:
-        return [Panel("deviation", view) for view in views]
+        return [PicturePanel("deviation", view) for view in views]
     yaw, pitch = VIEWS[data.view]
     behind = next(name for name, angles in VIEWS.items() if angles == ((yaw + 180.0) % 360.0, pitch))
-    first = Panel("before", "best") if data.T_before is not None else Panel("after", "best")
-    return [first, Panel("deviation", "best"), Panel("deviation", behind), Panel("deviation", "top")]
+    first = PicturePanel("before", "best") if data.T_before is not None else PicturePanel("after", "best")
+    return [
+        first,
+        PicturePanel("deviation", "best"),
+        PicturePanel("deviation", behind),
+        PicturePanel("deviation", "top"),
+    ]
 
 
 def _ellipsoid_words(data: ReportData) -> str:
@@ -227,7 +232,7 @@ def notebook_html(result: RegistrationResult) -> str:
     picture = None
     if data is not None:
         states = ("before", "deviation") if data.found and data.T_before is not None else ("deviation",)
-        drawn = draw(data, [Panel(state, "best") for state in states], NOTEBOOK_WIDTH, NOTEBOOK_HEIGHT)
+        drawn = draw(data, [PicturePanel(state, "best") for state in states], NOTEBOOK_WIDTH, NOTEBOOK_HEIGHT)
         picture = data_uri(encode(drawn, "jpeg"), "jpeg")
     words = {"level": level, "colour": LEVELS[level], "sign": tables.SIGNS[level], "advice": tables.ADVICE[level]}
     return render("notebook.html", **words, reasons=result.verdict.reasons, rows=rows, picture=picture)

@@ -40,26 +40,26 @@ LABELS = {"pass": "#00795a", "undecided": "#8a5a00", "fail": "#b23c00"}
 
 
 @dataclasses.dataclass(frozen=True)
-class Panel:
+class PicturePanel:
     """One part of a picture."""
 
     state: str  # The scan in the colours of its deviations, at the start in orange, or in place in blue
     view: str  # See `dqreg.report.cameras.angles_of`, or "best"
 
 
-def parse_panels(text: str) -> tuple[Panel, ...]:
+def parse_panels(text: str) -> tuple[PicturePanel, ...]:
     """Panels of a list such as ``before:iso,iso,top``."""
     panels = []
     for word in text.split(","):
         state, _, view = word.strip().rpartition(":")
         if state and state not in STATES:
             raise InputError(f"unknown state {state!r} in {word.strip()!r}; known are {', '.join(STATES)}")
-        panels.append(Panel(state or "deviation", require_view(view)))
+        panels.append(PicturePanel(state or "deviation", require_view(view)))
     return tuple(panels)
 
 
 def draw(
-    data: ReportData, panels: Sequence[Panel], width: int = WIDTH, height: int = HEIGHT, columns: int = 2
+    data: ReportData, panels: Sequence[PicturePanel], width: int = WIDTH, height: int = HEIGHT, columns: int = 2
 ) -> Figure:
     """A picture of several panels."""
     columns = min(columns, len(panels))
@@ -79,7 +79,7 @@ def draw(
     return figure
 
 
-def save_picture(data: ReportData, path: str | Path, panels: Sequence[Panel]) -> None:
+def save_picture(data: ReportData, path: str | Path, panels: Sequence[PicturePanel]) -> None:
     """Write a picture, whole or not at all."""
     goal = picture_path(path)
     figure = draw(data, panels)
@@ -94,7 +94,9 @@ def picture_path(path: str | Path) -> Path:
     return goal
 
 
-def _panel(figure: Figure, data: ReportData, scene: PartScene, panel: Panel, place: tuple[int, int, int, int]) -> None:
+def _panel(
+    figure: Figure, data: ReportData, scene: PartScene, panel: PicturePanel, place: tuple[int, int, int, int]
+) -> None:
     left, bottom, width, height = place
     angles = angles_of(data.view if panel.view == BEST else panel.view)
     layers = _layers(data, panel.state)
@@ -157,7 +159,7 @@ def _corners(size: float, data: ReportData) -> FloatArray:
     return shown
 
 
-def _title(data: ReportData, panel: Panel) -> tuple[str, str]:
+def _title(data: ReportData, panel: PicturePanel) -> tuple[str, str]:
     before = ", ".join(data.before_words).lower() or "scan as it came"
     count = f"{len(data.points):,} points"
     if panel.state == "before" or not data.found:

@@ -1,4 +1,4 @@
-"""Refinement of many poses in one batch: gated point-to-plane steps with a falling kernel scale."""
+"""Refinement of many poses in one batch: point-to-plane steps with a rejector of normals and a falling kernel scale."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
 
 # Normals farther apart than this belong to different faces.
-GATE_RAD = np.deg2rad(60.0)
+MAX_NORMAL_ANGLE_RAD = np.deg2rad(60.0)
 # Damping of unconstrained motions, relative to the mean diagonal of the normal equations; and at least, so that nothing
 # moves where no point is near.
 DAMPING, LEAST_DAMPING = 1e-4, 1e-12
@@ -70,7 +70,7 @@ def _add_equations(
 
     width, lever, weight = map(float, lengths)
     columns = poses.R, poses.t, centre, sample.points, sample.directions, *at
-    numbers = width, float(np.cos(GATE_RAD)), lever, weight / len(sample)
+    numbers = width, float(np.cos(MAX_NORMAL_ANGLE_RAD)), lever, weight / len(sample)
     chunk = max(POINTS // len(sample), 1)
     over_chunks(add_plane_steps, len(poses), *map(as_plain, columns), *numbers, *sums, chunk=chunk)
 

@@ -22,7 +22,7 @@ INITIAL_SCALE_SHARE = 0.2
 # EM rounds that fit the fraction of inliers of each pose.
 EM_ROUNDS = 20
 # Normals farther apart than this are of different faces.
-GATE_RAD = np.deg2rad(50.0)
+MAX_NORMAL_ANGLE_RAD = np.deg2rad(50.0)
 # A point favours one of two poses clearly with this log-likelihood ratio.
 CLEAR_LOG_RATIO = 2.0
 # So many such points are enough to tell the poses apart if their sum is so many times that of the points that favour
@@ -166,7 +166,7 @@ def _by_normals(
     unknown = np.asarray(~directions.any(axis=1))
     for k, normals in enumerate(found.normals.reshape(len(poses), -1, 3)):
         cosines = np.abs(np.einsum("ij,ij->i", directions @ poses.R[k].T, normals))
-        distances[k, ~(unknown | (cosines > np.cos(GATE_RAD)))] = np.inf
+        distances[k, ~(unknown | (cosines > np.cos(MAX_NORMAL_ANGLE_RAD)))] = np.inf
     return likely_by(distances, width, limit)
 
 

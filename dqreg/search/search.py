@@ -11,7 +11,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.geometry import CloudSurface, Mesh, PointCloud, Scan, Surface, prepare_scan
 from dqreg.geometry.normals import sample_rows
-from dqreg.icp import COARSE, IcpSettings
+from dqreg.icp import COARSE_POINTS, IcpSettings
 from dqreg.kernels.threads import TimeUpError, until
 from dqreg.rigid import pose
 from dqreg.rigid.symmetry import Axis
@@ -116,7 +116,7 @@ def _smaller_in_larger(problem: SearchProblem) -> tuple[SearchProblem, Callable[
     # The smaller cloud has pairs and a grid of its own size, so it is searched for in the larger one.
     signed = problem.scan.oriented and problem.scan.fitted is None
     part = PointCloud(problem.scan.points, problem.scan.normals if signed else None)
-    surface, scene = CloudSurface(part, derived=True), prepare_scan(problem.target, COARSE)
+    surface, scene = CloudSurface(part, derived=True), prepare_scan(problem.target, COARSE_POINTS)
     through = problem.through
     back = None if through is None else lambda T, slack: through(np.linalg.inv(T), slack)
     swapped = SearchProblem(scene, surface, part, problem.plan, lambda: PairTable.of(part, surface), problem.rng, back)

@@ -15,7 +15,7 @@ from dqreg.solvers.batched_input import FeatureSet, Sides, read_features
 from dqreg.solvers.batched_sums import BatchSums, residual_sums, sum_block
 from dqreg.solvers.closed_form import SMALLEST_DIFFERENCE, narrow_floor
 from dqreg.solvers.narrow import NARROW, long_axes
-from dqreg.solvers.uncertainty import Uncertainty
+from dqreg.solvers.uncertainty import FitUncertainty
 
 # Numbers a block of problems holds a side: its temporaries stay in the cache.
 BLOCK_NUMBERS = 16384
@@ -45,7 +45,7 @@ class Fits:
     rms: FloatArray
     eigenvalue_gap: FloatArray
     degenerate: BoolArray
-    uncertainty: Uncertainty | None = None
+    uncertainty: FitUncertainty | None = None
 
     @property
     def centre(self) -> FloatArray:
@@ -69,7 +69,7 @@ class Fits:
         total = np.full((len(self.cost), 6, 6), np.nan)
         u, good = self.uncertainty, ~self.degenerate
         if u is not None and good.any():
-            held = Uncertainty(u.H[good], np.asarray(u.weight)[good], u.centre[good], np.asarray(u.variance)[good])
+            held = FitUncertainty(u.H[good], np.asarray(u.weight)[good], u.centre[good], np.asarray(u.variance)[good])
             total[good] = held.covariance(self.T_target_source[good, :3, :3], self.eigenvalue_gap[good])
         return total
 
@@ -139,7 +139,7 @@ def solve_many(
     elif direction_weights is not None or direction_offsets is not None:
         raise InputError("direction_weights or direction_offsets was given without directions")
     nan = np.full(count, np.nan)
-    sums = Uncertainty(np.zeros((count, 3, 3)), nan.copy(), np.full((count, 3), np.nan), np.ones(count))
+    sums = FitUncertainty(np.zeros((count, 3, 3)), nan.copy(), np.full((count, 3), np.nan), np.ones(count))
     fits = Fits(np.full((count, 4, 4), np.nan), nan, nan.copy(), nan.copy(), np.ones(count, dtype=bool), sums)
     for chosen in _blocks(points, directions):
         _solve_block(chosen, points, directions, fits, sums)
@@ -168,7 +168,7 @@ def _blocks(points: FeatureSet, directions: FeatureSet | None) -> list[slice] | 
 
 
 def _solve_block(
-    chosen: slice | np.ndarray, points: FeatureSet, directions: FeatureSet | None, fits: Fits, kept: Uncertainty
+    chosen: slice | np.ndarray, points: FeatureSet, directions: FeatureSet | None, fits: Fits, kept: FitUncertainty
 ) -> None:
     p, q, beta = points.take(chosen)
     sides = None if directions is None else directions.take(chosen)

@@ -36,7 +36,7 @@ from dqreg.solvers.fit import Fit
 from dqreg.solvers.matches import Matches
 from dqreg.solvers.moments import Moments
 from dqreg.solvers.narrow import is_narrow, long_axes, rotation_of
-from dqreg.solvers.uncertainty import Uncertainty
+from dqreg.solvers.uncertainty import FitUncertainty
 from dqreg.solvers.undetermined import no_weight_message, undetermined
 
 Why = Callable[[str], DegenerateGeometryError]
@@ -96,7 +96,7 @@ def fit_of_moments(moments: Moments, matches: Matches | None = None) -> Fit:
         max(moments.constant - 2.0 * lambda_1, 0.0),
         math.sqrt(max(point_cost, 0.0) / moments.point_weight),
         gap,
-        uncertainty=Uncertainty(H, moments.point_weight, moments.mean_target, 1.0),
+        uncertainty=FitUncertainty(H, moments.point_weight, moments.mean_target, 1.0),
     )
 
 

@@ -23,7 +23,7 @@ from dqreg.solvers.fit import Fit
 from dqreg.solvers.matches import Matches, refuse_bad_values
 from dqreg.solvers.moments import moments_of
 from dqreg.solvers.narrow import cross_in_axes, is_narrow, long_axes, rotation_of
-from dqreg.solvers.uncertainty import Uncertainty, counted, residual_variance, rotation_covariance
+from dqreg.solvers.uncertainty import FitUncertainty, counted, residual_variance, rotation_covariance
 from dqreg.solvers.undetermined import no_weight_message, undetermined
 
 Pair = tuple[FloatArray, FloatArray]
@@ -123,7 +123,7 @@ def solve_beside(
     variance = 1.0
     if free and not absolute_weights:
         variance = residual_variance(point_cost + direction_cost, counted(beta, 0), counted(alpha, 0), free)
-    sums = Uncertainty(np.zeros((3, 3)), math.inf if held.any() else weight, q0, variance, found.covariance)
+    sums = FitUncertainty(np.zeros((3, 3)), math.inf if held.any() else weight, q0, variance, found.covariance)
     rms = math.sqrt(point_cost / weight) if weight > 0.0 else 0.0
     return Fit(T, point_cost + direction_cost, rms, found.gap, uncertainty=sums)
 

@@ -11,7 +11,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg._records import lock, one_line
 from dqreg.solvers.status import Status
-from dqreg.solvers.uncertainty import Uncertainty
+from dqreg.solvers.uncertainty import FitUncertainty
 
 if TYPE_CHECKING:
     from dqreg.rigid.dual_quaternion import DualQuaternion
@@ -70,7 +70,7 @@ class Fit(FoundPose):
     cost: float
     rms: float
     eigenvalue_gap: float
-    uncertainty: Uncertainty | None = field(default=None, kw_only=True, repr=False)
+    uncertainty: FitUncertainty | None = field(default=None, kw_only=True, repr=False)
 
     @property
     def centre(self) -> FloatArray:

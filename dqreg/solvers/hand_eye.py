@@ -17,7 +17,7 @@ from dqreg._records import lock, one_line
 from dqreg.errors import InputError
 from dqreg.rigid import pose, quaternion
 from dqreg.rigid._operands import as_rigid_poses
-from dqreg.solvers.hand_eye_model import Estimate, Noise, estimate
+from dqreg.solvers.hand_eye_model import HandEyeEstimate, HandEyeNoise, estimate
 from dqreg.solvers.hand_eye_start import require_axes, starts
 
 # Rounds of estimating the noise from the residuals and X with that noise; they settle in three or four.
@@ -185,7 +185,7 @@ def _read(A: ArrayLike, B: ArrayLike) -> tuple[FloatArray, FloatArray]:
     return a, b
 
 
-def _read_noise(sigma_A: ArrayLike | None, sigma_B: ArrayLike | None) -> Noise | None:
+def _read_noise(sigma_A: ArrayLike | None, sigma_B: ArrayLike | None) -> HandEyeNoise | None:
     if sigma_A is None and sigma_B is None:
         return None
     pairs = []
@@ -198,7 +198,7 @@ def _read_noise(sigma_A: ArrayLike | None, sigma_B: ArrayLike | None) -> Noise |
     total = pairs[0] + pairs[1]
     if not total.min() > 0.0:
         raise InputError(f"the noise of rotations and that of translations must be above 0 in A or in B; got {total}")
-    return Noise(*map(float, (*pairs[0], *pairs[1])))
+    return HandEyeNoise(*map(float, (*pairs[0], *pairs[1])))
 
 
 def _pairs(count: int) -> tuple[IntArray, IntArray]:
@@ -216,10 +216,10 @@ def _middle(poses: FloatArray) -> FloatArray:
 
 
 def _most_likely(
-    A: FloatArray, B: FloatArray, found: Sequence[tuple[FloatArray, FloatArray | None]], given: Noise | None
-) -> tuple[Estimate, Noise]:
+    A: FloatArray, B: FloatArray, found: Sequence[tuple[FloatArray, FloatArray | None]], given: HandEyeNoise | None
+) -> tuple[HandEyeEstimate, HandEyeNoise]:
     length = float(np.abs(np.concatenate([A[:, :3, 3], B[:, :3, 3]])).max()) or 1.0
-    noise = given or Noise(0.0, 0.0, 1.0, length)
+    noise = given or HandEyeNoise(0.0, 0.0, 1.0, length)
     ends = [estimate(A, B, X, Y, noise) for X, Y in found]
     best = min(ends, key=lambda end: end.cost)
     if given is not None:
@@ -237,13 +237,13 @@ def _most_likely(
     return best, noise
 
 
-def _noise_of(noise: Noise, given: Noise | None) -> float:
+def _noise_of(noise: HandEyeNoise, given: HandEyeNoise | None) -> float:
     # Noise of a rotation vector between two stations, or of a motion; estimated noise of exact data is rounding.
     return float(np.hypot(noise.turn_a, noise.turn_b)) if given else noise.turn_b
 
 
 def _results(
-    best: Estimate, noise: Noise, given: Noise | None
+    best: HandEyeEstimate, noise: HandEyeNoise, given: HandEyeNoise | None
 ) -> tuple[FloatArray, FloatArray, FloatArray, float, float]:
     information = best.information
     if given is None:

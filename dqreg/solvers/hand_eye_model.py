@@ -27,7 +27,7 @@ AT_REST, SMALL = 1e-7, 1e-2
 
 
 @dataclass(frozen=True)
-class Noise:
+class HandEyeNoise:
     """Standard deviations: rotations in radians, translations in lengths, of each of three components."""
 
     turn_a: float
@@ -37,7 +37,7 @@ class Noise:
 
 
 @dataclass(frozen=True, eq=False)
-class Estimate:
+class HandEyeEstimate:
     """X and Y with the residuals they leave and the information about them."""
 
     X: FloatArray
@@ -59,7 +59,7 @@ class Estimate:
         return count - float(used[:3].sum()), count - float(used[3:].sum())
 
 
-def estimate(A: FloatArray, B: FloatArray, X: FloatArray, Y: FloatArray | None, noise: Noise) -> Estimate:
+def estimate(A: FloatArray, B: FloatArray, X: FloatArray, Y: FloatArray | None, noise: HandEyeNoise) -> HandEyeEstimate:
     """Most likely X, and Y where it is given, near the given ones; Y is X elsewhere. Shapes: A, B (n, 4, 4)."""
     best = _at(A, B, X, Y, noise)
     damping = 0.0
@@ -83,7 +83,9 @@ def estimate(A: FloatArray, B: FloatArray, X: FloatArray, Y: FloatArray | None, 
     return best[0]
 
 
-def _at(A: FloatArray, B: FloatArray, X: FloatArray, Y: FloatArray | None, noise: Noise) -> tuple[Estimate, FloatArray]:
+def _at(
+    A: FloatArray, B: FloatArray, X: FloatArray, Y: FloatArray | None, noise: HandEyeNoise
+) -> tuple[HandEyeEstimate, FloatArray]:
     """The estimate as it stands, with the negative gradient of half the cost."""
     apart, Y = Y is not None, X if Y is None else Y
     R_Y, R_A = Y[:3, :3], A[:, :3, :3]
@@ -103,10 +105,10 @@ def _at(A: FloatArray, B: FloatArray, X: FloatArray, Y: FloatArray | None, noise
     J = np.linalg.solve(root, J)
     information = np.einsum("nij,nik->jk", J, J)
     slope = -np.einsum("nij,ni->j", J, r)
-    return Estimate(X, Y, e, d, float(np.square(r).sum()), information, J), slope
+    return HandEyeEstimate(X, Y, e, d, float(np.square(r).sum()), information, J), slope
 
 
-def _covariances(u: FloatArray, noise: Noise) -> FloatArray:
+def _covariances(u: FloatArray, noise: HandEyeNoise) -> FloatArray:
     U = quaternion.cross_matrix(u)
     C = np.zeros((len(u), 6, 6))
     turn = noise.turn_a**2

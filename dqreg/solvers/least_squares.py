@@ -18,7 +18,7 @@ from dqreg.solvers.feature_sums import BLOCK
 from dqreg.solvers.fit import Fit
 from dqreg.solvers.matches import Matches, read_matches, refuse_bad_values
 from dqreg.solvers.moments import Moments, moments_of
-from dqreg.solvers.uncertainty import Uncertainty, counted, residual_variance
+from dqreg.solvers.uncertainty import FitUncertainty, counted, residual_variance
 from dqreg.solvers.undetermined import no_weight_message, undetermined
 
 # Part of the constant below which its difference from the fit has lost more than seven digits of fifteen.
@@ -126,7 +126,7 @@ def with_uncertainty(fit: F, matches: Matches, *, absolute_weights: bool) -> F:
         m.direction_weights,
     )
     H = moments.point_cross + moments.direction_cross
-    fit = replace(fit, uncertainty=Uncertainty(H, moments.point_weight, moments.mean_target, 1.0))
+    fit = replace(fit, uncertainty=FitUncertainty(H, moments.point_weight, moments.mean_target, 1.0))
     return fit if absolute_weights else _scaled(fit, matches)
 
 

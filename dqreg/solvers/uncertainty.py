@@ -19,7 +19,7 @@ from dqreg._arrays import FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Uncertainty:
+class FitUncertainty:
     """What the covariance of one pose, or of b poses along a leading axis, follows from."""
 
     H: FloatArray  # (..., 3, 3): ``sum beta q' p'^T + sum alpha n m^T``

@@ -258,9 +258,9 @@ def open_sides(at: FloatArray, flat: FloatArray, rows: IntArray) -> tuple[FloatA
 def stand_near(points: FloatArray, rows: IntArray, cloud: FloatArray, others: IntArray, reach: float) -> BoolArray:
     """Which rows of some points, (m,), have one of the other rows of a cloud within reach; all along curves."""
     from dqreg.kernels.near_rows import near_rows
-    from dqreg.kernels.point_tree import LEAF
+    from dqreg.kernels.point_tree import LEAF_POINTS
     from dqreg.kernels.threads import as_plain
 
     found = np.zeros(len(rows), dtype=bool)
-    near_rows(as_plain(points), rows, as_plain(cloud), others, LEAF, float(reach), found)
+    near_rows(as_plain(points), rows, as_plain(cloud), others, LEAF_POINTS, float(reach), found)
     return found

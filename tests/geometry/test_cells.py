@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from dqreg.geometry import CloudSurface, PointCloud
 from dqreg.geometry.cells import FEWEST, LEVELS, LINE, MOST, REACH, Cells
 from dqreg.geometry.voxels import VoxelCloud
-from dqreg.kernels.cell_planes import SIDES
+from dqreg.kernels.cell_planes import MIN_CELLS
 
 
 def sheet(seed: int, count: int) -> np.ndarray:
@@ -42,7 +42,7 @@ def plane_around(cells: Cells, blocks: np.ndarray, k: int) -> tuple[np.ndarray, 
     inner = cells.scatters[near] * (w / cells.counts[near])[:, None]
     scatter = np.einsum("i,ij,ik->jk", w, off, off) + inner.sum(axis=0)[[[0, 3, 4], [3, 1, 5], [4, 5, 2]]]
     values, vectors = np.linalg.eigh(scatter)
-    if w.sum() < FEWEST or near.sum() <= SIDES or values[1] <= LINE * values[2]:
+    if w.sum() < FEWEST or near.sum() <= MIN_CELLS or values[1] <= LINE * values[2]:
         return None
     return vectors[:, 0], np.sqrt(values[0] / (w.sum() - 3.0)), 1.0 / (w.sum() / values[1:]).sum()
 

@@ -134,6 +134,6 @@ def test_lengths_follow_the_unit(factor: float) -> None:
 def test_normals_of_twenty_points_reject_nothing(count: int, may_reject: bool) -> None:
     """Sixteen of them stand on all sides of a block: the plane through them is none of its faces."""
     points = sample_mesh(Mesh(*box((4.0, 3.0, 2.0))), count, np.random.default_rng(0)).points
-    assert prepare_scan(PointCloud(points))._gating.any() == may_reject
+    assert prepare_scan(PointCloud(points))._rejecting_normals.any() == may_reject
     given = PointCloud(points, normals=np.tile([0.0, 0.0, 1.0], (count, 1)))
-    assert prepare_scan(given)._gating.any()
+    assert prepare_scan(given)._rejecting_normals.any()

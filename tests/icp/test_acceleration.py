@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dqreg._arrays import FloatArray
-from dqreg.icp.acceleration import OF_PLANES, Anderson
+from dqreg.icp.acceleration import TOLERATED_RISE_OF_PLANES, Anderson
 from dqreg.rigid import pose, twist
 from tests.icp.scenes import motion
 
@@ -81,7 +81,7 @@ def test_a_raised_energy_brings_back_the_plain_step_and_forgets() -> None:
 
 @pytest.mark.parametrize(("way", "is_sound"), [(0.01, True), (0.3, False)])
 def test_of_planes_energies_may_rise_a_little_while_the_steps_get_shorter(way: float, is_sound: bool) -> None:
-    anderson = Anderson(np.eye(4), CENTRE, SIZE, tolerated=OF_PLANES)
+    anderson = Anderson(np.eye(4), CENTRE, SIZE, tolerated=TOLERATED_RISE_OF_PLANES)
     first, second = motion(0.08, 0.08), motion(0.12, 0.12)
     anderson.propose(np.eye(4), first, energy=1.0)
     extrapolated, _ = anderson.propose(first, second, energy=1.005)

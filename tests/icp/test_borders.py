@@ -100,5 +100,5 @@ def test_far_stages_keep_what_they_can_get(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_the_rim_gate_is_for_clouds() -> None:
-    (gate,) = boundary_rejectors(CloudSurface(sample_mesh(OPEN, 500, np.random.default_rng(0))), 1.0)
-    assert type(gate).__name__ == "RejectCloudBoundary"
+    (rejector,) = boundary_rejectors(CloudSurface(sample_mesh(OPEN, 500, np.random.default_rng(0))), 1.0)
+    assert type(rejector).__name__ == "RejectCloudBoundary"

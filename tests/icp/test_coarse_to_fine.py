@@ -269,12 +269,12 @@ def test_a_last_step_within_the_noise_searches_no_face_anew_and_moves_the_pose_b
     searched = MeshSurface.closest
     monkeypatch.setattr(MeshSurface, "closest", closest)
     # One step may be enough as it is.
-    monkeypatch.setattr(level, "PLACED", 0.1 * level.PLACED)
+    monkeypatch.setattr(level, "SAMPLING_ERROR_SHARE", 0.1 * level.SAMPLING_ERROR_SHARE)
     run = align_coarse_to_fine(scan, surface, start, PLAN)
     steps = [record.points for record in run.history].count(len(scan))
     assert steps > 1
     assert asked.count(len(scan)) == 1
-    monkeypatch.setattr(level, "SLID", 0.0)
+    monkeypatch.setattr(level, "MAX_SLIDE_SCALES", 0.0)
     other = align_coarse_to_fine(scan, surface, start, PLAN)
     assert asked.count(len(scan)) == 1 + steps
     apart = worst_vertex_displacement(run.T_target_source, other.T_target_source, PART.vertices)

@@ -6,7 +6,14 @@ import pytest
 from dqreg.geometry import Mesh, MeshSurface, PointCloud, prepare_scan, sample_mesh
 from dqreg.icp import noise_by_face
 from dqreg.icp.correspondences import Correspondences, find_correspondences
-from dqreg.icp.noise_by_face import MOST, NEAR, _hold, _near, points_to_weighted_faces, without_creases
+from dqreg.icp.noise_by_face import (
+    CREASE_SCALES,
+    MAX_CREASE_SHARE,
+    _constrain,
+    _near,
+    points_to_weighted_faces,
+    without_creases,
+)
 from dqreg.rigid import pose
 from dqreg.solvers.quadratic import plane_rows
 from dqreg.solvers.row_sums import squared
@@ -34,7 +41,7 @@ def test_places_near_a_crease_are_left_out_and_none_else(unit: float) -> None:
     # between them, and one sees the other's at their two common corners alone.
     away = np.minimum(pairs.closest.points - part.bounds[0], part.bounds[1] - pairs.closest.points)
     crease = np.sort(np.abs(away), axis=1)[:, 1]
-    left_out, near = kept(pairs, width) == 0.0, crease < NEAR * width
+    left_out, near = kept(pairs, width) == 0.0, crease < CREASE_SCALES * width
     assert not left_out[~near].any()
     assert left_out[near].mean() > 0.99
 
@@ -76,7 +83,7 @@ def test_where_creases_are_everywhere_all_points_count() -> None:
     for width, is_fine in ((0.25, True), (0.01, False)):
         pairs = pairs_of(sample_mesh(roofs, 5_000, rng).points + width * rng.normal(size=(5_000, 3)), roofs)
         left_out = np.mean(kept(pairs, width) == 0.0)
-        assert left_out == 0.0 if is_fine else 0.01 < left_out < MOST
+        assert left_out == 0.0 if is_fine else 0.01 < left_out < MAX_CREASE_SHARE
 
 
 def test_a_cloud_has_none() -> None:
@@ -106,4 +113,4 @@ def test_a_motion_is_held_by_some_points_where_they_tell_more_than_a_share_of_it
     mix = rng.normal(size=(6, 6)) * [1e3, 1e3, 1e3, 1.0, 1.0, 1.0]
     for shares, holds in (([0.05] * 5, False), ([0.05, 0.05, 0.11, 0.0, 0.0], True)):
         own, whole = (mix @ np.diag([*values, 0.0]) @ mix.T for values in (shares, [1.0] * 5))
-        assert _hold(own, whole - own) == holds
+        assert _constrain(own, whole - own) == holds

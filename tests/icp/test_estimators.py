@@ -22,11 +22,11 @@ from dqreg.icp import (
     svd_points,
 )
 from dqreg.icp.estimators import (
-    BEND,
-    BEND_SHARE,
-    FAR,
-    HIGH,
-    LEAST_BEND,
+    BEND_VARIANCE,
+    BEND_VARIANCE_SHARE,
+    HALF_WEIGHT_DISTANCES,
+    HALF_WEIGHT_HEIGHTS,
+    MIN_BEND_VARIANCE,
     Estimator,
     both_planes,
     cells_to_cells,
@@ -250,19 +250,21 @@ def test_the_pairs_bring_their_own_normals_and_variances() -> None:
     moves = np.where(scan.levers > 0.0, scan.residuals**2 / (NEIGHBOURS * np.maximum(scan.levers, 1e-300)), 0.0)
     # Far pairs show nothing finer than the usual bend.
     aside, squares = weights @ pairs.point_to_plane**2, weights @ pairs.distances**2
-    assert BEND_SHARE * (aside / (squares - aside)) ** 2 > BEND
+    assert BEND_VARIANCE_SHARE * (aside / (squares - aside)) ** 2 > BEND_VARIANCE
     expected = mahalanobis(
         T,
         scan.points,
         pairs.closest.points,
         (pairs.closest.normals, scan.normals @ T[:3, :3].T),
-        (BEND + stands, BEND + moves),
-        2.0 * BEND * weights,
+        (BEND_VARIANCE + stands, BEND_VARIANCE + moves),
+        2.0 * BEND_VARIANCE * weights,
     )
     assert both_planes(pairs, weights, pair_sums(pairs, weights)).value(T) == pytest.approx(expected, rel=1e-9)
 
 
-@pytest.mark.parametrize(("aside", "bend"), [(1.0, BEND), (0.3, BEND_SHARE * 0.045**2), (1e-3, LEAST_BEND)])
+@pytest.mark.parametrize(
+    ("aside", "bend"), [(1.0, BEND_VARIANCE), (0.3, BEND_VARIANCE_SHARE * 0.045**2), (1e-3, MIN_BEND_VARIANCE)]
+)
 def test_pairs_that_lie_close_to_the_planes_count_on_them(aside: float, bend: float) -> None:
     # Every pair one aside along the normal, z, and one beside in x and y: the ratio of both variances is known.
     count = 50
@@ -287,7 +289,7 @@ def test_cells_far_off_the_planes_for_most_count_less_and_points_do_not() -> Non
     cells = CellSurface(means, Cells.of(means.points, 1e-9))
     found = weights_by_height(Correspondences(scan, np.eye(4), closest, False, cells), weights) / weights
     # By hand: most are 0.01 off, whose normal standard deviation is 0.01 / 0.6745.
-    size = HIGH * 0.01 / 0.67448975
+    size = HALF_WEIGHT_HEIGHTS * 0.01 / 0.67448975
     np.testing.assert_allclose(found, 1.0 / (1.0 + (heights / size) ** 2), rtol=1e-5)
     assert found[:20].max() < 0.1 < 0.9 < found[20:].min()
     of_points = Correspondences(scan, np.eye(4), closest, False, CloudSurface(means))
@@ -305,11 +307,13 @@ def test_cells_that_stand_far_apart_count_by_how_far_a_bend_would_lift_them() ->
     found = weights_by_distance(Correspondences(scan, np.eye(4), closest, False, cells), weights) / weights
     # By hand: the middle one is at 1. A bend lifts by the square of the way, its variance adds to that of noise, and
     # both are equal at the scale.
-    np.testing.assert_allclose(1.0 / found, 1.0 + (ways[:, 0] / FAR) ** 4, rtol=1e-12)
+    np.testing.assert_allclose(1.0 / found, 1.0 + (ways[:, 0] / HALF_WEIGHT_DISTANCES) ** 4, rtol=1e-12)
     # A plane that was found flat far around leans, by the way.
     cells.wide[::2] = True
     found = weights_by_distance(Correspondences(scan, np.eye(4), closest, False, cells), weights) / weights
-    np.testing.assert_allclose(1.0 / found, 1.0 + (ways[:, 0] / FAR) ** np.where(cells.wide, 2, 4), rtol=1e-12)
+    np.testing.assert_allclose(
+        1.0 / found, 1.0 + (ways[:, 0] / HALF_WEIGHT_DISTANCES) ** np.where(cells.wide, 2, 4), rtol=1e-12
+    )
     of_points = Correspondences(scan, np.eye(4), closest, False, CloudSurface(means))
     np.testing.assert_array_equal(weights_by_distance(of_points, weights), weights)
 
@@ -335,14 +339,14 @@ def test_a_bend_below_rings_that_stand_far_apart_does_not_tilt_the_pose() -> Non
 
 def test_faces_that_agree_are_planes_and_faces_that_differ_fade() -> None:
     up, aside = np.array([[0.0, 0, 1]]), np.array([[1.0, 0, 0]])
-    flat, point, zero = np.array([BEND]), np.zeros((1, 3)), (np.zeros(3), np.zeros(3))
+    flat, point, zero = np.array([BEND_VARIANCE]), np.zeros((1, 3)), (np.zeros(3), np.zeros(3))
 
     def cost(offset: list[float], m: np.ndarray) -> float:
-        form = plane_to_plane_form(point, point - offset, (up, m), (flat, flat), np.array([2.0 * BEND]), zero)
+        form = plane_to_plane_form(point, point - offset, (up, m), (flat, flat), np.array([2.0 * BEND_VARIANCE]), zero)
         return QuadraticForm(form, *zero).value(np.eye(4))
 
     assert cost([0.0, 0, 1], up) == pytest.approx(1.0)
-    assert cost([0.0, 1, 0], up) == pytest.approx(BEND)
+    assert cost([0.0, 1, 0], up) == pytest.approx(BEND_VARIANCE)
     assert cost([0.0, 0, 1], aside) < 0.1
 
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from dqreg.geometry import Mesh, MeshSurface, PointCloud, prepare_scan, sample_mesh
 from dqreg.icp.correspondences import Correspondences, find_correspondences
 from dqreg.icp.estimators import points_to_planes
-from dqreg.icp.noise_by_face import LEAST, points_to_weighted_faces, relative_precisions
+from dqreg.icp.noise_by_face import MIN_VARIANCE_RATIO, points_to_weighted_faces, relative_precisions
 from dqreg.rigid import pose
 from dqreg.synth.parts import box
 
@@ -45,7 +45,7 @@ def test_exact_data_weighs_alike_and_lucky_faces_have_a_limit() -> None:
     np.testing.assert_array_equal(factors_of(FACES[faces], np.zeros(6_000), np.ones(6_000), faces), np.ones(6_000))
     noise = np.where(faces > 0, np.random.default_rng(0).normal(size=6_000), 0.0)
     factors = factors_of(FACES[faces], noise, np.ones(6_000), faces)
-    assert factors.max() / factors.min() <= 1.5 / LEAST
+    assert factors.max() / factors.min() <= 1.5 / MIN_VARIANCE_RATIO
 
 
 def pairs_of(points: np.ndarray, part: Mesh) -> Correspondences:

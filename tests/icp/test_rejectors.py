@@ -32,8 +32,8 @@ def test_the_angle_of_normals_with_known_signs_counts_up_to_a_half_turn() -> Non
     angles_rad = np.deg2rad([0.0, 29.9, 30.1, 90.0, 150.0, 180.0])
     source = np.column_stack([np.cos(angles_rad), np.sin(angles_rad), np.zeros(6)])
     target = np.tile([1.0, 0.0, 0.0], (6, 1))
-    gate = NormalAngle(np.deg2rad(30.0))
-    assert gate(pairs_with_normals(source, target, same_sign=True)).tolist() == [1.0, 1.0, 0.0, 0.0, 0.0, 0.0]
+    rejector = NormalAngle(np.deg2rad(30.0))
+    assert rejector(pairs_with_normals(source, target, same_sign=True)).tolist() == [1.0, 1.0, 0.0, 0.0, 0.0, 0.0]
     # Of lines, 150 degrees is 30 and 180 is none.
     lines = pairs_with_normals(source, target, same_sign=False)
     assert NormalAngle(np.deg2rad(30.1))(lines).tolist() == [1.0, 1.0, 1.0, 0.0, 1.0, 1.0]
@@ -46,10 +46,10 @@ def test_the_sign_of_unknown_normals_has_no_say(seed: int, limit_rad: float) -> 
     rng = np.random.default_rng(seed)
     source, target = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in rng.standard_normal((2, 10, 3)))
     signs = rng.choice([-1.0, 1.0], (10, 1))
-    gate = NormalAngle(limit_rad)
-    plain = gate(pairs_with_normals(source, target, same_sign=False))
-    np.testing.assert_array_equal(gate(pairs_with_normals(signs * source, target, same_sign=False)), plain)
-    np.testing.assert_array_equal(gate(pairs_with_normals(source, signs * target, same_sign=False)), plain)
+    rejector = NormalAngle(limit_rad)
+    plain = rejector(pairs_with_normals(source, target, same_sign=False))
+    np.testing.assert_array_equal(rejector(pairs_with_normals(signs * source, target, same_sign=False)), plain)
+    np.testing.assert_array_equal(rejector(pairs_with_normals(source, signs * target, same_sign=False)), plain)
 
 
 @pytest.mark.parametrize("same_sign", [True, False])

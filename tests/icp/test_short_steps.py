@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dqreg.icp import Correspondences, estimators
-from dqreg.icp.estimators import SHORT_RAD, points_to_planes, short_step, tangent_planes
+from dqreg.icp.estimators import MAX_STEP_RAD, points_to_planes, short_step, tangent_planes
 from dqreg.rigid import pose
 from dqreg.solvers.newton import least_cost
 from tests.icp.scenes import made_pairs, motion
@@ -16,8 +16,8 @@ COUNT = 2_000
 
 @pytest.fixture(autouse=True)
 def _of_few(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(estimators, "MANY", COUNT)
-    monkeypatch.setattr(estimators, "CHUNK", 300)
+    monkeypatch.setattr(estimators, "GAUSS_NEWTON_PAIRS", COUNT)
+    monkeypatch.setattr(estimators, "CHUNK_PAIRS", 300)
 
 
 def near(turn_rad: float, seed: int = 0, shift: float = 0.0) -> tuple[Correspondences, np.ndarray]:
@@ -67,7 +67,7 @@ def test_it_solves_the_normal_equations_of_numpy() -> None:
 
 
 def test_a_long_turn_a_free_motion_and_few_pairs_are_for_the_exact_cost() -> None:
-    pairs, weights = near(3.0 * SHORT_RAD)
+    pairs, weights = near(3.0 * MAX_STEP_RAD)
     assert short_step(pairs, weights) is None
     pairs, weights = near(1e-4)
     up = dataclasses.replace(pairs.closest, normals=np.tile([0.0, 0.0, 1.0], (COUNT, 1)))

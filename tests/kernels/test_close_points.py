@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dqreg.kernels.close_points import close_points, facing_matches
-from dqreg.kernels.point_tree import LEAF, PointTree
+from dqreg.kernels.point_tree import LEAF_POINTS, PointTree
 from dqreg.rigid import pose
 
 
@@ -22,7 +22,7 @@ def test_what_is_kept_from_the_call_before_is_what_all_distances_say(step: float
     T, moved_by = np.eye(4), np.inf
     for _ in range(6):
         motion = np.ascontiguousarray(T[:3])
-        place = tree.boxes, tree.places, LEAF, tree.rows, targets
+        place = tree.boxes, tree.places, LEAF_POINTS, tree.rows, targets
         close_points(0, 300, *place, points, motion, moved_by, reach, found, others)
         moved = pose.apply(T, points)
         near = np.where(

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dqreg.icp.estimators import CHUNK, plane_to_plane_form
+from dqreg.icp.estimators import CHUNK_PAIRS, plane_to_plane_form
 from dqreg.kernels import threads
 from dqreg.solvers.quadratic import plane_form, point_form
 
@@ -42,7 +42,7 @@ def test_the_sums_are_those_of_the_plain_forms(count: int, seed: int) -> None:
 
 
 def test_any_number_of_threads_gives_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
-    arguments = pairs(3 * CHUNK + 7, 0)
+    arguments = pairs(3 * CHUNK_PAIRS + 7, 0)
     found = []
     for count in (1, 2, 5):
         monkeypatch.setattr(threads, "thread_count", lambda count=count: count)

@@ -5,7 +5,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dqreg.icp.noise_by_face import BEFORE_FACES, BEFOREHAND, CELLS, LEAST, NUMBERS, relative_precisions
+from dqreg.icp.noise_by_face import (
+    CELL_PRIOR_PAIRS,
+    CELLS_PER_AXIS,
+    FACE_PRIOR_PAIRS,
+    MIN_VARIANCE_RATIO,
+    PART_NUMBERS,
+    relative_precisions,
+)
 from dqreg.kernels.face_scatter import square_heights
 from dqreg.kernels.threads import over_chunks
 from tests.kernels.test_weighted_planes import correspondences
@@ -20,12 +27,12 @@ def plain_precisions(
         total, held = np.bincount(keys, weights * squares), np.bincount(keys, weights)
         return (total[keys] + beforehand * usual) / (held[keys] + beforehand)
 
-    x, y, z = ((np.clip(normals.T, -1.0, 1.0) + 1.0) * (0.5 * CELLS) + 0.5).astype(np.int64)
+    x, y, z = ((np.clip(normals.T, -1.0, 1.0) + 1.0) * (0.5 * CELLS_PER_AXIS) + 0.5).astype(np.int64)
     usual = float(weights @ squares / weights.sum())
-    found = variances((x * (CELLS + 1) + y) * (CELLS + 1) + z, BEFOREHAND, usual)
-    found = variances(faces, BEFORE_FACES, found)
-    found = variances(faces * NUMBERS + parts, BEFORE_FACES, found)
-    factors = 1.0 / np.maximum(found, LEAST * usual)
+    found = variances((x * (CELLS_PER_AXIS + 1) + y) * (CELLS_PER_AXIS + 1) + z, CELL_PRIOR_PAIRS, usual)
+    found = variances(faces, FACE_PRIOR_PAIRS, found)
+    found = variances(faces * PART_NUMBERS + parts, FACE_PRIOR_PAIRS, found)
+    factors = 1.0 / np.maximum(found, MIN_VARIANCE_RATIO * usual)
     return factors * (weights.sum() / (weights @ factors))
 
 
@@ -36,7 +43,7 @@ def test_precisions_are_those_of_numpy(seed: int, unit: float, most: int, whole:
     rng = np.random.default_rng(seed)
     # On the rim of the cells, and beyond it by rounding.
     of_faces[:3], weights[:3] = np.eye(3) * (1.0 + 1e-15), 1.0
-    faces, parts = rng.integers(0, most, 300), rng.integers(0, NUMBERS, 300).astype(np.uint8)
+    faces, parts = rng.integers(0, most, 300), rng.integers(0, PART_NUMBERS, 300).astype(np.uint8)
     normals, squares = of_faces[faces], unit * rng.random(300) ** 2
     found = relative_precisions(squares, normals, weights, faces, *(() if whole else (parts,)))
     factors = plain_precisions(normals, squares, weights, faces, 0 * parts if whole else parts)

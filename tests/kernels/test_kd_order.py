@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dqreg.kernels.kd_order import TOGETHER, kd_order
+from dqreg.kernels.kd_order import CHUNK_PLACES, kd_order
 
 LEAF = 8
 
@@ -37,9 +37,9 @@ def test_each_node_is_cut_across_its_widest_side(seed: int, size: int, places: i
 
 @pytest.mark.parametrize("threads", [1, 2, 5])
 def test_many_places_are_ordered_alike_on_any_number_of_threads(monkeypatch: pytest.MonkeyPatch, threads: int) -> None:
-    points = np.random.default_rng(0).normal(size=(3 * TOGETHER + 5, 3)).round(2)
+    points = np.random.default_rng(0).normal(size=(3 * CHUNK_PLACES + 5, 3)).round(2)
     monkeypatch.setattr("dqreg.kernels.threads.thread_count", lambda: threads)
     order = kd_order(points, LEAF)
     require_cut(points[order], 0, 8_192)
-    monkeypatch.setattr("dqreg.kernels.kd_order.TOGETHER", len(points))
+    monkeypatch.setattr("dqreg.kernels.kd_order.CHUNK_PLACES", len(points))
     assert np.array_equal(order, kd_order(points, LEAF))

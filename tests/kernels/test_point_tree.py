@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.kernels import threads
-from dqreg.kernels.point_tree import CHUNK, NOWHERE, PointTree
+from dqreg.kernels.point_tree import CHUNK_QUERIES, NO_PLACES, PointTree
 
 
 def brute_force(points: np.ndarray, queries: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -31,7 +31,7 @@ def test_neighbours_are_those_of_brute_force(seed: int, size: int, count: int, p
     np.testing.assert_array_equal(rows, expected)
     np.testing.assert_array_equal(distances, apart)
     # Any order of the points is a tree; in Morton order a good one. Any place of it is a bound to begin with.
-    for at in (NOWHERE, rng.integers(0, size, len(queries))):
+    for at in (NO_PLACES, rng.integers(0, size, len(queries))):
         rows, distances = PointTree.of(points, in_order=True).nearest(queries, count, at=at)
         np.testing.assert_array_equal(rows, expected)
         np.testing.assert_array_equal(distances, apart)
@@ -101,7 +101,7 @@ def test_within_a_distance_the_nearer_ones_are_found_alone(seed: int, size: int,
 
 def test_any_number_of_threads_finds_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(0)
-    points, queries = rng.normal(size=(3_000, 3)), rng.normal(size=(3 * CHUNK + 7, 3))
+    points, queries = rng.normal(size=(3_000, 3)), rng.normal(size=(3 * CHUNK_QUERIES + 7, 3))
     tree, found = PointTree.of(points), []
     for count in (1, 2, 8):
         monkeypatch.setattr(threads, "thread_count", lambda count=count: count)

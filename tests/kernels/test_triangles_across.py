@@ -9,7 +9,7 @@ from dqreg.geometry import Mesh, MeshSurface
 from dqreg.kernels import triangle_tree, triangles_across
 from dqreg.kernels.triangle import closest_on, height_square
 from dqreg.kernels.triangle_tree import TriangleTree
-from dqreg.kernels.triangles_across import STEPS, walk_across
+from dqreg.kernels.triangles_across import STEPS_PER_ROUND, walk_across
 from dqreg.synth.parts import bracket
 
 
@@ -62,14 +62,14 @@ def test_over_a_face_of_needles_a_walk_goes_on_and_high_above_it_ends(monkeypatc
     tree = TriangleTree.of(corners, np.tile([0.0, 0, 1], (60, 1)))
     x, y, _ = 0.8 * rim[50:52].mean(axis=0)
     near, high = (walk_across.py_func(tree.packed, tree.across, tree.slots[0], x, y, z)[0] for z in (0.01, 2.0))
-    assert (tree.faces[near], tree.faces[high]) == (50, STEPS)
+    assert (tree.faces[near], tree.faces[high]) == (50, STEPS_PER_ROUND)
 
 
 def test_without_what_lies_across_the_same_is_found(part: Mesh, monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(1)
     queries = rng.uniform(*part.bounds, size=(500, 3))
     walked = MeshSurface(part)._tree
-    monkeypatch.setattr(triangle_tree, "WALKED", 0)
+    monkeypatch.setattr(triangle_tree, "MAX_WALKED_TRIANGLES", 0)
     other = MeshSurface(part)._tree
     assert len(walked.across) == len(part.faces) > len(other.across) == 0
     for one, two in zip(walked.closest(queries), other.closest(queries), strict=True):

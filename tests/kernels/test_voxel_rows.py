@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dqreg.kernels.voxel_blocks import A
+from dqreg.kernels.voxel_blocks import FACTOR_A
 from dqreg.kernels.voxel_rows import VoxelSums, first_of_voxels, measured_rows, one_of_voxels
 
 
@@ -28,7 +28,7 @@ def test_it_leaves_what_kiss_icp_leaves() -> None:
 def test_one_row_of_each_voxel_is_found(count: int) -> None:
     # Oracle: distinct cells, by sorting the mixed numbers of the rows. Cells of either sign, with many points in some.
     points = np.random.default_rng(count).normal(size=(count, 3)) * [8.0, 5.0, 0.4]
-    mixed = np.argsort(np.arange(count, dtype=np.uint64) * A)
+    mixed = np.argsort(np.arange(count, dtype=np.uint64) * FACTOR_A)
     _, rows = np.unique(np.floor(points[mixed] * (1.0 / 0.3)), axis=0, return_index=True)
     found = one_of_voxels(points, 0.3)
     np.testing.assert_array_equal(np.sort(found), np.sort(mixed[rows]))

@@ -6,7 +6,7 @@ import pytest
 from dqreg._arrays import FloatArray
 from dqreg.kernels.plane_elimination import BEFOREHAND, eliminate_planes
 from dqreg.multiway.bodies import Body
-from dqreg.multiway.common_planes import HELD, Placed, _counted, refine_on_planes
+from dqreg.multiway.common_planes import PAIR_SIGMA_SPACINGS, PlacedBodies, _counted, refine_on_planes
 from dqreg.multiway.scans import read_views, typical_spacing
 from dqreg.multiway.sides import body_of
 from dqreg.rigid import pose
@@ -25,7 +25,7 @@ def scan(rng: np.random.Generator, *, walls: bool) -> FloatArray:
     return points + NOISE * rng.normal(size=points.shape)
 
 
-def refined(*, walls: bool, noise: float = 0.0) -> tuple[Placed | None, FloatArray, float]:
+def refined(*, walls: bool, noise: float = 0.0) -> tuple[PlacedBodies | None, FloatArray, float]:
     """Scans displaced along the floor: their poses, how far they are from the truth, (n, 3), and the spacing."""
     rng = np.random.default_rng(5)
     points = [scan(rng, walls=walls) for _ in range(SCANS)]
@@ -58,7 +58,9 @@ def test_what_no_face_holds_stays_and_is_told() -> None:
     assert np.abs(off[1:, :2]).min() > 0.9 * OFF
     for k in FREE:
         # Against the anchor, of which faces hold as little.
-        np.testing.assert_allclose(np.sqrt(np.diag(_of(found, k))[:2]), np.sqrt(2.0) * HELD * spacing, rtol=0.1)
+        np.testing.assert_allclose(
+            np.sqrt(np.diag(_of(found, k))[:2]), np.sqrt(2.0) * PAIR_SIGMA_SPACINGS * spacing, rtol=0.1
+        )
 
 
 def test_what_counts_of_a_motion_that_all_scans_share_is_that_motion() -> None:
@@ -106,7 +108,7 @@ def test_noise_as_large_as_the_spacing_is_left_to_pairs() -> None:
     assert refined(walls=True, noise=0.02)[0] is None
 
 
-def _of(found: Placed, k: int) -> FloatArray:
+def _of(found: PlacedBodies, k: int) -> FloatArray:
     place = 6 * (k - 1) + np.arange(3, 6)
     return found.covariance[np.ix_(place, place)]
 

@@ -6,7 +6,7 @@ import pytest
 
 from dqreg.multiway.edge_selection import EdgeSelection, select_edges
 from dqreg.multiway.edges import Edge
-from dqreg.multiway.loops import LIMIT
+from dqreg.multiway.loops import CHI2_LIMIT
 from dqreg.multiway.scans import View
 from dqreg.multiway.verdict import judge_scans
 from dqreg.rigid import pose
@@ -151,7 +151,7 @@ def test_an_anchor_that_hangs_on_nothing_is_replaced() -> None:
 def test_the_limit_is_the_chi_square_that_one_in_a_thousand_exceeds() -> None:
     from scipy.stats import chi2
 
-    assert chi2.sf(LIMIT, 6) == pytest.approx(1e-3, rel=1e-2)
+    assert chi2.sf(CHI2_LIMIT, 6) == pytest.approx(1e-3, rel=1e-2)
 
 
 def ring(count: int, reach: int) -> list[tuple[int, int]]:

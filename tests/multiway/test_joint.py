@@ -22,7 +22,7 @@ def floor_and_post(rng: np.random.Generator) -> np.ndarray:
     return np.concatenate([floor, *walls]) + NOISE * rng.normal(size=(WIDE + 2 * POST, 3))
 
 
-@pytest.mark.parametrize("soft", [joint.SOFT, 0.0])
+@pytest.mark.parametrize("soft", [joint.FIRST_SCALE_SPACINGS, 0.0])
 def test_small_faces_count_though_they_begin_far_off(soft: float, monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(0)
     views = read_views([floor_and_post(rng), floor_and_post(rng)], 0)
@@ -31,7 +31,7 @@ def test_small_faces_count_though_they_begin_far_off(soft: float, monkeypatch: p
     begun = truth.copy()
     # Nearly the spacing of the points, and a hundred times their noise.
     begun[1, :2, 3] += 0.01
-    monkeypatch.setattr(joint, "SOFT", soft)
+    monkeypatch.setattr(joint, "FIRST_SCALE_SPACINGS", soft)
     found = joint.refine_jointly(bodies, begun, [(0, 1)], np.array([1]), 5000)
     far = np.linalg.norm((found.T_world_body[1] - truth[1])[:2, 3])
     assert found.converged

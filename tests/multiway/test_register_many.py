@@ -219,7 +219,7 @@ def test_from_files_to_files_on_the_command_line(tmp_path: Path) -> None:
     from dqreg.cli.multiway import EDGES, ORDERS, multiway_command
     from dqreg.multiway import pairs
 
-    assert (pairs.EDGES, pairs.ORDERS) == (EDGES, ORDERS)
+    assert (pairs.EDGE_PLANS, pairs.ORDERS) == (EDGES, ORDERS)
     scans, truth = views_of_a_part(2)
     for k, points in enumerate(scans):
         write_cloud(tmp_path / f"view{k}.ply", points)

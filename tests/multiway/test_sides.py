@@ -11,7 +11,7 @@ from dqreg.geometry import PointCloud
 from dqreg.multiway.edges import Edge
 from dqreg.multiway.scans import read_views
 from dqreg.multiway.sides import Contradiction, Sides, viewpoints_of
-from dqreg.multiway.verdict import NAMED, named
+from dqreg.multiway.verdict import NAMED_SCANS, named
 from dqreg.synth.many_views import turntable_views
 from dqreg.synth.parts import angle
 from tests.multiway.edges_of_truth import registration
@@ -82,7 +82,7 @@ def test_scans_that_nothing_is_known_of_have_no_side() -> None:
 
 
 def test_a_sentence_of_many_scans_names_some_or_says_all(sheet: list[PointCloud]) -> None:
-    views = read_views([PointCloud(sheet[0].points + shift) for shift in range(NAMED + 2)], 0)
+    views = read_views([PointCloud(sheet[0].points + shift) for shift in range(NAMED_SCANS + 2)], 0)
     assert named(views, range(len(views))) == f"all {len(views)} scans"
     assert named(views, range(len(views) - 1)).endswith(" and 1 more")
 

@@ -9,7 +9,7 @@ import pytest
 
 from dqreg.kernels.voxel_planes import LONGEST
 from dqreg.odometry import map_surface
-from dqreg.odometry.map_surface import KEPT, MapSurface
+from dqreg.odometry.map_surface import KEPT_MATCH_VOXELS, MapSurface
 from dqreg.rigid import pose
 
 SIZE, MOST, REACH = 0.5, 12, 2.0
@@ -35,7 +35,7 @@ def test_a_hint_finds_no_farther_than_its_tolerance(size: int) -> None:
         queries = pose.apply(pose.exp(np.array([0.0, 0.0, 0.01 * step, step, 0.3 * step, 0.0])), queries)
         found, expected = surface.closest(queries, hint), surface.closest(queries)
         assert (found.distances >= expected.distances - 1e-9).all()
-        assert (found.distances <= expected.distances + KEPT * SIZE + 1e-6).all()
+        assert (found.distances <= expected.distances + KEPT_MATCH_VOXELS * SIZE + 1e-6).all()
         near = found.elements >= 0
         assert np.array_equal(found.points[near], surface.points[found.elements[near]])
         hint = queries, found
@@ -139,7 +139,7 @@ def test_the_bits_are_the_same_for_any_number_of_threads(monkeypatch: pytest.Mon
 def test_pages_of_its_own_change_no_bit_of_a_map(monkeypatch: pytest.MonkeyPatch) -> None:
     found = []
     for large in (1, 2**62):
-        monkeypatch.setattr(map_surface, "LARGE", large)
+        monkeypatch.setattr(map_surface, "MIN_HUGE_PAGE_BYTES", large)
         surface = surface_of(points(2_000))
         for part in np.array_split(points(40_000), 4):
             surface.add(part)
@@ -151,7 +151,7 @@ def test_pages_of_its_own_change_no_bit_of_a_map(monkeypatch: pytest.MonkeyPatch
 
 @pytest.mark.skipif(not hasattr(mmap, "MADV_HUGEPAGE"), reason="pages of another size: Linux")
 def test_room_is_zeros_that_can_be_written_and_that_a_fork_does_not_share() -> None:
-    room = map_surface._zeros((map_surface.LARGE, 3), np.dtype(np.float32))
+    room = map_surface._zeros((map_surface.MIN_HUGE_PAGE_BYTES, 3), np.dtype(np.float32))
     assert room.flags.carray
     assert not room.any()
     with warnings.catch_warnings():

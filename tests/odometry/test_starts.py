@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dqreg.geometry.spacing import Spread
-from dqreg.odometry.starts import LATELY, Pace
+from dqreg.odometry.starts import REMEMBERED_FRAMES, Pace
 from dqreg.rigid import twist
 
 SPREAD = Spread.of(np.random.default_rng(0).normal(size=(100, 3)))
@@ -25,13 +25,13 @@ def driven(pace: Pace, changes: list[float]) -> float:
 
 
 def test_a_turn_that_grows_steadily_is_foreseen() -> None:
-    assert driven(Pace(), [0.02] * (LATELY + 3)) < 1e-12
+    assert driven(Pace(), [0.02] * (REMEMBERED_FRAMES + 3)) < 1e-12
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_turn_that_jerks_to_and_fro_is_taken_to_stay(sign: float) -> None:
     # Its change goes on nowhere: twice as far off as where nothing changes.
-    jerks = [sign * 0.02 * (-1.0) ** k for k in range(LATELY + 3)]
+    jerks = [sign * 0.02 * (-1.0) ** k for k in range(REMEMBERED_FRAMES + 3)]
     stays = SPREAD.motion(twist.exp(np.zeros(6)), twist.exp(np.array([0.0, 0.0, 0.02, 0.0, 0.0, 0.0])))
     assert driven(Pace(), jerks) < 1.1 * stays
 

@@ -14,7 +14,7 @@ import pytest
 from dqreg.kernels import threads
 from dqreg.odometry.kiss import load_kiss
 from dqreg.odometry.settings import OdometrySettings, Resolved
-from dqreg.odometry.voxel_map import FAR, VoxelMap
+from dqreg.odometry.voxel_map import FORGOTTEN_SHARE, VoxelMap
 from dqreg.rigid import pose
 
 
@@ -66,7 +66,7 @@ def test_it_forgets_what_is_out_of_range() -> None:
         T = pose.exp(np.array([0.0, 0.0, 0.0, 0.5 * step, 0.0, 0.0]))
         ours.insert(lambda: rng.uniform(-5, 5, (2_000, 3)), T)
         far = np.linalg.norm(ours.points - T[:3, 3], axis=1) > given.max_range + 2.0 * given.voxel_size
-        assert np.mean(far) < 2.0 * FAR
+        assert np.mean(far) < 2.0 * FORGOTTEN_SHARE
     assert not (ours.points[:, 0] < 10.0).any()
 
 

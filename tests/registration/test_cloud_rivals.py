@@ -7,7 +7,7 @@ import pytest
 
 from dqreg.compare.trust import shapes
 from dqreg.compare.trust.kinds import KINDS
-from dqreg.compare.trust.task import Task
+from dqreg.compare.trust.task import TrustTask
 from dqreg.compare.trust.trial import is_right
 from dqreg.geometry import Mesh, PointCloud, sample_mesh
 from dqreg.registration.register import register
@@ -48,7 +48,7 @@ def test_a_whole_cloud_of_a_symmetric_part_has_no_rivals() -> None:
 def test_a_pose_from_which_the_loop_comes_back_is_no_rival(kind: str, seed: int) -> None:
     """Views of random parts, truth from their generator: the rivals that were named lie 2 % of the size off."""
     task = KINDS[kind].task(seed)
-    assert isinstance(task, Task)
+    assert isinstance(task, TrustTask)
     found = register(task.source, task.target, task.start, **task.options)
     assert found.verdict.level == "accepted"
     assert not found.alternatives

@@ -8,7 +8,7 @@ import pytest
 import dqreg
 from dqreg.compare.trust.kinds import KINDS
 from dqreg.compare.trust.periodic import thread
-from dqreg.compare.trust.task import Task
+from dqreg.compare.trust.task import TrustTask
 from dqreg.geometry import sample_mesh
 from dqreg.geometry.opening import open_geometry
 from dqreg.registration import rivals
@@ -134,5 +134,5 @@ def test_a_step_below_what_counts_as_symmetric_decides_where_the_noise_is_less(f
 def test_the_mirror_image_of_a_part_that_is_far_from_its_own_is_named(seed: int) -> None:
     """Random parts of the trust sweep, scanned mirrored: two thirds of the points lie on the part at the best pose."""
     task = KINDS["mirrored"].task(seed)
-    assert isinstance(task, Task)
+    assert isinstance(task, TrustTask)
     assert "mirrored" in dqreg.register(task.source, task.target, task.start, **task.options).verdict.codes

@@ -7,7 +7,7 @@ import pytest
 
 import dqreg
 from dqreg.compare.trust.kinds import KINDS
-from dqreg.compare.trust.task import Task
+from dqreg.compare.trust.task import TrustTask
 from dqreg.compare.trust.trial import is_right
 from dqreg.geometry import sample_mesh
 from dqreg.registration import slides
@@ -144,7 +144,7 @@ def test_a_riser_on_its_neighbours_place_is_no_strain(seed: int) -> None:
     view is 3e-4.
     """
     task = KINDS["one-view"].task(seed)
-    assert isinstance(task, Task)
+    assert isinstance(task, TrustTask)
     found = dqreg.register(task.source, task.target, task.start, **task.options)
     assert found.verdict.level == "accepted"
     assert is_right(found.T_target_source, task)[1] <= 3e-4

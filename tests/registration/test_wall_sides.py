@@ -9,7 +9,7 @@ import pytest
 
 import dqreg
 from dqreg.compare.trust.kinds import KINDS
-from dqreg.compare.trust.task import Task
+from dqreg.compare.trust.task import TrustTask
 from dqreg.compare.trust.trial import is_right
 from dqreg.geometry import PointCloud, sample_mesh
 from dqreg.synth.parts import box
@@ -144,7 +144,7 @@ def test_an_initial_pose_decides_between_half_turns_and_names_the_other(start: n
 def test_of_equal_poses_the_one_near_the_initial_pose_is_meant() -> None:
     # The loop ends on a wrong side, so a search is asked, whose best pose is half a turn off.
     task = KINDS["sheet-one-side"].task(20537)
-    assert isinstance(task, Task)
+    assert isinstance(task, TrustTask)
     found = dqreg.register(task.source, task.target, task.start)
     assert is_right(found.T_target_source, task)[0]
     assert found.verdict.level == "accepted"
@@ -159,7 +159,7 @@ def test_the_end_of_the_longer_flange_tells_half_turns_apart() -> None:
 @pytest.mark.parametrize("seed", [20137, 20544])
 def test_a_sheet_that_lies_across_its_walls_is_laid_on_one_side(seed: int) -> None:
     task = KINDS["sheet-one-side"].task(seed)
-    assert isinstance(task, Task)
+    assert isinstance(task, TrustTask)
     found = dqreg.register(task.source, task.target, task.start)
     assert is_right(found.T_target_source, task)[0]
 
@@ -167,7 +167,7 @@ def test_a_sheet_that_lies_across_its_walls_is_laid_on_one_side(seed: int) -> No
 def test_noise_that_passes_the_middle_of_a_wall_tells_no_sides_apart() -> None:
     # The other side gains 26, by few points: 3.3 times what those that speak the other way let expect.
     task = KINDS["sheet-one-side"].task(8543)
-    assert isinstance(task, Task)
+    assert isinstance(task, TrustTask)
     found = dqreg.register(task.source, task.target, task.start)
     poses = [found.T_target_source, *(other.T_target_source for other in found.alternatives)]
     assert "alternative_poses" in found.verdict.codes

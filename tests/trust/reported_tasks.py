@@ -11,7 +11,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.compare.trust import chance, good, scans, shapes
-from dqreg.compare.trust.task import Kind, Task, on_part
+from dqreg.compare.trust.task import Kind, TrustTask, on_part
 from dqreg.compare.trust.trial import Trial, is_right, trial
 from dqreg.geometry import Mesh, PointCloud
 from dqreg.geometry.opening import open_geometry
@@ -35,7 +35,7 @@ OPPOSITE = (
 WORSE, OFF = 1e-3, 0.01
 
 
-def noise_cloud(rng: np.random.Generator) -> Task:
+def noise_cloud(rng: np.random.Generator) -> TrustTask:
     """60 to 400 points of Gauss, ball or shell on a box or a bracket, begun as the report says or from nothing."""
     mesh = Mesh(*(box((100.0, 60.0, 40.0)) if rng.uniform() < 0.5 else bracket()))
     shape = (chance.gauss, chance.ball, chance.shell)[rng.integers(3)]
@@ -44,7 +44,7 @@ def noise_cloud(rng: np.random.Generator) -> Task:
     return dataclasses.replace(task, options={"effort": "fast"} if rng.uniform() < 0.5 else {})
 
 
-def block_on_half(rng: np.random.Generator) -> Task:
+def block_on_half(rng: np.random.Generator) -> TrustTask:
     """A block of 160 laid on a block of 80."""
     other = rng.uniform(30.0, 70.0, 2)
     mesh, longer = Mesh(*box((80.0, *other))), Mesh(*box((160.0, *other)))
@@ -53,7 +53,7 @@ def block_on_half(rng: np.random.Generator) -> Task:
     return on_part(scan, mesh, rng, noise=scans.NOISE, start=(4.0, 0.02), right=False)
 
 
-def flipped_ring(rng: np.random.Generator) -> Task:
+def flipped_ring(rng: np.random.Generator) -> TrustTask:
     """A ring with bolts begun upside down about an axis in its plane that is not principal."""
     mesh = Mesh(*flange(hub_height=float(rng.uniform(1.0, 30.0)), bolts=int(rng.integers(3, 9))))
     angle = rng.uniform(0.0, np.pi)
@@ -62,7 +62,7 @@ def flipped_ring(rng: np.random.Generator) -> Task:
     return on_part(scans.two_views(mesh, rng), mesh, rng, noise=scans.NOISE, start=(3.0, 0.01), T_off=flip)
 
 
-def moved_boss(rng: np.random.Generator) -> Task:
+def moved_boss(rng: np.random.Generator) -> TrustTask:
     """A bracket of which the boss sits 3 % of the size beside its place."""
     sizes = {"length": rng.uniform(90, 150), "height": rng.uniform(60, 100), "width": rng.uniform(70, 110)}
     mesh = Mesh(*bracket(**sizes, boss_position=0.45))
@@ -72,10 +72,10 @@ def moved_boss(rng: np.random.Generator) -> Task:
     return on_part(scans.two_views(other, rng), mesh, rng, noise=scans.NOISE, start=start)
 
 
-def real_start(data: Path, degrees: float, share: float) -> Callable[[np.random.Generator], Task]:
+def real_start(data: Path, degrees: float, share: float) -> Callable[[np.random.Generator], TrustTask]:
     """A virtual scan of a real part from a start so far off."""
 
-    def make(rng: np.random.Generator) -> Task:
+    def make(rng: np.random.Generator) -> TrustTask:
         mesh = open_geometry(data / "trimesh_cad" / CAD[rng.integers(len(CAD))], "part")
         assert isinstance(mesh, Mesh)
         scan = scans.two_views(mesh, rng) if rng.uniform() < 0.7 else scans.one_view(mesh, rng)
@@ -84,10 +84,10 @@ def real_start(data: Path, degrees: float, share: float) -> Callable[[np.random.
     return make
 
 
-def figure_from_behind(data: Path) -> Callable[[np.random.Generator], Task]:
+def figure_from_behind(data: Path) -> Callable[[np.random.Generator], TrustTask]:
     """Range scans from opposite sides of a figure, from nothing or from random starts; right by their stored poses."""
 
-    def make(rng: np.random.Generator) -> Task:
+    def make(rng: np.random.Generator) -> TrustTask:
         folder = data / "stanford_bunny_range"
         names = rng.permutation(OPPOSITE[rng.integers(len(OPPOSITE))])
         source, target = (open_geometry(folder / f"{name}.ply", str(name)).points for name in names)
@@ -97,7 +97,7 @@ def figure_from_behind(data: Path) -> Callable[[np.random.Generator], Task]:
         source, target = (points[rng.permutation(len(points))[:8000]] for points in (source, target))
         off = random_pose(rng, 0.3 * size, source.mean(axis=0))
         start = None if rng.uniform() < 0.5 else "identity"
-        return Task(
+        return TrustTask(
             pose.apply(pose.inverse(off), source), PointCloud(target), start, (T @ off)[None], target, size, 5e-4 * size
         )
 
@@ -107,7 +107,7 @@ def figure_from_behind(data: Path) -> Callable[[np.random.Generator], Task]:
 def moved_gear(seed: int) -> Trial:
     """The gear of `datasets_synth/gear_motion`, scanned anew: accepted is wrong where it is 1 % off or more."""
 
-    def make(rng: np.random.Generator) -> Task:
+    def make(rng: np.random.Generator) -> TrustTask:
         vertices, faces = gear(teeth=18, flank_facets=3)
         mesh = Mesh(vertices, faces)
         motion = Motion(turn_rad=tuple(np.deg2rad([0.5, -1.0, 4.0])), shift=(0.02, 0.0, -0.01), reference=1.0)
@@ -153,7 +153,7 @@ def within_a_limit(seed: int) -> Trial:
     return _judged("time limit", seed, task, lambda result: is_right(result.T_target_source, task)[1] > begun + WORSE)
 
 
-def _judged(name: str, seed: int, task: Task, is_hole: Callable[[Registration], bool]) -> Trial:
+def _judged(name: str, seed: int, task: TrustTask, is_hole: Callable[[Registration], bool]) -> Trial:
     """A trial that counts as wrongly accepted where there is a hole, whatever the verdict says."""
     began = time.perf_counter()
     result = register(task.source, task.target, task.start, **task.options)
@@ -168,7 +168,7 @@ def _judged(name: str, seed: int, task: Task, is_hole: Callable[[Registration], 
     )  # fmt: skip
 
 
-def _holds_truth(result: Registration, task: Task) -> bool:
+def _holds_truth(result: Registration, task: TrustTask) -> bool:
     right, _ = is_right(result.T_target_source, task)
     others: list[FloatArray] = [one.T_target_source for one in result.alternatives]
     return not right and any(is_right(T, task)[0] for T in others)

@@ -19,7 +19,7 @@ import numpy as np
 
 from dqreg.compare.trust.kinds import KINDS
 from dqreg.compare.trust.rates import interval, percent
-from dqreg.compare.trust.task import Kind, Task
+from dqreg.compare.trust.task import Kind, TrustTask
 from dqreg.compare.trust.trial import Trial, trial
 from tests.trust.reported_tasks import (
     beside_the_answer,
@@ -53,7 +53,7 @@ def of_kinds(*names: str) -> Callable[[int], Trial]:
     return lambda seed: trial(KINDS[names[seed % len(names)]], seed)
 
 
-def of_task(name: str, make: Callable[[np.random.Generator], Task]) -> Callable[[int], Trial]:
+def of_task(name: str, make: Callable[[np.random.Generator], TrustTask]) -> Callable[[int], Trial]:
     """A task of this report."""
     return lambda seed: trial(Kind(name, "reported", False, "", make), seed)
 

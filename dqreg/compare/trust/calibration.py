@@ -16,11 +16,14 @@ from dqreg.errors import InputError
 from dqreg.report.table import Column, Table
 from dqreg.trust.confidence import NAMES, OFFSET, WEIGHTS
 
-# Bins of equal width; trials without which a fit is a guess; penalty of squared weights, in trials.
-BINS, FEWEST, PENALTY = 10, 150, 1.0
+# Bins of equal width.
+BINS = 10
+# Trials without which a fit is a guess; penalty of squared weights, in trials.
+MIN_TRIALS, PENALTY_TRIALS = 150, 1.0
 # Figures that never speak against a pose, and those that may speak either way; all others never speak for it. Without
 # signs a fit to few tasks lets chance decide them, which tells beyond the tasks: on real scans.
-FOR, EITHER = {"inliers", "inliers_near", "carriers", "many_planes"}, {"other_objects", "border", "searched"}
+SUPPORTING_FIGURES = {"inliers", "inliers_near", "carriers", "many_planes"}
+EITHER_WAY_FIGURES = {"other_objects", "border", "searched"}
 
 Fit = Callable[[Sequence[Trial]], tuple[float, dict[str, float]]]
 
@@ -90,17 +93,17 @@ def calibration_table(found: Calibration) -> Table:
 def fit_confidence(trials: Sequence[Trial]) -> tuple[float, dict[str, float]]:
     """Offset and weights of the logistic map, by penalised likelihood, each weight of the sign that its figure has."""
     known = [one for one in trials if len(one.figures) == len(NAMES)]
-    if len(known) < FEWEST:
-        raise InputError(f"{FEWEST} tasks are needed to fit the confidence; got {len(known)}: ask for more --seeds")
+    if len(known) < MIN_TRIALS:
+        raise InputError(f"{MIN_TRIALS} tasks are needed to fit the confidence; got {len(known)}: ask for more --seeds")
     X = np.array([one.figures for one in known], dtype=np.float64)
     right = np.array([one.right for one in known], dtype=np.float64)
     rows = np.column_stack([np.ones(len(X)), X])
 
     def cost(weights: FloatArray) -> tuple[float, FloatArray]:
         logit = rows @ weights
-        loss = float(np.logaddexp(0.0, logit).sum() - right @ logit) + PENALTY * float(weights[1:] @ weights[1:])
+        loss = float(np.logaddexp(0.0, logit).sum() - right @ logit) + PENALTY_TRIALS * float(weights[1:] @ weights[1:])
         slope = rows.T @ (1.0 / (1.0 + np.exp(-logit)) - right)
-        slope[1:] += 2.0 * PENALTY * weights[1:]
+        slope[1:] += 2.0 * PENALTY_TRIALS * weights[1:]
         return loss, slope
 
     bounds = [(None, None), *(_bounds(name) for name in NAMES)]
@@ -115,8 +118,8 @@ def rescale_confidence(trials: Sequence[Trial]) -> tuple[float, dict[str, float]
     others, the order of the confidences stays, and so does what a limit on them refuses once it is shifted along.
     """
     known = [one for one in trials if len(one.figures) == len(NAMES)]
-    if len(known) < FEWEST:
-        raise InputError(f"{FEWEST} tasks are needed to fit the confidence; got {len(known)}: ask for more --seeds")
+    if len(known) < MIN_TRIALS:
+        raise InputError(f"{MIN_TRIALS} tasks are needed to fit the confidence; got {len(known)}: ask for more --seeds")
     X, right = np.array([one.figures for one in known]), np.array([one.right for one in known], dtype=np.float64)
     logit = OFFSET + X @ np.array([WEIGHTS[name] for name in NAMES])
     doubted = X[:, NAMES.index("suspect")]
@@ -149,9 +152,9 @@ def cross_validated(trials: Sequence[Trial], fit: Fit) -> Calibration:
 
 
 def _bounds(name: str) -> tuple[float | None, float | None]:
-    if name in EITHER:
+    if name in EITHER_WAY_FIGURES:
         return None, None
-    return (0.0, None) if name in FOR else (None, 0.0)
+    return (0.0, None) if name in SUPPORTING_FIGURES else (None, 0.0)
 
 
 def as_code(offset: float, weights: dict[str, float]) -> str:

@@ -9,18 +9,18 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.compare.trust import scans, shapes
-from dqreg.compare.trust.task import NONE_RIGHT, Kind, Make, Task, kinds_of
+from dqreg.compare.trust.task import NONE_RIGHT, Kind, Make, TrustTask, kinds_of
 from dqreg.geometry import Mesh, PointCloud
 from dqreg.rigid import pose
 from dqreg.synth import disturbance, random_pose
 from dqreg.synth.parts import cylinder
 
 
-def unrelated(source: FloatArray, target: Mesh | PointCloud, rng: np.random.Generator) -> Task:
+def unrelated(source: FloatArray, target: Mesh | PointCloud, rng: np.random.Generator) -> TrustTask:
     """A task of which no pose is right, from nothing or from the middles laid on each other."""
     points = target.vertices if isinstance(target, Mesh) else target.points
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
-    return Task(
+    return TrustTask(
         source, target, None if rng.uniform() < 0.5 else "identity", NONE_RIGHT, points, size, scans.NOISE * size
     )
 
@@ -28,7 +28,7 @@ def unrelated(source: FloatArray, target: Mesh | PointCloud, rng: np.random.Gene
 def noise(shape: Callable[[int, np.random.Generator], FloatArray]) -> Make:
     """Noise of the size of a part."""
 
-    def make(rng: np.random.Generator) -> Task:
+    def make(rng: np.random.Generator) -> TrustTask:
         mesh = shapes.any_part(rng)
         count = int(10.0 ** rng.uniform(1.0, 3.5))
         extent = mesh.diagonal * np.array([0.3, 0.3, 0.3]) * rng.uniform(0.3, 1.2)
@@ -92,7 +92,7 @@ def _box_surface(count: int, half: FloatArray, rng: np.random.Generator) -> Floa
     return points * half
 
 
-def _wavy(rng: np.random.Generator) -> Task:
+def _wavy(rng: np.random.Generator) -> TrustTask:
     """A wavy sheet on a part with flat faces."""
     mesh = shapes.draw(shapes.plate if rng.uniform() < 0.5 else shapes.steps, rng)
     half = 0.3 * mesh.diagonal * rng.uniform(0.3, 1.0)
@@ -101,7 +101,7 @@ def _wavy(rng: np.random.Generator) -> Task:
     return unrelated(mesh.centre + np.column_stack([flat, height]), mesh, rng)
 
 
-def _flat_patch(rng: np.random.Generator) -> Task:
+def _flat_patch(rng: np.random.Generator) -> TrustTask:
     """A piece of one face: three motions are free."""
     mesh = shapes.draw(shapes.box, rng)
     half = 0.2 * np.ptp(mesh.vertices, axis=0).min()
@@ -112,7 +112,7 @@ def _flat_patch(rng: np.random.Generator) -> Task:
     return unrelated(pose.apply(T, points), mesh, rng)
 
 
-def _round_patch(rng: np.random.Generator) -> Task:
+def _round_patch(rng: np.random.Generator) -> TrustTask:
     """The side of a shaft without its ends, or a piece of a sphere: it turns or slides freely."""
     diameter, height = rng.uniform(20, 60), rng.uniform(60, 150)
     shaft = Mesh(*cylinder(diameter=diameter, height=height, segments=96))
@@ -122,7 +122,7 @@ def _round_patch(rng: np.random.Generator) -> Task:
     return unrelated(pose.apply(T, points), shaft, rng)
 
 
-def _two_blobs(rng: np.random.Generator) -> Task:
+def _two_blobs(rng: np.random.Generator) -> TrustTask:
     """A free-form body as a cloud on another one as a cloud."""
     one, other = (shapes.draw(shapes.lump, rng) for _ in range(2))
     level = 10.0 ** rng.uniform(-3.3, -2.3)
@@ -131,18 +131,18 @@ def _two_blobs(rng: np.random.Generator) -> Task:
     return unrelated(scale * points[0], PointCloud(points[1]), rng)
 
 
-def _two_noises(rng: np.random.Generator) -> Task:
+def _two_noises(rng: np.random.Generator) -> TrustTask:
     one, other = (30.0 * gauss(int(10.0 ** rng.uniform(1.3, 3.3)), rng) for _ in range(2))
     return unrelated(one, PointCloud(other), rng)
 
 
-def _part_on_noise(rng: np.random.Generator) -> Task:
+def _part_on_noise(rng: np.random.Generator) -> TrustTask:
     mesh = shapes.any_part(rng)
     scan = scans.two_views(mesh, rng)
     return unrelated(scan, PointCloud(mesh.centre + 0.3 * mesh.diagonal * ball(3000, rng)), rng)
 
 
-def _one_profile(rng: np.random.Generator) -> Task:
+def _one_profile(rng: np.random.Generator) -> TrustTask:
     """A single line of a profile scanner: most motions are held by its bends alone, or by nothing."""
     mesh = shapes.any_part(rng)
     normal, scan = scans.directions(1, rng)[0], scans.sampled(mesh, 60_000, rng)

@@ -9,7 +9,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, bounds
 from dqreg.compare.trust import scans, shapes
-from dqreg.compare.trust.task import NONE_RIGHT, Kind, Make, Task, kinds_of
+from dqreg.compare.trust.task import NONE_RIGHT, Kind, Make, TrustTask, kinds_of
 from dqreg.geometry import Mesh, MeshSurface, PointCloud
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import fit_planes
@@ -18,15 +18,17 @@ from dqreg.solvers.quadratic import plane_rows
 from dqreg.synth import disturbance, random_pose
 from dqreg.synth.many_views import room_stops
 
-# Views of a good task are drawn anew, so often at most, until what both show determines the pose: points of one within
-# so many spacings of the other, on the same face; the weakest motion is constrained by so many, and by this share of
-# what all could give with the longest lever.
-DRAWN, BOTH, SAME_COS, CARRIERS, STRENGTH = 30, 1.5, 0.9, 60.0, 2e-3
+# Views of a good task are drawn anew, so often at most, until what both show determines the pose:
+MAX_DRAWS = 30
+# points of one within so many spacings of the other, on the same face;
+SHARED_SPACINGS, SAME_FACE_COS = 1.5, 0.9
+# the weakest motion is constrained by so many, and by this share of what all could give with the longest lever.
+MIN_CARRIERS, MIN_INFORMATION_SHARE = 60.0, 2e-3
 # What a change of one view shows at least on the surface that both show, along its normals and beyond any motion, root
 # mean square in sizes. Measured scans of one figure (the bunny's) differ as smoothly by up to 4.7e-4.
-LEAST_SHOWN = 5e-4
+MIN_CHANGE_SIZES = 5e-4
 # Noise that neighbours share, in that from point to point: measured pairs have several times as much.
-SHARED = (0.3, 1.0)
+SHARED_NOISE_RATIOS = (0.3, 1.0)
 # Rings of the LiDAR of a room, and its noise.
 RINGS, ROOM_NOISE = (32, 48, 64), 0.005
 
@@ -39,7 +41,7 @@ def cloud_task(
     start: tuple[float, float] | None,
     *,
     right: bool = True,
-) -> Task:
+) -> TrustTask:
     """Task of two scans in the part's frame."""
     size = mesh.diagonal
     T = pose.inverse(random_pose(rng, 0.8 * size, mesh.centre))
@@ -47,7 +49,7 @@ def cloud_task(
         T = disturbance(rng, np.deg2rad(start[0]), start[1] * size, mesh.centre)
     begun = None if start is None else "identity"
     truths = T[None] if right else NONE_RIGHT
-    return Task(
+    return TrustTask(
         pose.apply(pose.inverse(T), source), PointCloud(target), begun, truths, mesh.vertices, size, scans.NOISE * size
     )
 
@@ -68,8 +70,8 @@ def views_apart(
     noise that neighbours share beside their own, between two shares of it.
     """
 
-    def make(rng: np.random.Generator) -> Task:
-        for _ in range(DRAWN):
+    def make(rng: np.random.Generator) -> TrustTask:
+        for _ in range(MAX_DRAWS):
             mesh = shapes.any_part(rng) if family is None else shapes.draw(family, rng)
             one = scans.oblique(rng)
             one /= np.linalg.norm(one)
@@ -97,22 +99,24 @@ def _is_determined(source: FloatArray, target: FloatArray, mesh: Mesh) -> bool:
     spacing = float(np.median(NeighbourTree(target).nearest(target, 2)[1][:, 1]))
     rows, apart = NeighbourTree(target).nearest(source, 1)
     normals, theirs = (surface.closest(points).normals for points in (source, target))
-    shared = (apart[:, 0] < BOTH * spacing) & (np.einsum("ij,ij->i", normals, theirs[rows[:, 0]]) > SAME_COS)
+    shared = (apart[:, 0] < SHARED_SPACINGS * spacing) & (
+        np.einsum("ij,ij->i", normals, theirs[rows[:, 0]]) > SAME_FACE_COS
+    )
     if not shared.any():
         return False
     one = np.ones(np.count_nonzero(shared))
     found = information_of(source[shared], normals[shared], 0.0 * one, one, 0.5 * mesh.diagonal, mesh.centre)
-    return bool(found.carriers.min() >= CARRIERS and found.values.min() >= STRENGTH)
+    return bool(found.carriers.min() >= MIN_CARRIERS and found.values.min() >= MIN_INFORMATION_SHARE)
 
 
-def _two_parts(rng: np.random.Generator) -> Task:
+def _two_parts(rng: np.random.Generator) -> TrustTask:
     one, other = shapes.any_part(rng), shapes.any_part(rng)
     scale = other.diagonal / one.diagonal
     source = (scans.two_views(one, rng) - one.centre) * scale + other.centre
     return cloud_task(source, scans.two_views(other, rng), other, rng, None, right=False)
 
 
-def _one_family(rng: np.random.Generator) -> Task:
+def _one_family(rng: np.random.Generator) -> TrustTask:
     """Views of two parts of one family and size: corners of one fit those of the other."""
     family = shapes.ASYMMETRIC[rng.integers(len(shapes.ASYMMETRIC))]
     one, other = shapes.draw(family, rng), shapes.draw(family, rng)
@@ -128,28 +132,28 @@ def _changed(change: Callable[[FloatArray, float, np.random.Generator], FloatArr
     Both are drawn anew, so often at most, until the change shows on what both show.
     """
 
-    def make(rng: np.random.Generator) -> Task:
-        for _ in range(DRAWN):
+    def make(rng: np.random.Generator) -> TrustTask:
+        for _ in range(MAX_DRAWS):
             task = views_apart(0.0, 30.0, (5.0, 0.02), determined=True)(rng)
-            assert isinstance(task, Task)
+            assert isinstance(task, TrustTask)
             assert isinstance(task.source, np.ndarray)
             middle = task.source.mean(axis=0)
             changed = dataclasses.replace(task, source=middle + change(task.source - middle, task.size, rng))
-            if _shown(task, changed) >= LEAST_SHOWN * task.size:
+            if _shown(task, changed) >= MIN_CHANGE_SIZES * task.size:
                 break
         return dataclasses.replace(changed, truths=NONE_RIGHT)
 
     return make
 
 
-def _shown(task: Task, changed: Task) -> float:
+def _shown(task: TrustTask, changed: TrustTask) -> float:
     """Displacement of a changed source along the normals of what both show, beyond any motion, root mean square."""
     assert isinstance(task.target, PointCloud)
     target = task.target.points
     tree = NeighbourTree(target)
     spacing = float(np.median(tree.nearest(target, 2)[1][:, 1]))
     placed, moved = (pose.apply(task.truths[0], np.asarray(each.source)) for each in (task, changed))
-    both = tree.nearest(placed, 1)[1][:, 0] < BOTH * spacing
+    both = tree.nearest(placed, 1)[1][:, 0] < SHARED_SPACINGS * spacing
     points, normals = placed[both], np.nan_to_num(fit_planes(tree, target, placed[both]).normals)
     along = np.einsum("ij,ij->i", moved[both] - points, normals)
     motions = plane_rows(points, normals, points.mean(axis=0), 0.5 * task.size)
@@ -181,7 +185,7 @@ def _moved(points: FloatArray, size: float, rng: np.random.Generator) -> FloatAr
     return changed
 
 
-def _slid_plates(rng: np.random.Generator) -> Task:
+def _slid_plates(rng: np.random.Generator) -> TrustTask:
     """Upper and lower side of a thin plate, begun on each other."""
     mesh = shapes.draw(shapes.plate, rng)
     up = np.array([0.2 * rng.normal(), 0.2 * rng.normal(), 1.0])
@@ -189,7 +193,7 @@ def _slid_plates(rng: np.random.Generator) -> Task:
     return cloud_task(scan, target, mesh, rng, (3.0, 0.03))
 
 
-def _room(rng: np.random.Generator) -> Task:
+def _room(rng: np.random.Generator) -> TrustTask:
     """Two of three stops of a LiDAR in a furnished room, each in its frame: from nothing, or from five degrees off."""
     made = room_stops(3, rings=int(rng.choice(RINGS)), rng=rng)
     i, j = rng.choice(3, 2, replace=False)
@@ -198,7 +202,7 @@ def _room(rng: np.random.Generator) -> Task:
     low, high = bounds(target)
     size = float(np.linalg.norm(high - low))
     start = None if rng.uniform() < 0.5 else disturbance(rng, np.deg2rad(5.0), 0.02 * size, 0.5 * (low + high)) @ T
-    return Task(source, PointCloud(target), start, T[None], pose.apply(T, source[::50]), size, ROOM_NOISE)
+    return TrustTask(source, PointCloud(target), start, T[None], pose.apply(T, source[::50]), size, ROOM_NOISE)
 
 
 KINDS: tuple[Kind, ...] = (
@@ -211,9 +215,9 @@ KINDS: tuple[Kind, ...] = (
          views_apart(30, 50, (5.0, 0.02), determined=True)),
         ("clouds-nothing", "views 10 to 40 degrees apart, no initial pose", views_apart(10, 40, None, determined=True)),
         ("clouds-shared", "views 10 to 40 degrees apart, start 5 degrees off, noise shared by 100 to 500 neighbours",
-         views_apart(10, 40, (5.0, 0.02), determined=True, shared=SHARED)),
+         views_apart(10, 40, (5.0, 0.02), determined=True, shared=SHARED_NOISE_RATIOS)),
         ("clouds-nothing-shared", "the same with no initial pose",
-         views_apart(10, 40, None, determined=True, shared=SHARED)),
+         views_apart(10, 40, None, determined=True, shared=SHARED_NOISE_RATIOS)),
     ),
     *kinds_of(
         "clouds",

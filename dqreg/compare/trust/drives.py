@@ -12,7 +12,9 @@ from dqreg.rigid import pose
 from dqreg.synth.parts import box
 from dqreg.synth.street import swept, with_range_noise
 
-FRAMES, RINGS, COLUMNS, RANGE, SIGMA = 8, 32, 450, 25.0, 0.01
+FRAMES = 8
+RINGS, COLUMNS = 32, 450
+MAX_RANGE, RANGE_SIGMA = 25.0, 0.01
 
 
 def block(low: tuple[float, float, float], high: tuple[float, float, float]) -> Mesh:
@@ -26,7 +28,7 @@ def frame(scene: Mesh, T: FloatArray, rng: np.random.Generator) -> FloatArray:
     """What a spinning LiDAR sees from a pose, in its own frame."""
     azimuths = np.arange(COLUMNS) * 2 * np.pi / COLUMNS + rng.uniform(0, 2 * np.pi / COLUMNS)
     seen = swept((scene.vertices, scene.faces), T, np.deg2rad(np.linspace(-22, 22, RINGS)), azimuths)
-    kept: FloatArray = with_range_noise(seen, SIGMA, rng)[np.linalg.norm(seen, axis=1) < RANGE]
+    kept: FloatArray = with_range_noise(seen, RANGE_SIGMA, rng)[np.linalg.norm(seen, axis=1) < MAX_RANGE]
     return kept
 
 

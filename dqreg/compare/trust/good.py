@@ -9,7 +9,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.compare.trust import scans, shapes
-from dqreg.compare.trust.task import Kind, Make, Task, kinds_of, on_part
+from dqreg.compare.trust.task import Kind, Make, TrustTask, kinds_of, on_part
 from dqreg.geometry import Mesh
 from dqreg.synth import Scene
 
@@ -19,7 +19,7 @@ Scan = Callable[[Mesh, np.random.Generator], FloatArray]
 def of(scan: Scan, noise: float = scans.NOISE, family: shapes.Family | None = None, **options: Any) -> Make:
     """Task of a scan of any part."""
 
-    def make(rng: np.random.Generator) -> Task:
+    def make(rng: np.random.Generator) -> TrustTask:
         mesh = shapes.any_part(rng) if family is None else shapes.draw(family, rng)
         return on_part(scan(mesh, rng), mesh, rng, noise=noise, **options)
 
@@ -41,7 +41,7 @@ def few(low: int, high: int) -> Scan:
     return lambda mesh, rng: scans.sampled(mesh, int(rng.integers(low, high)), rng, 1e-4)
 
 
-def _on_table(rng: np.random.Generator) -> Task:
+def _on_table(rng: np.random.Generator) -> TrustTask:
     mesh = shapes.any_part(rng)
     around = Scene(kind="table", size=2.0, clutter=int(rng.integers(0, 3))).surroundings(
         mesh.vertices, np.random.default_rng(rng.integers(2**31))
@@ -51,7 +51,7 @@ def _on_table(rng: np.random.Generator) -> Task:
     return on_part(scan, mesh, rng, noise=scans.NOISE, start=(5.0, 0.02))
 
 
-def _far_away(rng: np.random.Generator) -> Task:
+def _far_away(rng: np.random.Generator) -> TrustTask:
     mesh = shapes.any_part(rng)
     scale, offset = 10.0 ** rng.uniform(-4, 1), rng.uniform(-1e6, 1e6, 3)
     moved = Mesh(mesh.vertices * scale + offset, mesh.faces)

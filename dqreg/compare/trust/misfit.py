@@ -8,7 +8,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.compare.trust import scans, shapes
-from dqreg.compare.trust.task import Kind, Make, Task, kinds_of, on_part
+from dqreg.compare.trust.task import Kind, Make, TrustTask, kinds_of, on_part
 from dqreg.geometry import Mesh, sample_mesh
 from dqreg.rigid import pose
 from dqreg.synth.parts import box
@@ -19,7 +19,7 @@ Change = Callable[[FloatArray, np.random.Generator], FloatArray]
 def changed(change: Change, start: tuple[float, float] | None = (8.0, 0.03)) -> Make:
     """A scan of the part after a change of its vertices about its middle, in units of its half extents."""
 
-    def make(rng: np.random.Generator) -> Task:
+    def make(rng: np.random.Generator) -> TrustTask:
         mesh = shapes.any_part(rng)
         half = 0.5 * np.ptp(mesh.vertices, axis=0)
         fine = shapes.finer(mesh)
@@ -70,7 +70,7 @@ def _twisted(x: FloatArray, rng: np.random.Generator) -> FloatArray:
     return moved
 
 
-def _mirrored(rng: np.random.Generator) -> Task:
+def _mirrored(rng: np.random.Generator) -> TrustTask:
     mesh = shapes.any_part(rng)
     flip = np.ones(3)
     flip[rng.integers(3)] = -1.0
@@ -79,7 +79,7 @@ def _mirrored(rng: np.random.Generator) -> Task:
     return on_part(scans.two_views(other, rng), mesh, rng, noise=scans.NOISE, start=start, right=False)
 
 
-def _another(rng: np.random.Generator, *, same_family: bool = False, points: int | None = None) -> Task:
+def _another(rng: np.random.Generator, *, same_family: bool = False, points: int | None = None) -> TrustTask:
     mesh = shapes.any_part(rng)
     family = shapes.ASYMMETRIC[rng.integers(len(shapes.ASYMMETRIC))]
     if same_family:
@@ -92,14 +92,14 @@ def _another(rng: np.random.Generator, *, same_family: bool = False, points: int
     return on_part(scan, mesh, rng, noise=scans.NOISE, start=start, right=False)
 
 
-def _smaller(rng: np.random.Generator) -> Task:
+def _smaller(rng: np.random.Generator) -> TrustTask:
     """The same part much smaller, from nothing: it can hide inside a corner."""
     mesh = shapes.any_part(rng)
     other = Mesh((mesh.vertices - mesh.centre) * rng.uniform(0.5, 0.9) + mesh.centre, mesh.faces)
     return on_part(scans.two_views(other, rng), mesh, rng, noise=scans.NOISE, start=None, right=False)
 
 
-def _hull(rng: np.random.Generator) -> Task:
+def _hull(rng: np.random.Generator) -> TrustTask:
     """The bounding box of the part instead of the part."""
     mesh = shapes.any_part(rng)
     vertices, faces = box(tuple(np.ptp(mesh.vertices, axis=0)))
@@ -107,7 +107,7 @@ def _hull(rng: np.random.Generator) -> Task:
     return on_part(scans.two_views(other, rng), mesh, rng, noise=scans.NOISE, right=False)
 
 
-def _longer_block(rng: np.random.Generator) -> Task:
+def _longer_block(rng: np.random.Generator) -> TrustTask:
     """A block up to twice as long as the target: a third to a half of the scan hangs in the air."""
     size = np.cumsum(rng.uniform(15, 50, 3))
     mesh = Mesh(*box(tuple(size)))
@@ -121,7 +121,7 @@ def _longer_block(rng: np.random.Generator) -> Task:
     return on_part(scan, mesh, rng, noise=scans.NOISE, start=(4.0, 0.02), right=False)
 
 
-def _doubled(rng: np.random.Generator) -> Task:
+def _doubled(rng: np.random.Generator) -> TrustTask:
     """Two exposures, the second after the part had moved by some percent: neither is right for both."""
     mesh = shapes.any_part(rng)
     step = np.concatenate([np.deg2rad(rng.uniform(2, 6)) * scans.directions(1, rng)[0],
@@ -131,7 +131,7 @@ def _doubled(rng: np.random.Generator) -> Task:
     return on_part(scan, mesh, rng, noise=scans.NOISE, start=(4.0, 0.02), right=False)
 
 
-def _during_motion(rng: np.random.Generator) -> Task:
+def _during_motion(rng: np.random.Generator) -> TrustTask:
     """The part turned and moved while it was scanned, by more than can be called noise."""
     mesh = shapes.any_part(rng)
     points = sample_mesh(mesh, int(rng.integers(800, 3000)), rng).points

@@ -9,7 +9,7 @@ import numpy as np
 
 from dqreg.compare.trust import periodic, scans, shapes
 from dqreg.compare.trust.periodic import Periodic
-from dqreg.compare.trust.task import Kind, Make, Task, kinds_of, on_part
+from dqreg.compare.trust.task import Kind, Make, TrustTask, kinds_of, on_part
 from dqreg.geometry import Mesh, MeshSurface, PointCloud
 from dqreg.rigid import pose
 from dqreg.search.axes import cube_rotations
@@ -20,7 +20,7 @@ Family = Callable[[np.random.Generator], Periodic]
 def one_off(family: Family) -> Make:
     """The whole part, from a start that is one or two periods off."""
 
-    def make(rng: np.random.Generator) -> Task:
+    def make(rng: np.random.Generator) -> TrustTask:
         part = family(rng)
         period = np.linalg.matrix_power(part.period, int(rng.choice([-2, -1, 1, 2])))
         size = part.mesh.diagonal
@@ -33,7 +33,7 @@ def one_off(family: Family) -> Make:
 def middle_of(family: Family) -> Make:
     """A piece of the middle: every period fits as well, nothing may be accepted and the others are to be named."""
 
-    def make(rng: np.random.Generator) -> Task:
+    def make(rng: np.random.Generator) -> TrustTask:
         part = family(rng)
         scan = scans.sampled(part.mesh, 6000, rng)
         scan = scan[scan[:, 2] > part.mesh.vertices[:, 2].min() + 0.01 * part.mesh.diagonal]
@@ -50,7 +50,7 @@ def middle_of(family: Family) -> Make:
     return make
 
 
-def _tooth_off(rng: np.random.Generator) -> Task:
+def _tooth_off(rng: np.random.Generator) -> TrustTask:
     """A flange with one larger hole, or none: begun one bolt off."""
     flange = shapes.draw(shapes.flange, rng)
     size = flange.diagonal
@@ -63,7 +63,7 @@ def _tooth_off(rng: np.random.Generator) -> Task:
     return on_part(scans.two_views(mesh, rng), mesh, rng, noise=scans.NOISE, start=(1.0, 0.005), T_off=turn)
 
 
-def _flipped(rng: np.random.Generator) -> Task:
+def _flipped(rng: np.random.Generator) -> TrustTask:
     """A plate or a notched block, begun upside down."""
     mesh = shapes.draw(shapes.plate, rng) if rng.uniform() < 0.5 else _notched(rng)
     axis = np.eye(3)[rng.integers(3)] if rng.uniform() < 0.7 else scans.directions(1, rng)[0]
@@ -78,7 +78,7 @@ def _notched(rng: np.random.Generator) -> Mesh:
     return shapes.relief(x, y, np.array([[size[0], size[0]], [size[0], size[0] - cut]]))
 
 
-def _notch_unseen(rng: np.random.Generator) -> Task:
+def _notch_unseen(rng: np.random.Generator) -> TrustTask:
     """A notched block of which all but the notch's corner is scanned: poses fit as well that it alone would tell."""
     mesh = _notched(rng)
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
@@ -95,7 +95,7 @@ def _notch_unseen(rng: np.random.Generator) -> Task:
     return on_part(scan[seen], mesh, rng, noise=scans.NOISE, right=False, rivals=np.stack(half_turns))
 
 
-def _corner_of_box(rng: np.random.Generator) -> Task:
+def _corner_of_box(rng: np.random.Generator) -> TrustTask:
     """One corner of a block: it fits at every other corner too."""
     mesh = shapes.draw(shapes.box, rng)
     scan = scans.sampled(mesh, 20_000, rng)
@@ -109,14 +109,14 @@ def _corner_of_box(rng: np.random.Generator) -> Task:
     return on_part(scan, mesh, rng, noise=scans.NOISE, start=(3.0, 0.01), right=False, rivals=rivals)
 
 
-def _corner_of_cloud(rng: np.random.Generator) -> Task:
+def _corner_of_cloud(rng: np.random.Generator) -> TrustTask:
     """The same with a cloud of the whole block as the target."""
     task = _corner_of_box(rng)
     assert isinstance(task.target, Mesh)
     return dataclasses.replace(task, target=PointCloud(scans.sampled(task.target, 8_000, rng)))
 
 
-def _fewer_steps(rng: np.random.Generator) -> Task:
+def _fewer_steps(rng: np.random.Generator) -> TrustTask:
     """Stairs of which only some steps were scanned, and nothing that a step up or down would put off them."""
     part = periodic.stairs(rng)
     along = part.period[:3, 3] / np.linalg.norm(part.period[:3, 3])

@@ -8,15 +8,17 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
 from dqreg.compare.trust import scans
-from dqreg.compare.trust.task import Kind, Make, Task, Walls, kinds_of, on_part
+from dqreg.compare.trust.task import Kind, Make, TrustTask, Walls, kinds_of, on_part
 from dqreg.geometry import Mesh, sample_mesh
 
 # Turns of the profile at its folds: an angle, a channel, a Z and a hat.
 PROFILES = ((1.0,), (1.0, 1.0), (1.0, -1.0), (1.0, -1.0, -1.0, 1.0))
-# Degrees of a fold; thickness in sizes; noise in thicknesses.
-FOLDS, THICKNESS, NOISE = (60.0, 90.0), (0.003, 0.02), (0.05, 0.2)
-# Points of a whole sheet, the share of a side that is scanned, and how probably each of its four rims is.
-POINTS, COVERED, RIM = (6_000, 40_000), (0.4, 1.0), 0.3
+FOLDS_DEG = (60.0, 90.0)
+THICKNESS_SIZES, NOISE_THICKNESSES = (0.003, 0.02), (0.05, 0.2)
+# Points of a whole sheet, and the share of a side that is scanned.
+SHEET_POINTS, COVERED_SHARE = (6_000, 40_000), (0.4, 1.0)
+# How probably each of its four rims is scanned.
+RIM_PROBABILITY = 0.3
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -30,13 +32,13 @@ class Sheet:
 
 def folded(rng: np.random.Generator) -> Sheet:
     """A sheet folded once, twice or four times about parallel axes."""
-    fold = FOLDS[1] if rng.uniform() < 0.5 else rng.uniform(*FOLDS)
+    fold = FOLDS_DEG[1] if rng.uniform() < 0.5 else rng.uniform(*FOLDS_DEG)
     turns = np.array(PROFILES[rng.integers(len(PROFILES))]) * np.deg2rad(fold)
     angles = np.concatenate([[0.0], np.cumsum(turns)])
     legs = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     line = np.concatenate([np.zeros((1, 2)), np.cumsum(legs * rng.uniform(25, 100, (len(legs), 1)), axis=0)])
     width = rng.uniform(30, 120)
-    thickness = float(rng.uniform(*THICKNESS) * np.linalg.norm([*np.ptp(line, axis=0), width]))
+    thickness = float(rng.uniform(*THICKNESS_SIZES) * np.linalg.norm([*np.ptp(line, axis=0), width]))
     aside = np.stack([-legs[:, 1], legs[:, 0]], axis=1)
     # At a fold both sides are mitred.
     before, after = np.concatenate([aside[:1], aside]), np.concatenate([aside, aside[-1:]])
@@ -55,10 +57,10 @@ def folded(rng: np.random.Generator) -> Sheet:
 def scanned(*, both: bool) -> Make:
     """Part of one side of a sheet, or of both, with some of its rims; from nothing, or from a thickness off."""
 
-    def make(rng: np.random.Generator) -> Task:
+    def make(rng: np.random.Generator) -> TrustTask:
         sheet = folded(rng)
         mesh, thickness = sheet.mesh, sheet.thickness
-        found = sample_mesh(mesh, int(rng.integers(*POINTS)), rng)
+        found = sample_mesh(mesh, int(rng.integers(*SHEET_POINTS)), rng)
         assert found.normals is not None
         facing = found.normals @ sheet.across.T
         leg = _legs(mesh, sheet, found.points)
@@ -67,8 +69,8 @@ def scanned(*, both: bool) -> Make:
         wanted = np.ones(len(leg), dtype=bool) if both else side * rng.choice([-1.0, 1.0]) > 0.5
         seen = np.where(is_rim, _rims(mesh, found.points, rng), wanted)
         away = np.linalg.norm(found.points - found.points[rng.integers(len(leg))], axis=1)
-        seen &= away <= np.quantile(away, rng.uniform(*COVERED))
-        noise = thickness * rng.uniform(*NOISE)
+        seen &= away <= np.quantile(away, rng.uniform(*COVERED_SHARE))
+        noise = thickness * rng.uniform(*NOISE_THICKNESSES)
         scan = found.points[seen] + noise * rng.normal(size=(np.count_nonzero(seen), 3))
         size = mesh.diagonal
         start = None if rng.uniform() < 0.5 else (3.0, thickness / size)
@@ -85,7 +87,7 @@ def _rims(mesh: Mesh, points: FloatArray, rng: np.random.Generator) -> BoolArray
     is_cut = np.minimum(points[:, 1], width - points[:, 1]) < 1e-9 * mesh.diagonal
     near = [np.linalg.norm((points - end) * [1.0, 0.0, 1.0], axis=1) for end in (first, last)]
     rim = np.where(is_cut, points[:, 1] > 0.5 * width, 2 + (near[1] < near[0]))
-    return np.asarray((rng.uniform(size=4) < RIM)[rim.astype(np.int64)])
+    return np.asarray((rng.uniform(size=4) < RIM_PROBABILITY)[rim.astype(np.int64)])
 
 
 def _legs(mesh: Mesh, sheet: Sheet, points: FloatArray) -> FloatArray:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg.compare.trust import scans, shapes
-from dqreg.compare.trust.task import Kind, Make, Task, kinds_of, on_part
+from dqreg.compare.trust.task import Kind, Make, TrustTask, kinds_of, on_part
 from dqreg.rigid import pose
 
 
 def from_far(low: float, high: float, shift: float, *, search: bool = True, strays: float = 0.0) -> Make:
     """A start so many degrees and diagonals off; without the second try where it is forbidden."""
 
-    def make(rng: np.random.Generator) -> Task:
+    def make(rng: np.random.Generator) -> TrustTask:
         mesh = shapes.any_part(rng)
         scan = scans.two_views(mesh, rng)
         if strays:
@@ -25,7 +25,7 @@ def from_far(low: float, high: float, shift: float, *, search: bool = True, stra
     return make
 
 
-def _shifted(rng: np.random.Generator) -> Task:
+def _shifted(rng: np.random.Generator) -> TrustTask:
     mesh = shapes.any_part(rng)
     return on_part(
         scans.two_views(mesh, rng), mesh, rng, noise=scans.NOISE, start=(5.0, rng.uniform(0.2, 0.6)),
@@ -33,7 +33,7 @@ def _shifted(rng: np.random.Generator) -> Task:
     )  # fmt: skip
 
 
-def _half_turn(rng: np.random.Generator) -> Task:
+def _half_turn(rng: np.random.Generator) -> TrustTask:
     mesh = shapes.any_part(rng)
     flip = pose.about(pose.exp(np.concatenate([np.pi * np.eye(3)[rng.integers(3)], np.zeros(3)])), mesh.centre)
     options = {"method": "plane"} if rng.uniform() < 0.5 else {}
@@ -42,7 +42,7 @@ def _half_turn(rng: np.random.Generator) -> Task:
     )
 
 
-def _with_distance(rng: np.random.Generator) -> Task:
+def _with_distance(rng: np.random.Generator) -> TrustTask:
     mesh = shapes.any_part(rng)
     reach = mesh.diagonal * rng.choice([0.01, 0.02, 0.05])
     return on_part(
@@ -51,13 +51,13 @@ def _with_distance(rng: np.random.Generator) -> Task:
     )  # fmt: skip
 
 
-def _few_touched(rng: np.random.Generator) -> Task:
+def _few_touched(rng: np.random.Generator) -> TrustTask:
     mesh = shapes.any_part(rng)
     count = int(rng.integers(8, 25))
     return on_part(scans.sampled(mesh, count, rng), mesh, rng, noise=scans.NOISE, start=(rng.uniform(20, 60), 0.1))
 
 
-def _one_sided(rng: np.random.Generator) -> Task:
+def _one_sided(rng: np.random.Generator) -> TrustTask:
     """Nearly all points on one flat face, a few elsewhere, from a start that slid along it."""
     mesh = shapes.draw(shapes.steps, rng)
     floor = scans.sampled(mesh, 8000, rng)

@@ -22,9 +22,11 @@ from dqreg.registration.batch.worker import Failure, Worker
 from dqreg.report.work_bar import TimeLeft
 
 FORMAT = "dqreg trust sweep 1"
-# Seconds of CPU for one task, of which a loaded machine takes nothing away; seconds on the clock, for one that hangs
-# without working; tasks after which a worker is replaced.
-CPU_SECONDS, TIMEOUT, MOST = 120.0, 3600.0, 500
+# Time of the processor for one task, of which a loaded machine takes nothing away; time on the clock, for one that
+# hangs without working.
+CPU_SECONDS, TIMEOUT_SECONDS = 120.0, 3600.0
+# Tasks after which a worker is replaced.
+TASKS_PER_WORKER = 500
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,7 +93,7 @@ def _work(
     for job in jobs:
         todo.put(job)
     done: queue.SimpleQueue[tuple[Trial, float] | BaseException | None] = queue.SimpleQueue()
-    processes = [Worker(1, most=MOST) for _ in range(workers)]
+    processes = [Worker(1, most=TASKS_PER_WORKER) for _ in range(workers)]
     threads = [threading.Thread(target=_serve, args=(one, todo, done), daemon=True) for one in processes]
     left = TimeLeft((kind.name, 1.0 / workers) for kind, _ in jobs)
     observe(TrustProgress(total - len(jobs), total, left.seconds))
@@ -122,7 +124,7 @@ def _serve(worker: Worker, todo: queue.SimpleQueue[tuple[Kind, int]], done: queu
             return
         began = time.monotonic()
         try:
-            answer = worker.call(partial(trial_of, kind.name, seed), TIMEOUT, cpu=CPU_SECONDS)
+            answer = worker.call(partial(trial_of, kind.name, seed), TIMEOUT_SECONDS, cpu=CPU_SECONDS)
         except BaseException as error:
             done.put(error)
             return

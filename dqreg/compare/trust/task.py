@@ -27,7 +27,7 @@ class Walls:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Task:
+class TrustTask:
     """One registration."""
 
     source: FloatArray  # (n, 3)
@@ -54,7 +54,7 @@ class Drive:
     allowed: float  # Displacement of the sensor beyond which a frame's pose is wrong
 
 
-Make = Callable[[np.random.Generator], Task | Drive]
+Make = Callable[[np.random.Generator], TrustTask | Drive]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,7 +67,7 @@ class Kind:
     words: str  # What it is, for the tables
     make: Make
 
-    def task(self, seed: int) -> Task | Drive:
+    def task(self, seed: int) -> TrustTask | Drive:
         """The task of a seed: the same bytes every time."""
         return self.make(np.random.default_rng([zlib.crc32(self.name.encode()), seed]))
 
@@ -88,7 +88,7 @@ def on_part(
     T_off: FloatArray | None = None,
     rivals: FloatArray = NONE_RIGHT,
     **more: Any,
-) -> Task:
+) -> TrustTask:
     """Task from a scan in the part's frame.
 
     The start is so many degrees and diagonals off, or wrong by the motion ``T_off`` besides; None is from nothing.
@@ -99,7 +99,7 @@ def on_part(
     else:
         T = disturbance(rng, np.deg2rad(start[0]), start[1] * size, mesh.centre)
         T = T if T_off is None else T @ T_off
-    return Task(
+    return TrustTask(
         pose.apply(pose.inverse(T), scan),
         mesh,
         None if start is None else "identity",

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.compare.trust.task import Drive, Kind, Task
+from dqreg.compare.trust.task import Drive, Kind, TrustTask
 from dqreg.errors import DqregError
 from dqreg.geometry import Mesh, MeshSurface, sample_mesh
 from dqreg.rigid import pose
@@ -22,14 +22,16 @@ if TYPE_CHECKING:
     from dqreg.trust.records import Direction
 
 # A pose is right if no point of the part is displaced by more than this share of its diagonal.
-RIGHT = 0.02
+MAX_ERROR_DIAGONALS = 0.02
 # Another pose is as right if nearly all of the part comes to lie on itself: within so many standard deviations of the
 # noise, but for so small a share.
-SAME_SIGMAS, SAME_SHARE, SAME_POINTS = 3.0, 0.995, 3000
+SAME_SIGMAS, SAME_SHARE = 3.0, 0.995
+# Points of the part that are looked at for that.
+COMPARED_POINTS = 3000
 # Points that lie on faces turned the same way: at edges the nearest face is either.
-SAME_SIDES = 0.9
+SAME_SIDE_SHARE = 0.9
 # Frames of a good drive that must be accepted.
-MOST_FRAMES = 0.9
+MIN_ACCEPTED_SHARE = 0.9
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,7 +64,7 @@ def trial(kind: Kind, seed: int) -> Trial:
     return _driven(kind, seed, task) if isinstance(task, Drive) else _registered(kind, seed, task)
 
 
-def _registered(kind: Kind, seed: int, task: Task) -> Trial:
+def _registered(kind: Kind, seed: int, task: TrustTask) -> Trial:
     from dqreg.registration.register import register
 
     began = time.perf_counter()
@@ -94,18 +96,18 @@ def _registered(kind: Kind, seed: int, task: Task) -> Trial:
     )
 
 
-def is_right(T: FloatArray, task: Task) -> tuple[bool, float]:
+def is_right(T: FloatArray, task: TrustTask) -> tuple[bool, float]:
     """Whether a pose is right, and its worst displacement in diagonals."""
     if not len(task.truths) or not np.isfinite(T).all():
         return False, np.nan
     truth = closest_truth(T, task.truths, task.probes, None)
     off = float(displacements(T, truth, task.probes).max()) / task.size
     motion = T @ pose.inverse(truth)
-    is_near = off <= RIGHT and not _on_another_side(motion, task)
+    is_near = off <= MAX_ERROR_DIAGONALS and not _on_another_side(motion, task)
     return is_near or _onto_itself(motion, task), off
 
 
-def _on_another_side(motion: FloatArray, task: Task) -> bool:
+def _on_another_side(motion: FloatArray, task: TrustTask) -> bool:
     """Whether a motion displaces some wall by more than half of its thickness across it."""
     if task.walls is None:
         return False
@@ -113,16 +115,16 @@ def _on_another_side(motion: FloatArray, task: Task) -> bool:
     return bool(np.abs(np.einsum("ij,ij->i", displaced, task.walls.normals)).max() > 0.5 * task.walls.thickness)
 
 
-def _onto_itself(motion: FloatArray, task: Task) -> bool:
+def _onto_itself(motion: FloatArray, task: TrustTask) -> bool:
     """Whether the part comes to lie on itself, as far as the noise can tell."""
     if not isinstance(task.target, Mesh):
         return False
-    points = sample_mesh(task.target, SAME_POINTS, np.random.default_rng(0)).points
+    points = sample_mesh(task.target, COMPARED_POINTS, np.random.default_rng(0)).points
     away = MeshSurface(task.target).closest(pose.apply(motion, points)).distances
     return bool(np.quantile(away, SAME_SHARE) <= SAME_SIGMAS * task.noise)
 
 
-def _names_rivals(result: Registration, task: Task) -> bool:
+def _names_rivals(result: Registration, task: TrustTask) -> bool:
     """Whether a pose that fits as well and is another one than the answer is named.
 
     Such poses are those of the task, and those that its motions lead to from the answer: a period farther on. Where
@@ -131,7 +133,7 @@ def _names_rivals(result: Registration, task: Task) -> bool:
     named as an alternative, or with all others along motions that are said to be unconstrained: of a scan of one wall
     of stairs, a step is one of them.
     """
-    T, limit = result.T_target_source, RIGHT * task.size
+    T, limit = result.T_target_source, MAX_ERROR_DIAGONALS * task.size
     if not np.isfinite(T).all():
         return False
     equals = np.concatenate([task.equals, task.rivals @ T])
@@ -147,7 +149,7 @@ def _names_rivals(result: Registration, task: Task) -> bool:
     )
 
 
-def _lies_alike(T: FloatArray, task: Task) -> bool:
+def _lies_alike(T: FloatArray, task: TrustTask) -> bool:
     """Whether the scan lies on the part at a pose as at a right one, outer side out, as far as its noise can tell."""
     if not isinstance(task.target, Mesh):
         return False
@@ -156,7 +158,7 @@ def _lies_alike(T: FloatArray, task: Task) -> bool:
     on = [np.mean(each.distances <= SAME_SIGMAS * task.noise) for each in (here, there)]
     turned = there.normals @ (T @ pose.inverse(task.equals[0]))[:3, :3].T
     outward = np.mean(np.einsum("ij,ij->i", turned, here.normals) > 0.0)
-    return bool(on[0] >= on[1] - (1.0 - SAME_SHARE) and outward >= SAME_SIDES)
+    return bool(on[0] >= on[1] - (1.0 - SAME_SHARE) and outward >= SAME_SIDE_SHARE)
 
 
 def _along_free_motions(
@@ -190,7 +192,7 @@ def _driven(kind: Kind, seed: int, task: Drive) -> Trial:
     right = off <= task.allowed
     accepted = np.array([result.verdict.level == "accepted" for result in results])
     wrongly = accepted & ~right
-    is_accepted = bool(wrongly.any()) or (bool(right.all()) and accepted.mean() >= MOST_FRAMES)
+    is_accepted = bool(wrongly.any()) or (bool(right.all()) and accepted.mean() >= MIN_ACCEPTED_SHARE)
     # The frame that tells most: one wrongly accepted, else the first that was refused.
     shown = int(np.argmax(wrongly) if wrongly.any() else np.argmin(accepted))
     verdict = results[shown].verdict

@@ -9,6 +9,16 @@ from dqreg.registration.batch.line import Line
 from dqreg.registration.batch.manifest import Defaults, read_manifest
 from dqreg.registration.batch.row import Row
 from dqreg.registration.batch.row_inspection import RowInspection
-from dqreg.registration.batch.run import Batch, Progress, Workers, run_batch
+from dqreg.registration.batch.run import Batch, BatchProgress, Workers, run_batch
 
-__all__ = ["Batch", "Defaults", "Line", "Progress", "Row", "RowInspection", "Workers", "read_manifest", "run_batch"]
+__all__ = [
+    "Batch",
+    "BatchProgress",
+    "Defaults",
+    "Line",
+    "Row",
+    "RowInspection",
+    "Workers",
+    "read_manifest",
+    "run_batch",
+]

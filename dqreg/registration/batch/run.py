@@ -75,7 +75,7 @@ class Batch:
 
 
 @dataclasses.dataclass(frozen=True)
-class Progress:
+class BatchProgress:
     """How far a batch is."""
 
     # done, total: Rows; those kept from an earlier session are done
@@ -93,7 +93,7 @@ def run_batch(
     resume: bool = False,
     title: str = "",
     thumbnail: Thumbnail | None = None,
-    observe: Callable[[Progress], object] | None = None,
+    observe: Callable[[BatchProgress], object] | None = None,
     stop: Stop = lambda: False,
 ) -> Batch:
     """Register many rows; results, pictures and the summary go to a folder. A row that cannot be run costs no other.
@@ -148,17 +148,17 @@ def _write(folder: Folder, lines: Sequence[Line], title: str) -> None:
     write_atomically(folder.path / SUMMARY_HTML, page)
 
 
-def _watched(rows: int, kept: int) -> Callable[..., Progress]:
+def _watched(rows: int, kept: int) -> Callable[..., BatchProgress]:
     """What to call with the line of each row that has ended; its first call, without one, begins."""
     from dqreg.report.work_bar import TimeLeft
 
     left, now, done = TimeLeft([("", rows - kept)]), time.monotonic(), kept
 
-    def progress(line: Line | None = None) -> Progress:
+    def progress(line: Line | None = None) -> BatchProgress:
         nonlocal now, done
         if line is not None:
             before, now, done = now, time.monotonic(), done + 1
             left.done("", 1.0, now - before)
-        return Progress(done, rows, left.seconds, line)
+        return BatchProgress(done, rows, left.seconds, line)
 
     return progress

@@ -25,7 +25,7 @@ _NONE = np.zeros((0, 4, 4))
 
 
 @dataclass(frozen=True)
-class Kind:
+class PartKind:
     """How a part of one kind is made, and its symmetry."""
 
     build: Callable[..., Mesh]  # Takes the dimensions as keywords; returns vertices (v, 3) and faces (f, 3)
@@ -102,16 +102,16 @@ def _of_prism(given: Mapping[str, Any]) -> FloatArray:
     return about_z(given["sides"], flips=True)
 
 
-KINDS: Mapping[str, Kind] = {
-    "angle": Kind(angle, _without),
-    "blade": Kind(blade, _without),
-    "block": Kind(block, _of_block),
-    "box": Kind(box, lambda given: _exact(of_box(given["size"]))),
-    "bracket": Kind(bracket, _without),
-    "cylinder": Kind(cylinder, lambda given: _exact(about_z(1, flips=True), _ROUND_Z)),
-    "feeder": Kind(feeder, _without),
-    "flange": Kind(flange, lambda given: _exact(about_z(given["bolts"]))),
-    "gear": Kind(gear, lambda given: _exact(about_z(given["teeth"]))),
-    "plate": Kind(plate, _of_plate),
-    "prism": Kind(prism, lambda given: _exact(_of_prism(given))),
+KINDS: Mapping[str, PartKind] = {
+    "angle": PartKind(angle, _without),
+    "blade": PartKind(blade, _without),
+    "block": PartKind(block, _of_block),
+    "box": PartKind(box, lambda given: _exact(of_box(given["size"]))),
+    "bracket": PartKind(bracket, _without),
+    "cylinder": PartKind(cylinder, lambda given: _exact(about_z(1, flips=True), _ROUND_Z)),
+    "feeder": PartKind(feeder, _without),
+    "flange": PartKind(flange, lambda given: _exact(about_z(given["bolts"]))),
+    "gear": PartKind(gear, lambda given: _exact(about_z(given["teeth"]))),
+    "plate": PartKind(plate, _of_plate),
+    "prism": PartKind(prism, lambda given: _exact(_of_prism(given))),
 }

@@ -7,7 +7,7 @@ import pytest
 
 from dqreg.compare.trust import scans, shapes
 from dqreg.compare.trust.kinds import KINDS, kinds_named
-from dqreg.compare.trust.task import Drive, Task
+from dqreg.compare.trust.task import Drive, TrustTask
 from dqreg.compare.trust.trial import _names_rivals, is_right
 from dqreg.errors import InputError
 from dqreg.geometry import Mesh, MeshSurface, PointCloud, sample_mesh
@@ -16,7 +16,7 @@ from dqreg.synth.parts.plain import box
 from dqreg.trust.records import Direction
 
 
-def distances(task: Task, T: np.ndarray) -> np.ndarray:
+def distances(task: TrustTask, T: np.ndarray) -> np.ndarray:
     if isinstance(task.target, Mesh):
         return MeshSurface(task.target).closest(pose.apply(T, task.source)).distances
     from scipy.spatial import cKDTree
@@ -27,7 +27,7 @@ def distances(task: Task, T: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("name", [name for name in KINDS if not name.startswith("drive")])
 def test_the_true_pose_lays_most_of_the_scan_onto_the_target(name):
     task = KINDS[name].task(3)
-    assert isinstance(task, Task)
+    assert isinstance(task, TrustTask)
     assert np.isfinite(task.source).all()
     assert len(task.source) >= 8
     if len(task.truths) and not name.startswith(("clouds", "strays-60", "on-a-table")):
@@ -42,7 +42,7 @@ def test_rivals_fit_as_well_as_the_truth(name):
     # The scan was moved by less than 0.1 of a period, or 8 degrees: the closest pose is found from the target's side,
     # where the truth is what the start is the inverse of. Here the rivals are asked of the target alone.
     task = KINDS[name].task(5)
-    assert isinstance(task, Task)
+    assert isinstance(task, TrustTask)
     assert isinstance(task.target, Mesh)
     points = task.target.vertices
     surface = MeshSurface(task.target)
@@ -53,7 +53,7 @@ def test_rivals_fit_as_well_as_the_truth(name):
 
 def test_a_corner_of_a_block_fits_at_each_of_its_corners_three_ways_round():
     task = KINDS["corner-of-box"].task(5)
-    assert isinstance(task, Task)
+    assert isinstance(task, TrustTask)
     assert isinstance(task.target, Mesh)
     assert len(task.rivals) == 23
     corner, edges = task.target.vertices.max(axis=0), np.ptp(task.target.vertices, axis=0)
@@ -67,9 +67,9 @@ def test_a_corner_of_a_block_fits_at_each_of_its_corners_three_ways_round():
 
 def test_a_seed_makes_the_same_task_and_another_seed_another_part():
     one, again, other = (KINDS["two-views"].task(seed) for seed in (4, 4, 5))
-    assert isinstance(one, Task)
-    assert isinstance(again, Task)
-    assert isinstance(other, Task)
+    assert isinstance(one, TrustTask)
+    assert isinstance(again, TrustTask)
+    assert isinstance(other, TrustTask)
     assert one.source.tobytes() == again.source.tobytes()
     assert one.size != other.size
 
@@ -100,7 +100,7 @@ def test_kinds_are_chosen_by_name_or_group():
 
 def test_a_pose_is_right_where_the_part_lies_on_itself():
     task = KINDS["corner-of-box"].task(0)
-    box = Task(task.source, task.target, None, np.eye(4)[None], task.probes, task.size, task.noise)
+    box = TrustTask(task.source, task.target, None, np.eye(4)[None], task.probes, task.size, task.noise)
     assert isinstance(task.target, Mesh)
     half_turn = pose.about(pose.from_parts(np.diag([1.0, -1.0, -1.0]), np.zeros(3)), task.target.centre)
     right, off = is_right(half_turn, box)
@@ -109,7 +109,7 @@ def test_a_pose_is_right_where_the_part_lies_on_itself():
     tilted = pose.about(pose.exp(np.array([0.0, 0.0, 0.3, 0.0, 0.0, 0.0])), task.target.centre)
     assert not is_right(tilted, box)[0]
     assert not is_right(np.full((4, 4), np.nan), box)[0]
-    cloud = Task(task.source, PointCloud(task.probes), None, np.eye(4)[None], task.probes, task.size, task.noise)
+    cloud = TrustTask(task.source, PointCloud(task.probes), None, np.eye(4)[None], task.probes, task.size, task.noise)
     assert not is_right(half_turn, cloud)[0]
 
 
@@ -151,7 +151,7 @@ def test_a_pose_at_which_the_scan_lies_on_the_part_alike_is_a_rival_too():
     middle, top = cube.centre, cube.vertices[:, 2].max()
     scan = np.column_stack([middle[:2] + rng.uniform(-0.2, 0.2, (500, 2)), np.full(500, top)])
     scan += rng.normal(0.0, 1e-3, scan.shape)
-    task = Task(scan, cube, "identity", np.zeros((0, 4, 4)), cube.vertices, 1.0, 1e-3, equals=np.eye(4)[None])
+    task = TrustTask(scan, cube, "identity", np.zeros((0, 4, 4)), cube.vertices, 1.0, 1e-3, equals=np.eye(4)[None])
 
     def names(other):
         others = [SimpleNamespace(T_target_source=other)]
@@ -185,7 +185,7 @@ def test_shared_noise_is_common_to_neighbours_and_to_no_others():
 
 def test_a_sheet_on_its_other_side_is_wrong_and_a_slide_along_it_is_not():
     task = KINDS["sheet-one-side"].task(0)
-    assert isinstance(task, Task)
+    assert isinstance(task, TrustTask)
     assert task.walls is not None
     for share, right in ((0.3, True), (1.0, False)):
         shift = pose.from_parts(np.eye(3), share * task.walls.thickness * task.walls.normals[0])
