@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -35,7 +33,7 @@ from dqreg.trust.patch_tests import (
     stretch_of,
     waviness_of,
 )
-from dqreg.trust.strain import Strain, strain_of
+from dqreg.trust.strain import strain_of
 
 # A scan of fewer points does not know its own noise: neighbours stand on different faces. The pattern of the distances
 # has a say there; on denser scans clutter makes patterns of its own, and the noise is known.
@@ -96,17 +94,14 @@ def agreement_of(
     # Between the points of two clouds, tangent planes are guesses.
     if is_part:
         asked_of, sparse = (on, False) if has_border else (close & ~alone, len(scan) < SPARSE)
-        clutter, strays = has_border or bool(around.elsewhere.any()), share_of(alone)
-        least = MIN_NOISE_DIAGONALS * size
-        scattered = strays > SOME_STRAYS
-        fit = functools.partial(strain_of, clutter=clutter, strays=scattered, faults=not axis, least=least)
-        shape = _shape_of(pairs, asked_of, noise, size, fit, clutter=clutter, sparse=sparse)
+        about = {"clutter": has_border or bool(around.elsewhere.any()), "strays": share_of(alone) > SOME_STRAYS}
+        shape = _shape_of(pairs, asked_of, noise, size, **about, sparse=sparse, faults=not axis)
         # Neighbours of a sparse scan tell faces from outliers no better than chance; their heights do.
         off = off if has_border else max(off, displaced_of(pairs, close, width, noise, surface))
         if off > DEVIATING_PATCH_SHARE:
             deformed = _deformed(pairs, on, kept, off_wholly, counted)
     return replaced(
-        _counted(run, surface, pairs, close, max_distance, has_border=has_border),
+        _amid(around, _counted(run, surface, pairs, close, max_distance, has_border=has_border)),
         patches=int(np.count_nonzero(counted)),
         patches_off=off,
         patches_deformed=deformed[0],
@@ -122,6 +117,13 @@ def agreement_of(
         local_noise=local_noise,
         share_together=_together(pairs, close, kept, noise, min(scan.diagonal, surface.diagonal)) if is_part else 0.0,
         random_ratio=_random_ratio(pairs, on, surface),
+    )
+
+
+def _amid(around: Surroundings, found: Evidence) -> Evidence:
+    """The same with what else there is around the target."""
+    return replaced(
+        found,
         share_on=around.share_on,
         share_other=around.share_other,
         share_contradicting=around.share_contradicting,
@@ -207,21 +209,22 @@ def _shape_of(
     counted: BoolArray,
     noise: float,
     size: float,
-    fit: Callable[[FloatArray, FloatArray, FloatArray], Strain],
     *,
     clutter: bool,
+    strays: bool,
     sparse: bool,
+    faults: bool,
 ) -> _Shape:
     """How the counted points, (n,), differ from a part, of a noise and size; beside clutter without deformations.
 
-    In a sparse scan, which knows no covariance, a strain is a pattern of one.
+    In a sparse scan, which knows no covariance, a strain is a pattern of one. Faults alone have an axis, if so asked.
     """
     rows = np.flatnonzero(counted & nonzero_rows(pairs.closest.normals))
     rows = rows[sample_rows(len(rows), STRAINED)]
     # At their feet: the points themselves hold the residual that is to be explained, a strain of one along it.
     feet, normals = (np.take(x, rows, axis=0) for x in (pairs.closest.points, pairs.closest.normals))
     columns = feet, normals, pairs.point_to_plane[rows]
-    strain = fit(*columns)
+    strain = strain_of(*columns, clutter=clutter, strays=strays, faults=faults, least=MIN_NOISE_DIAGONALS * size)
     if sparse and not strain.is_strained:
         value, along = stretch_of(*columns)
         strain = replaced(strain, value=value, sigma=0.0, along=(along[0], along[1], along[2]))
