@@ -195,6 +195,7 @@ PLACE_UNKNOWN: frozenset[Code] = frozenset(
         "falling_inlier_fraction",
         "lost",
         "no_correspondences",
+        "looked_through",
     }
 )
 
@@ -207,14 +208,13 @@ class MapLink:
         self._frame: int | None = None
         self._for_good = False
 
-    def linked(self, result: Registration, place: ComparedFrame, number: int, *, fits: bool) -> Registration:
+    def linked(self, result: Registration, place: ComparedFrame, number: int, *, merged: bool) -> Registration:
         """The result of a frame, doubted where it hangs on an earlier one that was not accepted."""
         accepted = result.verdict.level == "accepted"
         if self._frame is not None and not self._for_good and accepted and not place.is_weak:
             self._frame = None
         before = self._frame
         if before is None and PLACE_UNKNOWN.intersection(result.verdict.codes):
-            merged = place.is_escaped or fits
             self._for_good = merged
             self._frame = number if merged or place.is_weak else None
         if before is None:

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import FloatArray, as_pose, median
-from dqreg.icp import Alignment
 from dqreg.kernels.threads import Later
 from dqreg.odometry.align import POINTS_BEFORE_SWEEP, FrameSearch
 from dqreg.odometry.assess import LOST_FRACTION, MapLink, first_frame, frame_result, information_of_place, without_pose
@@ -18,7 +17,8 @@ from dqreg.odometry.follow import off_at
 from dqreg.odometry.frame import DownsampledFrame, RawFrame, downsample_frame
 from dqreg.odometry.kiss import KissParts, rigid
 from dqreg.odometry.prediction import Prediction
-from dqreg.odometry.rivals import facing, looked_at, placed, similar_shifts, standing_in
+from dqreg.odometry.repeats import facing, like_itself, similar_shifts
+from dqreg.odometry.rivals import ComparedFrame, looked_through, placed, standing_in
 from dqreg.odometry.self_similarity import FrameView
 from dqreg.odometry.settings import OdometrySettings, Resolved
 from dqreg.odometry.starts import Pace, predict
@@ -184,17 +184,18 @@ class Tracker:
         asked = first.aligned.found and not (timed or measured or self._is_unlike(frame, T, lengths.reach))
         # After the depth image, beside the information.
         similar = Later(lambda: similar_shifts(search, facing(frame, first.aligned))) if asked else None
-        standing, enters = standing_in(surface), self._enters(first.aligned, trusted=first.is_escaped)
+        # A map that holds what a frame looked through would confirm the next ones.
+        first = looked_through(first, seen.result(), standing_in(surface))
+        enters = self._enters(first)
         # What is said of it changes neither its pose nor whether it enters; places that it is like ask the map.
         if grows := insert and enters and not asked and not measured:
             world.insert(lambda: frame.dense, rigid(T))
         information = information_of_place(first, frame.reach)
-        place = looked_at(first, search, frame, seen, standing, similar)
+        place = first if similar is None else like_itself(first, search, frame, seen.result(), similar)
         # For the next frame, which is taken for as dense.
         self._view = seen.result()
         found = frame_result(place, information, frame, self._usual_fraction, notes, self._words(frame), expected)
-        fits = self._kept_out >= self.settings.patience or (found.verdict.level != "failed" and self._fits(found))
-        result = self._link.linked(found, place, self._timeline.count, fits=fits)
+        result = self._link.linked(found, place, self._timeline.count, merged=enters)
         if similar is not None:
             self._unlike = None if len(similar.result()) else T
         if result.verdict.level != "accepted":
@@ -228,14 +229,12 @@ class Tracker:
         before = self._view
         return Later(lambda: FrameView.of(frame.dense, lengths.near, before))
 
-    def _enters(self, aligned: Alignment, *, trusted: bool) -> bool:
+    def _enters(self, place: ComparedFrame) -> bool:
         """Whether a frame is absorbed: one that has a pose, and fits as usual, or the last ones did not either."""
-        fits = trusted or fraction_fits(aligned.inlier_fraction, self._usual_fraction)
-        accepted = fits or self._kept_out >= self.settings.patience
+        aligned = place.aligned
+        fits = place.is_escaped or fraction_fits(aligned.inlier_fraction, self._usual_fraction)
+        accepted = (fits and not place.is_refused) or self._kept_out >= self.settings.patience
         return aligned.found and aligned.inlier_fraction >= LOST_FRACTION and accepted
-
-    def _fits(self, result: Registration) -> bool:
-        return fraction_fits(result.inlier_fraction, self._usual_fraction)
 
     def _anchors(self, T_predicted: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
         """Where the sensor may be: at the last trusted pose going on, or at the last doubtful one."""
