@@ -44,9 +44,9 @@ def frame_result(
         return without_pose((Reason(words, "lost"), *notes), run.status, settings)
     uncertainty = None if information is None else Uncertainty.of(information)
     T = rigid(run.T_target_source)
-    doubts: tuple[Reason, ...] = ()
+    doubts = place.doubts
     if uncertainty is not None and prediction is not None and prediction.information is not None:
-        doubts = contradiction(T, uncertainty.directions, prediction, settings["near"])
+        doubts = (*doubts, *contradiction(T, uncertainty.directions, prediction, settings["near"]))
         T, weighed = _with_prediction(T, uncertainty, prediction, frame.reach, settings["reach"])
         held = held_notes(uncertainty.directions, weighed.directions)
         notes, uncertainty = (*held, *notes), weighed
@@ -214,9 +214,9 @@ class MapLink:
         if self._frame is not None and not self._for_good and accepted and not place.is_weak:
             self._frame = None
         before = self._frame
-        if before is None and PLACE_UNKNOWN.intersection(result.verdict.codes):
-            self._for_good = merged
-            self._frame = number if merged or place.is_weak else None
+        if PLACE_UNKNOWN.intersection(result.verdict.codes):
+            self._for_good = self._for_good or merged
+            self._frame = number if before is None and (merged or place.is_weak) else before
         if before is None:
             return result
         words = (

@@ -22,7 +22,7 @@ from dqreg.odometry.map_surface import MapSurface
 from dqreg.odometry.self_similarity import FrameView
 from dqreg.rigid import pose
 from dqreg.trust.limits import DEPTH_CONFLICT_SHARE
-from dqreg.trust.records import Alternative
+from dqreg.trust.records import Alternative, Reason
 
 # Share of the correspondences' normals along the weakest direction: halls and streets reach 0.15 and more, a corridor
 # 0.01, which edges and rings alone make. Below the first there may be rivals; below the second nothing holds it.
@@ -49,6 +49,7 @@ class ComparedFrame:
     rivals: tuple[Alternative, ...] = ()  # Other poses that fit as well and could be meant
     is_escaped: bool = False  # Whether another pose along it explained the frame significantly better than the first
     looked_through: float = np.nan  # Share of the map's points in view that stand where the frame looked through
+    doubts: tuple[Reason, ...] = ()  # What else speaks against it
 
     @property
     def is_weak(self) -> bool:
@@ -57,8 +58,11 @@ class ComparedFrame:
 
     @property
     def is_refused(self) -> bool:
-        """Whether the frame looked through too much of the map: its place is another one."""
-        return self.looked_through > DEPTH_CONFLICT_SHARE
+        """Whether its place may be another one: it looked through the map, turned unseen, or could as well lie there.
+
+        What slides along a weak direction is in the map for want of better.
+        """
+        return self.looked_through > DEPTH_CONFLICT_SHARE or bool(self.doubts or (self.rivals and not self.is_weak))
 
     @property
     def is_free(self) -> bool:

@@ -10,10 +10,9 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, as_pose, median
 from dqreg.kernels.threads import Later
-from dqreg.odometry.align import POINTS_BEFORE_SWEEP, FrameSearch
+from dqreg.odometry.align import FrameSearch
 from dqreg.odometry.assess import LOST_FRACTION, MapLink, first_frame, frame_result, information_of_place, without_pose
-from dqreg.odometry.deskewing import REPEATED_MISFIT_VOXELS, Deskewed, fits_no_worse
-from dqreg.odometry.follow import off_at
+from dqreg.odometry.deskewing import REPEATED_MISFIT_VOXELS, Deskewed, undo_first_sweep
 from dqreg.odometry.frame import DownsampledFrame, RawFrame, downsample_frame
 from dqreg.odometry.kiss import KissParts, rigid
 from dqreg.odometry.prediction import Prediction
@@ -23,9 +22,10 @@ from dqreg.odometry.self_similarity import FrameView
 from dqreg.odometry.settings import OdometrySettings, Resolved
 from dqreg.odometry.starts import Pace, predict
 from dqreg.odometry.timeline import Timeline
+from dqreg.odometry.turned import Since, TurnedFrame, compared_turns
 from dqreg.odometry.voxel_map import VoxelMap
 from dqreg.registration.result import Registration
-from dqreg.rigid import pose, twist
+from dqreg.rigid import pose
 from dqreg.solvers.status import Status
 from dqreg.trust.doubts import fraction_fits
 from dqreg.trust.records import Reason
@@ -90,49 +90,19 @@ class Tracker:
             self._merge(self._map, frame)
             self._first = None if frame.back is None else frame
             return first_frame(self._T_last, raw.notes, self._words(frame))
-        self._is_under_way = (
-            self._first is not None
-            and frame.back is not None
-            and self._undo_first_sweep(self._first, lengths, frame, ratio)
-        )
+        self._is_under_way = self._undo_first_sweep(self._map, lengths, frame, ratio)
         return self._register(kiss, self._map, lengths, frame, raw, ratio, expected, insert=insert)
 
-    def _undo_first_sweep(
-        self, first: DownsampledFrame, lengths: Resolved, frame: DownsampledFrame, ratio: float
-    ) -> bool:
-        """Make the map anew of the first frame without the motion during its sweep; whether that was found.
-
-        How the second frame is skewed against it is how its motion differs; half of that more and less than the way
-        between the middles of their sweeps is what both motions are.
-        """
-        assert self._map is not None
-        # A map of one sweep has planes for few of its points: they are made beside.
-        _ = Later(lambda: frame.own.fits)
-        search = FrameSearch(self._map.surface, lengths, self.settings, np.nan, [(self._T_last, self._T_last)])
-        aligned = search.find(frame, trust_motion=False)
-        skewed = Deskewed(frame, aligned).repeated(search, REPEATED_MISFIT_VOXELS * lengths.voxel_size)
-        if not skewed.aligned.inlier_fraction >= LOST_FRACTION:
+    def _undo_first_sweep(self, world: VoxelMap, lengths: Resolved, frame: DownsampledFrame, ratio: float) -> bool:
+        """Make the map anew of the first frame without the motion during its sweep; whether that was found."""
+        if self._first is None or frame.back is None:
             return False
-        self._first = None
-        half = 0.5 * twist.log(skewed.frame.motion)
-        middle = rigid(pose.inverse(self._T_last) @ skewed.aligned.T_target_source @ twist.exp(-half))
-        mean = twist.log(middle) / max(ratio, 1.0)
-        self._motion = twist.exp(mean + half)
-        if off_at(frame.reach, mean - half) <= REPEATED_MISFIT_VOXELS * lengths.voxel_size:
-            return True
-        made = VoxelMap(lengths)
-        made.insert(lambda: first.without(twist.exp(mean - half)).dense, self._T_last)
-        there = dataclasses.replace(search, surface=made.surface)
-        # As few as it is compared with were placed by.
-        scan = search.asked(frame.without(self._motion)).thinned(POINTS_BEFORE_SWEEP)
-        T = predict(self._T_last, self._motion, ratio)
-        straight = there.settle(scan, T, aligned, anew=True)
-        if not fits_no_worse(straight, aligned):
-            straight = there.refine(scan, T)
-        # Times may be no times.
-        if fits := fits_no_worse(straight, aligned):
-            self._map = made
-        return fits
+        search = FrameSearch(world.surface, lengths, self.settings, np.nan, [(self._T_last, self._T_last)])
+        sweep = undo_first_sweep(search, self._first, frame, ratio)
+        if sweep is None:
+            return False
+        self._first, self._motion, self._map = None, sweep.motion, sweep.map or world
+        return sweep.fits
 
     def _ahead(self, raw: RawFrame) -> RawFrame:
         """A frame downsampled ahead of its turn, beside the frame before, where that decides nothing of it."""
@@ -171,7 +141,8 @@ class Tracker:
         # With times it is deskewed once more, and seen then.
         seen = self._seen(frame, lengths) if frame.back is None else None
         deskewed = self._deskewed(search, frame, trusted=expected is not None or kiss.deviation <= lengths.voxel_size)
-        frame, aligned, notes = deskewed.frame, deskewed.aligned, raw.notes + deskewed.notes
+        turned = self._turned(search, deskewed, expected)
+        frame, aligned, notes = turned.deskewed.frame, turned.deskewed.aligned, raw.notes + turned.deskewed.notes
         seen = seen or self._seen(frame, lengths)
         # After a frame that was not trusted constant velocity is worth nothing, and before any motion is known, little.
         is_first = expected is None and not self._usual
@@ -185,13 +156,13 @@ class Tracker:
         # After the depth image, beside the information.
         similar = Later(lambda: similar_shifts(search, facing(frame, first.aligned))) if asked else None
         # A map that holds what a frame looked through would confirm the next ones.
-        first = looked_through(first, seen.result(), standing_in(surface))
-        enters = self._enters(first)
-        # What is said of it changes neither its pose nor whether it enters; places that it is like ask the map.
-        if grows := insert and enters and not asked and not measured:
+        first = looked_through(turned.told(first, search), seen.result(), standing_in(surface))
+        # What is said of it then changes neither its pose nor whether it enters; places that it is like ask the map.
+        if grows := insert and self._enters(first) and not asked and not measured:
             world.insert(lambda: frame.dense, rigid(T))
         information = information_of_place(first, frame.reach)
         place = first if similar is None else like_itself(first, search, frame, seen.result(), similar)
+        enters = self._enters(place)
         # For the next frame, which is taken for as dense.
         self._view = seen.result()
         found = frame_result(place, information, frame, self._usual_fraction, notes, self._words(frame), expected)
@@ -219,6 +190,14 @@ class Tracker:
                 return found
         found = Deskewed(frame, search.find(frame, trust_motion=trusted, near=near))
         return found if frame.back is None else found.repeated(search, worthwhile)
+
+    def _turned(self, search: FrameSearch, deskewed: Deskewed, expected: Prediction | None) -> TurnedFrame:
+        """A frame after all turns that may have happened since the last trusted one, unless others tell the motion."""
+        if expected is not None:
+            return TurnedFrame(deskewed)
+        steps = self._timeline.span
+        since = Since(steps, rigid(predict(self._T_last, self._motion, steps)))
+        return compared_turns(search, deskewed, since, REPEATED_MISFIT_VOXELS * search.lengths.voxel_size)
 
     def _is_unlike(self, frame: DownsampledFrame, T: FloatArray, reach: float) -> bool:
         """Whether a frame of all but the same place was like itself nowhere: what it saw is what this one sees."""
