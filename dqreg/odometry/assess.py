@@ -221,7 +221,7 @@ class MapLink:
             return result
         words = (
             f"frame {before} was not accepted, and this pose hangs on it: it may be right against the frames since and "
-            "wrong against those before"
+            "wrong against those before; relocalise tells, or reset begins anew"
         )
         return dataclasses.replace(result, verdict=result.verdict.doubted(Reason(words, "untrusted_map")))
 

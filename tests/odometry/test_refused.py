@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dqreg.compare.trust.drives import block, frame
+from dqreg.compare.trust.kinds import KINDS
 from dqreg.compare.trust.shapes import joined
 from dqreg.odometry import Odometry
 from dqreg.rigid import pose
@@ -52,3 +53,15 @@ def test_no_frame_is_accepted_on_a_map_that_holds_one_that_looked_through_it(see
     assert "accepted" not in {code for each in codes for code in each}
     # Kept out as long as patience lasts, and what hangs on them says so then.
     assert all(each[0] == "untrusted_map" for each in codes[3:])
+
+
+def test_a_frame_that_could_lie_elsewhere_as_well_stays_out_and_nothing_hangs_on_it():
+    # Equal columns in both directions: without times any of them could be the next.
+    drive, odometry = KINDS["drive-jump"].task(20000), Odometry()
+    odometry.register_frame(drive.frames[0])
+    before = len(odometry.local_map)
+    result = odometry.register_frame(drive.frames[1])
+    assert result.verdict.codes == ("alternative_poses",)
+    assert "stamp=" in result.verdict.reasons[0]
+    assert len(odometry.local_map) == before
+    assert "untrusted_map" not in odometry.register_frame(drive.frames[2]).verdict.codes

@@ -59,3 +59,20 @@ def test_without_a_gap_a_frame_that_fits_as_usual_asks_for_no_other_turn(monkeyp
     results, _ = drive([*HALL, *CABINETS], [0, 2, 4, 6], [0.0, 0.1, 0.2, 0.3])
     assert [result.verdict.level for result in results] == ["accepted"] * 4
     assert not asked
+
+
+def test_the_half_turn_of_a_hall_with_other_furniture_is_named():
+    # What stands there now tells nothing: the walls fit after either turn.
+    boxes = [block((2.5, -3.4, 0), (3.2, -2.8, 1)), block((-4.8, 2.0, 0), (-4.2, 2.8, 1))]
+    others = [block((-3.0, -3.4, 0), (-2.4, -2.8, 1)), block((3.5, 1.5, 0), (4.1, 2.1, 1))]
+    T_world_map, T = placed((0.3, -0.2, 1.2), 0.0, 0), placed((0.3, -0.2, 1.2), 20.0, 5)
+    odometry, rng = Odometry(), np.random.default_rng(5)
+    odometry.register_frame(frame(joined(*HALL, *boxes), T_world_map, rng))
+    seen = frame(joined(*HALL, *others), T, rng)
+    result = odometry.relocalise(seen)
+    assert result.verdict.codes == ("alternative_poses",)
+    turn = pose.angle_between(result.T_target_source, result.alternatives[0].T_target_source)
+    assert np.rad2deg(turn) > 178.0
+    # Where the sensor is said to be, nothing else is meant.
+    assert odometry.relocalise(seen, pose.inverse(T_world_map) @ T).verdict.level == "accepted"
+    assert odometry.relocalise(frame(joined(*HALL, *boxes), T, rng)).verdict.level == "accepted"
