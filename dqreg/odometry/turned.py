@@ -50,6 +50,13 @@ class Since:
         """Whether frames are missing."""
         return self.steps > GAP_STEPS
 
+    def asks(self, search: FrameSearch, run: Alignment) -> bool:
+        """Whether other turns are to be compared: not where a frame fits as usual where constant velocity leads."""
+        if not self.is_gap:
+            return run.inlier_fraction < MET_SHARE * search.usual
+        is_short = self.steps <= MAX_PREDICTED_STEPS and self.is_met(search, run.T_target_source)
+        return not is_short or not run.inlier_fraction >= AS_GOOD_SHARE * search.usual
+
     def turn_deg(self, search: FrameSearch) -> float:
         """The largest turn, in degrees."""
         return min(WHOLE_TURN_DEG, search.settings.search_deg * self.steps)
@@ -85,7 +92,7 @@ class TurnedFrame:
 def compared_turns(search: FrameSearch, found: Deskewed, since: Since, worthwhile: float) -> TurnedFrame:
     """The best of all turns that may have happened; without a gap of any, only where the frame fits badly."""
     run = found.aligned
-    if not since.is_gap and not run.inlier_fraction < MET_SHARE * search.usual:
+    if not since.asks(search, run):
         return TurnedFrame(found, since)
     others = _others(search, found, since.turn_deg(search) if since.is_gap else WHOLE_TURN_DEG)
     best = max(others, key=lambda other: other.inlier_fraction, default=run)
