@@ -44,9 +44,9 @@ def frame_result(
         return without_pose((Reason(words, "lost"), *notes), run.status, settings)
     uncertainty = None if information is None else Uncertainty.of(information)
     T = rigid(run.T_target_source)
-    doubts: tuple[Reason, ...] = ()
+    doubts = place.doubts
     if uncertainty is not None and prediction is not None and prediction.information is not None:
-        doubts = contradiction(T, uncertainty.directions, prediction, settings["near"])
+        doubts = (*doubts, *contradiction(T, uncertainty.directions, prediction, settings["near"]))
         T, weighed = _with_prediction(T, uncertainty, prediction, frame.reach, settings["reach"])
         held = held_notes(uncertainty.directions, weighed.directions)
         notes, uncertainty = (*held, *notes), weighed
@@ -195,6 +195,7 @@ PLACE_UNKNOWN: frozenset[Code] = frozenset(
         "falling_inlier_fraction",
         "lost",
         "no_correspondences",
+        "looked_through",
     }
 )
 
@@ -207,21 +208,20 @@ class MapLink:
         self._frame: int | None = None
         self._for_good = False
 
-    def linked(self, result: Registration, place: ComparedFrame, number: int, *, fits: bool) -> Registration:
+    def linked(self, result: Registration, place: ComparedFrame, number: int, *, merged: bool) -> Registration:
         """The result of a frame, doubted where it hangs on an earlier one that was not accepted."""
         accepted = result.verdict.level == "accepted"
         if self._frame is not None and not self._for_good and accepted and not place.is_weak:
             self._frame = None
         before = self._frame
-        if before is None and PLACE_UNKNOWN.intersection(result.verdict.codes):
-            merged = place.is_escaped or fits
-            self._for_good = merged
-            self._frame = number if merged or place.is_weak else None
+        if PLACE_UNKNOWN.intersection(result.verdict.codes):
+            self._for_good = self._for_good or merged
+            self._frame = number if before is None and (merged or place.is_weak) else before
         if before is None:
             return result
         words = (
             f"frame {before} was not accepted, and this pose hangs on it: it may be right against the frames since and "
-            "wrong against those before"
+            "wrong against those before; relocalise tells, or reset begins anew"
         )
         return dataclasses.replace(result, verdict=result.verdict.doubted(Reason(words, "untrusted_map")))
 

@@ -17,11 +17,15 @@ import numpy as np
 from dqreg._arrays import FloatArray, as_float, as_pose, product, require_finite
 from dqreg.errors import InputError
 from dqreg.icp import Alignment
-from dqreg.odometry.align import MIN_POINTS_FOR_CELLS, FrameSearch
+from dqreg.kernels.threads import Later
+from dqreg.odometry.align import MIN_POINTS_FOR_CELLS, POINTS_BEFORE_SWEEP, FrameSearch
+from dqreg.odometry.assess import LOST_FRACTION
 from dqreg.odometry.follow import SweptFrame, is_in_cells, off_at
 from dqreg.odometry.frame import DownsampledFrame
 from dqreg.odometry.kiss import rigid
+from dqreg.odometry.starts import predict
 from dqreg.odometry.sweep import swept
+from dqreg.odometry.voxel_map import VoxelMap
 from dqreg.rigid import Trajectory, pose, twist
 from dqreg.trust.records import Reason
 
@@ -170,3 +174,46 @@ def sweep_steps(frame: DownsampledFrame, aligned: Alignment) -> tuple[FloatArray
     found = np.linalg.solve(full, -np.concatenate([first.T @ pairs.point_to_plane, second.T @ pairs.point_to_plane]))
     scale = np.array([1.0 / lever] * 3 + [1.0] * 3)
     return scale * found[:6], scale * found[6:]
+
+
+@dataclasses.dataclass(frozen=True)
+class FirstSweep:
+    """What the second frame tells of the first one."""
+
+    motion: FloatArray  # (4, 4): During the second sweep
+    fits: bool  # Whether it is what both frames have in common: times may be no times
+    map: VoxelMap | None = None  # Of the first frame without its own motion; None where that changes nothing, or worse
+
+
+def undo_first_sweep(
+    search: FrameSearch, first: DownsampledFrame, frame: DownsampledFrame, ratio: float
+) -> FirstSweep | None:
+    """Make the map anew of the first frame without the motion during its sweep; None where that was not found.
+
+    How the second frame is skewed against it is how its motion differs; half of that more and less than the way
+    between the middles of their sweeps is what both motions are.
+    """
+    lengths, T_first = search.lengths, search.anchors[0][0]
+    # A map of one sweep has planes for few of its points: they are made beside.
+    _ = Later(lambda: frame.own.fits)
+    aligned = search.find(frame, trust_motion=False)
+    skewed = Deskewed(frame, aligned).repeated(search, REPEATED_MISFIT_VOXELS * lengths.voxel_size)
+    if not skewed.aligned.inlier_fraction >= LOST_FRACTION:
+        return None
+    half = 0.5 * twist.log(skewed.frame.motion)
+    middle = rigid(pose.inverse(T_first) @ skewed.aligned.T_target_source @ twist.exp(-half))
+    mean = twist.log(middle) / max(ratio, 1.0)
+    motion = twist.exp(mean + half)
+    if off_at(frame.reach, mean - half) <= REPEATED_MISFIT_VOXELS * lengths.voxel_size:
+        return FirstSweep(motion, fits=True)
+    made = VoxelMap(lengths)
+    made.insert(lambda: first.without(twist.exp(mean - half)).dense, T_first)
+    there = dataclasses.replace(search, surface=made.surface)
+    # As few as it is compared with were placed by.
+    scan = search.scan_of(frame.without(motion)).thinned(POINTS_BEFORE_SWEEP)
+    T = predict(T_first, motion, ratio)
+    straight = there.settle(scan, T, aligned, anew=True)
+    if not fits_no_worse(straight, aligned):
+        straight = there.refine(scan, T)
+    fits = fits_no_worse(straight, aligned)
+    return FirstSweep(motion, fits, made if fits else None)

@@ -13,18 +13,21 @@ from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.geometry import PointCloud
 from dqreg.geometry.fields import stamp_of
+from dqreg.odometry.align import FrameSearch
 from dqreg.odometry.assess import MapLink
-from dqreg.odometry.frame import RawFrame, downsample_frame, read_frame
+from dqreg.odometry.frame import DownsampledFrame, RawFrame, downsample_frame, read_frame
 from dqreg.odometry.kiss import KissParts, load_kiss, rigid
 from dqreg.odometry.map_file import SavedMap, load_map, save_map
 from dqreg.odometry.prediction import Prediction
 from dqreg.odometry.settings import OdometryOptions, OdometrySettings
 from dqreg.odometry.tracker import MIN_POINTS, Tracker
+from dqreg.odometry.turned import equal_turns
 from dqreg.odometry.voxel_map import VoxelMap
 from dqreg.registration.log import logged
 from dqreg.registration.register import register
 from dqreg.registration.result import Registration
 from dqreg.rigid import Trajectory
+from dqreg.trust.records import Reason
 
 
 class Odometry(Tracker):
@@ -197,7 +200,8 @@ class Odometry(Tracker):
         Returns
         -------
         Registration
-            That of `register` to the map. Where it is accepted, the next frame is expected there.
+            That of `register` to the map. Where it is accepted, the next frame is expected there. Without a start it
+            is suspect where another turn fits as well: walls of a hall whose furniture was replaced.
 
         Raises
         ------
@@ -211,11 +215,29 @@ class Odometry(Tracker):
         if frame is None or len(frame.scan) < MIN_POINTS:
             raise InputError(f"downsampling leaves too few of {len(raw.points)} points; {MIN_POINTS} are needed")
         found = register(PointCloud(frame.dense, viewpoint=np.zeros(3)), self._map.points, start)
+        if found.verdict.level == "accepted" and start is None:
+            found = self._without_equal_turn(found, frame)
         if found.verdict.level == "accepted":
             self._T_last, self._motion, self._first = rigid(found.T_target_source), np.eye(4), None
             self._T_doubtful, self._kept_out, self._timeline.missed, self._link = None, 0, 0, MapLink()
             self._unlike = None
         return found
+
+    def _without_equal_turn(self, found: Registration, frame: DownsampledFrame) -> Registration:
+        """The same, in doubt where all walls fit as well after another turn: of a hall whose furniture was replaced."""
+        assert self._map is not None
+        assert self._lengths is not None
+        T = rigid(found.T_target_source)
+        search = FrameSearch(self._map.surface, self._lengths, self.settings, np.nan, [(T, T)])
+        search.surface.about(T[:3, 3], frame.reach + self._lengths.reach)
+        if not (equal := equal_turns(search, frame)):
+            return found
+        words = (
+            f"another pose is equally likely: see alternatives; the frame fits as well {equal[0].words}: give start= "
+            "where it is known"
+        )
+        verdict = found.verdict.doubted(Reason(words, "alternative_poses"))
+        return dataclasses.replace(found, verdict=verdict, alternatives=(*found.alternatives, *equal))
 
     def save(self, path: str | Path) -> None:
         """Write the map with its settings, to be read by `load`: arrays and a JSON header in an NPZ archive, no pickle.

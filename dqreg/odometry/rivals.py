@@ -11,25 +11,22 @@ import dataclasses
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray, product
+from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry import Scan
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.vector_rows import nonzero_rows
 from dqreg.icp import Alignment
-from dqreg.kernels.threads import Later
 from dqreg.odometry.align import FrameSearch
 from dqreg.odometry.frame import DownsampledFrame
 from dqreg.odometry.map_surface import MapSurface
-from dqreg.odometry.self_similarity import CONTRADICTED_SHARE, ROUGH_SHARE, FrameView, behind_faces, self_similar_shifts
+from dqreg.odometry.self_similarity import FrameView
 from dqreg.rigid import pose
-from dqreg.solvers.motion_words import Vector, direction_words
-from dqreg.trust.records import Alternative
+from dqreg.trust.limits import DEPTH_CONFLICT_SHARE
+from dqreg.trust.records import Alternative, Reason
 
 # Share of the correspondences' normals along the weakest direction: halls and streets reach 0.15 and more, a corridor
 # 0.01, which edges and rings alone make. Below the first there may be rivals; below the second nothing holds it.
 WEAK_NORMAL_SHARE, FREE_NORMAL_SHARE = 0.15, 0.03
-# Share of a frame's points whose normals the map has to know, for those of its own to be needless.
-MIN_KNOWN_NORMAL_SHARE = 2.0 / 3.0
 # Shifts to either side, of the largest distance of a correspondence each; points that are compared at them.
 SHIFTS_PER_SIDE, COMPARED_POINTS = 40, 300
 # Least share of these that the map must hold at both poses.
@@ -40,8 +37,6 @@ FACING_COS, MIN_FACING_POINTS = 0.5, 200
 SAME_FACE_COS, SIGNIFICANT_SIGMAS = 0.7, 3.0
 # Points of the map that are held against the frame's lines of sight, and those in view that say something.
 VIEWED_MAP_POINTS, MIN_TELLING_POINTS = 4_000, 200
-# Voxels that the refinement of a place one period on may move it, and such places that are named.
-MAX_REFINEMENT_CELLS, MAX_NAMED_POSES = 3.0, 2
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -54,11 +49,20 @@ class ComparedFrame:
     rivals: tuple[Alternative, ...] = ()  # Other poses that fit as well and could be meant
     is_escaped: bool = False  # Whether another pose along it explained the frame significantly better than the first
     looked_through: float = np.nan  # Share of the map's points in view that stand where the frame looked through
+    doubts: tuple[Reason, ...] = ()  # What else speaks against it
 
     @property
     def is_weak(self) -> bool:
         """Whether a shift along the weakest direction could go unnoticed."""
         return self.share < WEAK_NORMAL_SHARE
+
+    @property
+    def is_refused(self) -> bool:
+        """Whether its place may be another one: it looked through the map, turned unseen, or could as well lie there.
+
+        What slides along a weak direction is in the map for want of better.
+        """
+        return self.looked_through > DEPTH_CONFLICT_SHARE or bool(self.doubts or (self.rivals and not self.is_weak))
 
     @property
     def is_free(self) -> bool:
@@ -72,53 +76,14 @@ def map_sample(surface: MapSurface) -> FloatArray:
     return points[sample_rows(len(points), VIEWED_MAP_POINTS)]
 
 
-def compared_with_rivals(
-    place: ComparedFrame,
-    search: FrameSearch,
-    frame: DownsampledFrame,
-    seen: Later[FrameView],
-    standing: FloatArray,
-    similar: Later[FloatArray] | None,
-) -> ComparedFrame:
-    """The same with what speaks against it: what the frame looked through, and places where it is like itself.
-
-    Those are asked for where nothing else excludes them: without times, frames may be missing, and constant velocity
-    does not.
-    """
+def looked_through(place: ComparedFrame, view: FrameView, standing: FloatArray) -> ComparedFrame:
+    """The same with how much of some points of the map, (n, 3), stands where the frame looked through."""
     if not place.aligned.found:
         return place
-    T, view = place.aligned.T_target_source, seen.result()
-    nearer, alike = view.compared(standing, pose.inverse(T))
-    if nearer + alike >= MIN_TELLING_POINTS:
-        place = dataclasses.replace(place, looked_through=nearer / (nearer + alike))
-    if similar is None or place.rivals:
+    nearer, alike = view.compared(standing, pose.inverse(place.aligned.T_target_source))
+    if nearer + alike < MIN_TELLING_POINTS:
         return place
-    scan, shifts = with_met_normals(frame, place.aligned), similar.result()
-    if not any(_could_repeat(scan, view, shift) for shift in shifts):
-        return place
-    # Rare, and worth normals of its own.
-    own = frame.fitted
-    shifts = shifts if scan is own else similar_shifts(search, own)
-    return dataclasses.replace(place, rivals=_repeated(search, own, place.aligned, view, shifts))
-
-
-def with_met_normals(frame: DownsampledFrame, aligned: Alignment) -> Scan:
-    """A frame with the normals of the planes that it met, which cost nothing; with its own where too few met any."""
-    met = aligned.pairs.closest.normals
-    if len(met) != len(frame.seen) or np.count_nonzero(nonzero_rows(met)) < MIN_KNOWN_NORMAL_SHARE * len(met):
-        return frame.fitted
-    return dataclasses.replace(frame.scan, normals=product(met, aligned.T_target_source[:3, :3]))
-
-
-def similar_shifts(search: FrameSearch, scan: Scan) -> FloatArray:
-    """Shifts that put a frame onto itself, (k, 3)."""
-    return self_similar_shifts(scan.points, scan.normals, search.lengths.voxel_size, 0.5 * search.lengths.reach)
-
-
-def _could_repeat(scan: Scan, view: FrameView, shift: FloatArray) -> bool:
-    """Whether a frame could have been seen at the end of a shift as well."""
-    step = pose.from_parts(np.eye(3), shift)
-    return not behind_faces(scan.points, scan.normals, shift) and view.repeats(scan, step, ROUGH_SHARE)
+    return dataclasses.replace(place, looked_through=nearer / (nearer + alike))
 
 
 def placed(
@@ -186,33 +151,6 @@ def _is_equal(search: FrameSearch, compare: _RivalComparison, aligned: Alignment
     if there.found and _off(there.T_target_source, aligned.T_target_source) >= 0.5 * search.lengths.reach:
         others.append(there.T_target_source)
     return min(_significance(compare.squares(other) - here) for other in others) < SIGNIFICANT_SIGMAS
-
-
-def _repeated(
-    search: FrameSearch, scan: Scan, aligned: Alignment, view: FrameView, shifts: FloatArray
-) -> tuple[Alternative, ...]:
-    """Poses where the frame is like itself: what stands there was seen here, and nothing where it looked through."""
-    cell, least, T = search.lengths.voxel_size, 0.5 * search.lengths.reach, aligned.T_target_source
-    found: list[Alternative] = []
-    for shift in shifts:
-        if not _could_repeat(scan, view, shift):
-            continue
-        step = pose.from_parts(np.eye(3), shift)
-        # Known to a cell: begun farther off, a frame that overlaps by little would slide along what does not hold it.
-        run = search.settle(scan, T @ step, aligned)
-        if not run.found:
-            continue
-        there = run.T_target_source
-        away, known = _off(there, T), [aligned.T_target_source, *(other.T_target_source for other in found)]
-        if _off(there, T @ step) > MAX_REFINEMENT_CELLS * cell or min(_off(there, other) for other in known) < least:
-            continue
-        if view.repeats(scan, pose.inverse(T) @ there, CONTRADICTED_SHARE):
-            rms = np.sqrt(np.mean(search.surface.distances(pose.apply(there, scan.points)) ** 2))
-            words = f"{away:.3g} along {direction_words(_axis(there[:3, 3] - T[:3, 3]))}"
-            found.append(Alternative(there, float(rms), words=words))
-        if len(found) == MAX_NAMED_POSES:
-            break
-    return tuple(found)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -289,11 +227,6 @@ def _shifted(T: FloatArray, by: FloatArray) -> FloatArray:
     moved = T.copy()
     moved[:3, 3] += by
     return moved
-
-
-def _axis(step: FloatArray) -> Vector:
-    x, y, z = (step / np.linalg.norm(step)).tolist()
-    return x, y, z
 
 
 def _off(one: FloatArray, other: FloatArray) -> float:

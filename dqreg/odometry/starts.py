@@ -47,8 +47,15 @@ def candidates(T_last: FloatArray, T_predicted: FloatArray, limit_deg: float, st
 
 
 def screen(surface: MapSurface, points: FloatArray, poses: FloatArray, cap: float, keep: int) -> FloatArray:
-    """The poses under which the points lie nearest to the map. Shapes: poses (m, 4, 4), returns (keep, m)."""
-    for judges, kept in ((FIRST_JUDGING_POINTS, SHORTLIST_PER_KEPT * keep), (JUDGING_POINTS, keep)):
+    """The poses under which the points lie nearest to the map. Shapes: poses (m, 4, 4), returns (keep, 4, 4)."""
+    return best_poses(surface, points, poses, cap, (SHORTLIST_PER_KEPT * keep, keep))
+
+
+def best_poses(
+    surface: MapSurface, points: FloatArray, poses: FloatArray, cap: float, keep: tuple[int, int]
+) -> FloatArray:
+    """The same, the best first, with how many are kept by few points, and of those by more."""
+    for judges, kept in zip((FIRST_JUDGING_POINTS, JUDGING_POINTS), keep, strict=True):
         rows = np.linspace(0, len(points) - 1, min(judges, len(points))).round().astype(np.int64)
         moved = np.matmul(points[rows], poses[:, :3, :3].transpose(0, 2, 1)) + poses[:, None, :3, 3]
         away = surface.distances(moved.reshape(-1, 3), cap).reshape(len(poses), -1)

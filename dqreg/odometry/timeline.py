@@ -33,6 +33,11 @@ class Timeline:
         return 1.0 + self.missed
 
     @property
+    def span(self) -> float:
+        """The same by the stamps, where they tell."""
+        return max(self._gap / self._pace, self.steps) if self._gap > 0.0 and self._pace > 0.0 else self.steps
+
+    @property
     def is_timed(self) -> bool:
         """Whether it is known how long it is since the last trusted frame."""
         return self._gap > 0.0

@@ -9,23 +9,23 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import FloatArray, as_pose, median
-from dqreg.icp import Alignment
 from dqreg.kernels.threads import Later
-from dqreg.odometry.align import POINTS_BEFORE_SWEEP, FrameSearch
+from dqreg.odometry.align import FrameSearch
 from dqreg.odometry.assess import LOST_FRACTION, MapLink, first_frame, frame_result, information_of_place, without_pose
-from dqreg.odometry.deskewing import REPEATED_MISFIT_VOXELS, Deskewed, fits_no_worse
-from dqreg.odometry.follow import off_at
+from dqreg.odometry.deskewing import REPEATED_MISFIT_VOXELS, Deskewed, undo_first_sweep
 from dqreg.odometry.frame import DownsampledFrame, RawFrame, downsample_frame
 from dqreg.odometry.kiss import KissParts, rigid
 from dqreg.odometry.prediction import Prediction
-from dqreg.odometry.rivals import compared_with_rivals, map_sample, placed, similar_shifts, with_met_normals
+from dqreg.odometry.repeats import like_itself, similar_shifts, with_met_normals
+from dqreg.odometry.rivals import ComparedFrame, looked_through, map_sample, placed
 from dqreg.odometry.self_similarity import FrameView
 from dqreg.odometry.settings import OdometrySettings, Resolved
 from dqreg.odometry.starts import Pace, predict
 from dqreg.odometry.timeline import Timeline
+from dqreg.odometry.turned import Since, TurnedFrame, compared_turns
 from dqreg.odometry.voxel_map import VoxelMap
 from dqreg.registration.result import Registration
-from dqreg.rigid import pose, twist
+from dqreg.rigid import pose
 from dqreg.solvers.status import Status
 from dqreg.trust.doubts import fraction_fits
 from dqreg.trust.records import Reason
@@ -90,49 +90,19 @@ class Tracker:
             self._merge(self._map, frame)
             self._first = None if frame.back is None else frame
             return first_frame(self._T_last, raw.notes, self._settings_of(frame))
-        self._is_under_way = (
-            self._first is not None
-            and frame.back is not None
-            and self._undo_first_sweep(self._first, lengths, frame, ratio)
-        )
+        self._is_under_way = self._undo_first_sweep(self._map, lengths, frame, ratio)
         return self._register(kiss, self._map, lengths, frame, raw, ratio, expected, insert=insert)
 
-    def _undo_first_sweep(
-        self, first: DownsampledFrame, lengths: Resolved, frame: DownsampledFrame, ratio: float
-    ) -> bool:
-        """Make the map anew of the first frame without the motion during its sweep; whether that was found.
-
-        How the second frame is skewed against it is how its motion differs; half of that more and less than the way
-        between the middles of their sweeps is what both motions are.
-        """
-        assert self._map is not None
-        # A map of one sweep has planes for few of its points: they are made beside.
-        _ = Later(lambda: frame.own.fits)
-        search = FrameSearch(self._map.surface, lengths, self.settings, np.nan, [(self._T_last, self._T_last)])
-        aligned = search.find(frame, trust_motion=False)
-        skewed = Deskewed(frame, aligned).repeated(search, REPEATED_MISFIT_VOXELS * lengths.voxel_size)
-        if not skewed.aligned.inlier_fraction >= LOST_FRACTION:
+    def _undo_first_sweep(self, world: VoxelMap, lengths: Resolved, frame: DownsampledFrame, ratio: float) -> bool:
+        """Make the map anew of the first frame without the motion during its sweep; whether that was found."""
+        if self._first is None or frame.back is None:
             return False
-        self._first = None
-        half = 0.5 * twist.log(skewed.frame.motion)
-        middle = rigid(pose.inverse(self._T_last) @ skewed.aligned.T_target_source @ twist.exp(-half))
-        mean = twist.log(middle) / max(ratio, 1.0)
-        self._motion = twist.exp(mean + half)
-        if off_at(frame.reach, mean - half) <= REPEATED_MISFIT_VOXELS * lengths.voxel_size:
-            return True
-        made = VoxelMap(lengths)
-        made.insert(lambda: first.without(twist.exp(mean - half)).dense, self._T_last)
-        there = dataclasses.replace(search, surface=made.surface)
-        # As few as it is compared with were placed by.
-        scan = search.scan_of(frame.without(self._motion)).thinned(POINTS_BEFORE_SWEEP)
-        T = predict(self._T_last, self._motion, ratio)
-        straight = there.settle(scan, T, aligned, anew=True)
-        if not fits_no_worse(straight, aligned):
-            straight = there.refine(scan, T)
-        # Times may be no times.
-        if fits := fits_no_worse(straight, aligned):
-            self._map = made
-        return fits
+        search = FrameSearch(world.surface, lengths, self.settings, np.nan, [(self._T_last, self._T_last)])
+        sweep = undo_first_sweep(search, self._first, frame, ratio)
+        if sweep is None:
+            return False
+        self._first, self._motion, self._map = None, sweep.motion, sweep.map or world
+        return sweep.fits
 
     def _ahead(self, raw: RawFrame) -> RawFrame:
         """A frame downsampled ahead of its turn, beside the frame before, where that decides nothing of it."""
@@ -171,7 +141,8 @@ class Tracker:
         # With times it is deskewed once more, and seen then.
         seen = self._seen(frame, lengths) if frame.back is None else None
         deskewed = self._deskewed(search, frame, trusted=expected is not None or kiss.deviation <= lengths.voxel_size)
-        frame, aligned, notes = deskewed.frame, deskewed.aligned, raw.notes + deskewed.notes
+        turned = self._turned(search, deskewed, expected)
+        frame, aligned, notes = turned.deskewed.frame, turned.deskewed.aligned, raw.notes + turned.deskewed.notes
         seen = seen or self._seen(frame, lengths)
         # After a frame that was not trusted constant velocity is worth nothing, and before any motion is known, little.
         is_first = expected is None and not self._usual
@@ -184,17 +155,18 @@ class Tracker:
         asked = first.aligned.found and not (timed or measured or self._is_unlike(frame, T, lengths.reach))
         # After the depth image, beside the information.
         similar = Later(lambda: similar_shifts(search, with_met_normals(frame, first.aligned))) if asked else None
-        standing, enters = map_sample(surface), self._is_absorbed(first.aligned, trusted=first.is_escaped)
-        # What is said of it changes neither its pose nor whether it enters; places that it is like ask the map.
-        if grows := insert and enters and not asked and not measured:
+        # A map that holds what a frame looked through would confirm the next ones.
+        first = looked_through(turned.told(first, search), seen.result(), map_sample(surface))
+        # What is said of it then changes neither its pose nor whether it enters; places that it is like ask the map.
+        if grows := insert and self._is_absorbed(first) and not asked and not measured:
             world.insert(lambda: frame.dense, rigid(T))
         information = information_of_place(first, frame.reach)
-        place = compared_with_rivals(first, search, frame, seen, standing, similar)
+        place = first if similar is None else like_itself(first, search, frame, seen.result(), similar)
+        enters = self._is_absorbed(place)
         # For the next frame, which is taken for as dense.
         self._view = seen.result()
         found = frame_result(place, information, frame, self._usual_fraction, notes, self._settings_of(frame), expected)
-        fits = self._kept_out >= self.settings.patience or (found.verdict.level != "failed" and self._fits(found))
-        result = self._link.linked(found, place, self._timeline.count, fits=fits)
+        result = self._link.linked(found, place, self._timeline.count, merged=enters)
         if similar is not None:
             self._unlike = None if len(similar.result()) else T
         if result.verdict.level != "accepted":
@@ -219,6 +191,14 @@ class Tracker:
         found = Deskewed(frame, search.find(frame, trust_motion=trusted, near=near))
         return found if frame.back is None else found.repeated(search, worthwhile)
 
+    def _turned(self, search: FrameSearch, deskewed: Deskewed, expected: Prediction | None) -> TurnedFrame:
+        """A frame after all turns that may have happened since the last trusted one, unless others tell the motion."""
+        if expected is not None:
+            return TurnedFrame(deskewed)
+        steps = self._timeline.span
+        since = Since(steps, rigid(predict(self._T_last, self._motion, steps)))
+        return compared_turns(search, deskewed, since, REPEATED_MISFIT_VOXELS * search.lengths.voxel_size)
+
     def _is_unlike(self, frame: DownsampledFrame, T: FloatArray, reach: float) -> bool:
         """Whether a frame of all but the same place was like itself nowhere: what it saw is what this one sees."""
         before = None if self._timeline.missed else self._unlike
@@ -228,14 +208,12 @@ class Tracker:
         before = self._view
         return Later(lambda: FrameView.of(frame.dense, lengths.near, before))
 
-    def _is_absorbed(self, aligned: Alignment, *, trusted: bool) -> bool:
+    def _is_absorbed(self, place: ComparedFrame) -> bool:
         """Whether a frame is absorbed: one that has a pose, and fits as usual, or the last ones did not either."""
-        fits = trusted or fraction_fits(aligned.inlier_fraction, self._usual_fraction)
-        accepted = fits or self._kept_out >= self.settings.patience
+        aligned = place.aligned
+        fits = place.is_escaped or fraction_fits(aligned.inlier_fraction, self._usual_fraction)
+        accepted = (fits and not place.is_refused) or self._kept_out >= self.settings.patience
         return aligned.found and aligned.inlier_fraction >= LOST_FRACTION and accepted
-
-    def _fits(self, result: Registration) -> bool:
-        return fraction_fits(result.inlier_fraction, self._usual_fraction)
 
     def _anchors(self, T_predicted: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
         """Where the sensor may be: at the last trusted pose going on, or at the last doubtful one."""
