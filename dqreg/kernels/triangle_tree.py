@@ -119,9 +119,7 @@ class TriangleTree:
         found = np.zeros((len(rotations), len(points)))
         tree = self.nodes, self.links, self.packed, self.across, self.faces, self.leaves, self.normals
         asked = *map(as_plain, (rotations, shifts, points)), float(bound), by_point
-        over_chunks(
-            pose_distances, found.size, *tree, *asked, found.reshape(-1), chunk=CHUNK_QUERIES
-        )
+        over_chunks(pose_distances, found.size, *tree, *asked, found.reshape(-1), chunk=CHUNK_QUERIES)
         return found
 
 

@@ -11,10 +11,12 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg._records import replaced
-from dqreg.registration.displacement import displacement_between, offset_from_start
-from dqreg.registration.fallback import BestPoses
+from dqreg.registration.displacement import displacement_between, is_elsewhere, offset_from_start
+from dqreg.registration.fallback import BestPoses, is_doubtful
 from dqreg.registration.fit import Fit
 from dqreg.registration.free_space import looked_through_at
+from dqreg.registration.near_places import near_maps
+from dqreg.registration.rivals import MIN_LOG_GAIN, NO_POSES, but_symmetric, scores_of
 from dqreg.trust.limits import DEPTH_CONFLICT_SHARE, DISAGREEING_NORMAL_SHARE, MIN_INLIER_FRACTION, RAY_CONFLICT_SHARE
 
 # Displacement of a point by the loop, in sizes, beyond which it has left what was meant.
@@ -30,7 +32,7 @@ def but_start_kept(begun: Fit, known: BestPoses, start: FloatArray) -> BestPoses
     found = known.fit
     if begun.target.kind != "cloud" or not begun.found or not found.found:
         return known
-    if not _is_elsewhere(found, begun.T_target_source) and not _is_elsewhere(found, start):
+    if not any(is_elsewhere(found, found.T_target_source, T) for T in (begun.T_target_source, start)):
         return known
     has_stayed = displacement_between(begun, start, begun.T_target_source) <= LEFT_DIAGONALS
     if has_stayed and not is_contradicted(begun):
@@ -41,11 +43,6 @@ def but_start_kept(begun: Fit, known: BestPoses, start: FloatArray) -> BestPoses
     return replaced(known, turned=np.concatenate([known.turned, start[None]]))
 
 
-def _is_elsewhere(fit: Fit, T: FloatArray) -> bool:
-    """Whether a pose is in another basin than the fit's: no rough initial pose means both."""
-    return offset_from_start(fit, fit.T_target_source, T) > 1.0
-
-
 def is_contradicted(fit: Fit) -> bool:
     """Whether something speaks against a pose between clouds, however little they have in common there."""
     through, alike = looked_through_at(fit)
@@ -53,3 +50,26 @@ def is_contradicted(fit: Fit) -> bool:
         return bool(through > (RAY_CONFLICT_SHARE if np.isfinite(alike) else DEPTH_CONFLICT_SHARE))
     agreement = fit.agreement
     return agreement.share_near < MIN_INLIER_FRACTION or agreement.normals_apart > DISAGREEING_NORMAL_SHARE
+
+
+def meant_copy(fit: Fit, start: FloatArray, kernel_scale: float) -> tuple[Fit, FloatArray]:
+    """The fit between clouds; far from the initial pose, one by that after a near symmetry, if as likely or sound.
+
+    And, if so, the pose that was left, (k, 4, 4), unless it is the same place.
+    """
+    options = fit.problem.options
+    # On a part the points decide: what a notch speaks against is not meant.
+    asked = fit.target.kind == "cloud" and options.method == "auto" and not fit.constraints.any
+    if not asked or not fit.found or not is_elsewhere(fit, fit.T_target_source, start):
+        return fit, NO_POSES
+    copies = near_maps(fit, of_any=True) @ fit.T_target_source
+    offsets = [offset_from_start(fit, T, start) for T in copies]
+    if min(offsets, default=np.inf) > 1.0:
+        return fit, NO_POSES
+    # A map that was read off a cloud is rough, and few points of a refinement are not led far enough by it.
+    other = fit.resumed(copies[int(np.argmin(offsets))], kernel_scale)
+    poses = np.stack([fit.T_target_source, other.T_target_source])
+    # What two clouds have in common differs from place to place: of what nothing speaks against the start decides.
+    if other.found and (scores_of(fit, poses).as_likely(0, MIN_LOG_GAIN)[1] or not is_doubtful(other)):
+        return other, but_symmetric(other, poses[:1])
+    return fit, NO_POSES

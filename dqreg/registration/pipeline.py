@@ -25,11 +25,12 @@ from dqreg.registration.assess import (
 )
 from dqreg.registration.common_faces import on_common_faces
 from dqreg.registration.continued_fit import all_points_say_more, in_doubt_on_all_points, on_all_points, settled
-from dqreg.registration.fallback import BestPoses, best_known, is_doubtful, meant_copy
+from dqreg.registration.corner_rivals import beside_corners
+from dqreg.registration.fallback import BestPoses, best_known, is_doubtful
 from dqreg.registration.fit import Fit, coarse_to_fine
 from dqreg.registration.free_space import viewpoint_behind
 from dqreg.registration.initial_pose import GlobalSearch, InitialPose, initial_pose
-from dqreg.registration.kept_start import but_start_kept
+from dqreg.registration.kept_start import but_start_kept, meant_copy
 from dqreg.registration.prepared import Prepared
 from dqreg.registration.problem import Problem, SourceAndTarget
 from dqreg.registration.result import Registration
@@ -182,9 +183,9 @@ def second_try(fit: Fit, start: InitialPose, search: GlobalSearch) -> BestPoses:
             known, equals = replaced(known, fit=meant), np.concatenate([equals, copies])
         equals = but_on_the_way(known.fit, equals, kernel_scale if fit.problem.options.method == "auto" else None)
     known = replaced(known, others=np.concatenate([known.others, equals]))
-    if T_given is None:
-        return known
-    return but_start_kept(begun, replaced(known, fit=without_drift(known.fit, T_given)), T_given)
+    if T_given is not None:
+        known = but_start_kept(begun, replaced(known, fit=without_drift(known.fit, T_given)), T_given)
+    return beside_corners(known, T_given)
 
 
 def registration_of(

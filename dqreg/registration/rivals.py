@@ -9,7 +9,7 @@ from dqreg.geometry import Mesh, MeshSurface
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.registration.derived import Key
-from dqreg.registration.displacement import offset_from_start
+from dqreg.registration.displacement import is_elsewhere
 from dqreg.registration.evidence import near_limit
 from dqreg.registration.fit import Fit
 from dqreg.registration.free_space import both_rays, met_at, met_by
@@ -203,8 +203,8 @@ def best_near_symmetric(fit: Fit, kernel_scale: float, start: FloatArray | None 
 def _are_allowed(fit: Fit, others: FloatArray, start: FloatArray | None) -> BoolArray:
     """Whether a fit, and which of other poses, (k, 4, 4), may be the answer by what they have in common, (k+1,)."""
     allowed = np.ones(len(others) + 1, dtype=bool)
-    if start is not None and fit.target.kind == "cloud" and offset_from_start(fit, fit.T_target_source, start) <= 1.0:
-        allowed[1:] = [offset_from_start(fit, T, start) <= 1.0 for T in others]
+    if fit.target.kind == "cloud" and not is_elsewhere(fit, fit.T_target_source, start):
+        allowed[1:] = [not is_elsewhere(fit, T, start) for T in others]
     return allowed
 
 
