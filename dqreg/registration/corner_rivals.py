@@ -7,6 +7,7 @@ other. One that lays less there, where nothing speaks against it, may be the rig
 
 from __future__ import annotations
 
+import itertools
 from contextlib import suppress
 
 import numpy as np
@@ -21,6 +22,7 @@ from dqreg.registration.displacement import displacement_between, is_elsewhere
 from dqreg.registration.fallback import BestPoses, is_sound
 from dqreg.registration.fit import Fit
 from dqreg.registration.free_space import looked_through_at
+from dqreg.registration.kept_start import LEFT_DIAGONALS
 from dqreg.registration.rivals import NO_POSES, but_symmetric
 from dqreg.rigid import pose
 from dqreg.search.axes import cube_rotations
@@ -34,10 +36,9 @@ from dqreg.trust.records import Code
 TOO_LITTLE: frozenset[Code] = frozenset({"unconstrained", "large_uncertainty", "weakly_constrained", "not_converged"})
 # Share of the points beyond either end of what both show that is left out.
 OUTER_SHARE = 1e-3
-# Refinement of the poses, on a sample; displacement by it, in sizes, beyond which it has left them.
+# Refinement of the poses, on a sample.
 REFINING_POINTS, REFINEMENT_STEPS = 1_000, 10
-FIRST_SCALE_DIAGONALS, LAST_SCALE_DIAGONALS = 0.02, 1e-3
-LEFT_DIAGONALS = 0.2
+FIRST_SCALE_DIAGONALS, LAST_SCALE_DIAGONALS = 0.01, 1e-3
 # Share of the scan on the target, and of what is near it, below which no verdict is asked for.
 MIN_SHARE_ON, MIN_SHARE_NEAR = 0.2, 0.9
 
@@ -67,8 +68,14 @@ def corner_rivals(fit: Fit) -> FloatArray:
     size, points = fit.prepared.surface.diagonal, fit.prepared.scan.thinned(REFINING_POINTS).points
     widths = np.geomspace(FIRST_SCALE_DIAGONALS, LAST_SCALE_DIAGONALS, REFINEMENT_STEPS) * size
     ended = refine(Poses.of(begun), OrientedPoints.on_faces(points), fit.prepared.surface, widths).matrices
-    stayed = [displacement_between(fit, *both) <= LEFT_DIAGONALS for both in zip(begun, ended, strict=True)]
-    return np.array([T for T in but_symmetric(fit, ended[stayed]) if _is_open(fit.at(T))]).reshape(-1, 4, 4)
+    found = []
+    for T, refined in zip(begun, ended, strict=True):
+        # What little holds slides off in the refinement, and a corner whose faces end elsewhere is off before it.
+        both = [T, refined] if displacement_between(fit, T, refined) <= LEFT_DIAGONALS else [T]
+        found += list(
+            itertools.islice((each for each in but_symmetric(fit, np.stack(both)) if _is_open(fit.at(each))), 1)
+        )
+    return np.array(found).reshape(-1, 4, 4)
 
 
 def _turned(fit: Fit, target: FloatArray, normals: FloatArray) -> FloatArray:
@@ -93,7 +100,10 @@ def _is_open(fit: Fit) -> bool:
     agreement = fit.agreement
     if agreement.share_on < MIN_SHARE_ON or agreement.share_near < MIN_SHARE_NEAR:
         return False
-    if looked_through_at(fit)[0] > DEPTH_CONFLICT_SHARE:
+    through = looked_through_at(fit)[0]
+    if through > DEPTH_CONFLICT_SHARE:
         return False
     verdict = verdict_on(fit, evidence_of(fit, uncertainty_of(fit)))
-    return verdict.level == "accepted" or TOO_LITTLE.issuperset(verdict.codes)
+    # Both sides of a wall are faces apart that are none: where nothing was looked through, that tells.
+    none: set[Code] = {"faces_apart"} if np.isfinite(through) else set()
+    return verdict.level == "accepted" or (TOO_LITTLE | none).issuperset(verdict.codes)

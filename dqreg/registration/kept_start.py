@@ -11,15 +11,16 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg._records import replaced
+from dqreg.registration.assess import evidence_of, uncertainty_of
 from dqreg.registration.displacement import displacement_between, is_elsewhere, offset_from_start
 from dqreg.registration.fallback import BestPoses, is_doubtful
 from dqreg.registration.fit import Fit
-from dqreg.registration.free_space import looked_through_at
 from dqreg.registration.near_places import near_maps
 from dqreg.registration.rivals import MIN_LOG_GAIN, NO_POSES, but_symmetric, scores_of
-from dqreg.trust.limits import DEPTH_CONFLICT_SHARE, DISAGREEING_NORMAL_SHARE, MIN_INLIER_FRACTION, RAY_CONFLICT_SHARE
+from dqreg.search.search import RAY_CONFLICT_MARGIN
+from dqreg.trust.limits import DISAGREEING_NORMAL_SHARE, MIN_INLIER_FRACTION, looked_through_limit
 
-# Displacement of a point by the loop, in sizes, beyond which it has left what was meant.
+# Displacement of a point by the loop, in sizes, beyond which it has left the pose that it was begun at.
 LEFT_DIAGONALS = 0.2
 
 
@@ -35,21 +36,25 @@ def but_start_kept(begun: Fit, known: BestPoses, start: FloatArray) -> BestPoses
     if not any(is_elsewhere(found, found.T_target_source, T) for T in (begun.T_target_source, start)):
         return known
     has_stayed = displacement_between(begun, start, begun.T_target_source) <= LEFT_DIAGONALS
-    if has_stayed and not is_contradicted(begun):
+    if has_stayed and not _is_contradicted(begun, found):
         others = np.concatenate([found.T_target_source[None], known.others])
         return replaced(known, fit=begun, others=others, turned=np.concatenate([others[:1], known.turned]))
-    if is_contradicted(begun.at(start)):
+    if _is_contradicted(begun.at(start), found):
         return known
     return replaced(known, turned=np.concatenate([known.turned, start[None]]))
 
 
-def is_contradicted(fit: Fit) -> bool:
-    """Whether something speaks against a pose between clouds, however little they have in common there."""
-    through, alike = looked_through_at(fit)
+def _is_contradicted(fit: Fit, found: Fit) -> bool:
+    """Whether something speaks against a pose between clouds, by itself or beside another one.
+
+    How little is common does not. What a scanner looked through does; where its place is not known, much of what is
+    near that lies apart or looks another way.
+    """
+    evidence, other = (evidence_of(each, uncertainty_of(each)) for each in (fit, found))
+    through = evidence.looked_through
     if np.isfinite(through):
-        return bool(through > (RAY_CONFLICT_SHARE if np.isfinite(alike) else DEPTH_CONFLICT_SHARE))
-    agreement = fit.agreement
-    return agreement.share_near < MIN_INLIER_FRACTION or agreement.normals_apart > DISAGREEING_NORMAL_SHARE
+        return bool(through > min(looked_through_limit(evidence), other.looked_through + RAY_CONFLICT_MARGIN))
+    return evidence.share_near < MIN_INLIER_FRACTION or evidence.normals_apart > DISAGREEING_NORMAL_SHARE
 
 
 def meant_copy(fit: Fit, start: FloatArray, kernel_scale: float) -> tuple[Fit, FloatArray]:
