@@ -19,7 +19,7 @@ CANNOT = "cannot open shared object file: No such file or directory"
 
 @pytest.fixture
 def closed_gate() -> Iterator[None]:
-    """The gate as in a fresh process; what it learns in the test is forgotten after it."""
+    """`dqreg._open3d` as in a fresh process; what it learns in the test is forgotten after it."""
     load_open3d.cache_clear()
     yield
     load_open3d.cache_clear()

@@ -229,7 +229,7 @@ def _list(console: Console, found: Sequence[EngineSpec], *, as_json: bool) -> No
         print_json([
             {
                 "engine": spec.name,
-                "from_nothing": not spec.needs_initial_pose,
+                "without_initial_pose": not spec.needs_initial_pose,
                 "settings": spec.settings,
                 "missing": missing(spec),
             }

@@ -89,7 +89,7 @@ def to_json(found: Comparison) -> str:
 
 def summary_csv(lines: Sequence[SummaryRow]) -> str:
     """Every line of the summary at full precision."""
-    places = ("case", "axis", "value", "setting", "from_nothing")
+    places = ("case", "axis", "value", "setting", "without_initial_pose")
     numbers = [
         field.name for field in dataclasses.fields(SummaryRow) if field.name not in ("engine", "place", "timed_out")
     ]

@@ -43,7 +43,7 @@ def plots(found: Comparison) -> list[Plot]:
     made: list[Plot] = []
     for place in dict.fromkeys(line.place for line in lines if line.place.axis == "case"):
         chosen = [line for line in lines if line.place == place]
-        name = f"{place.case}, {place.setting}{', no initial pose' if place.from_nothing else ''}"
+        name = f"{place.case}, {place.setting}{', no initial pose' if place.without_initial_pose else ''}"
         slug = f"{_slug(place.case)}-{place.setting}"
         made += _error_and_time(chosen, styles, f"error-time-{slug}", f"Error against time: {name}")
     for axis in ("start_angle_deg", "start_offset", "outliers", "overlap"):

@@ -21,7 +21,7 @@ class RunRecord:
     value: str | float | None
     trial: int
     setting: str
-    from_nothing: bool  # Whether the task had no initial pose
+    without_initial_pose: bool  # Whether the task had no initial pose
     points: int  # Scan points that the engine was given
     size: float  # S, target units
     units: str  # Length unit, "" if unknown
@@ -34,7 +34,7 @@ class RunRecord:
     wall_seconds: float  # Measured from outside around the whole call, in which an engine may also record its curve
     peak_memory: float  # Bytes that the process grew by at its highest; NaN if unknown
     iterations: int | None  # Where the engine reports it
-    claims: str  # Its self-report
+    self_report: str  # What it says of its answer
     settings: dict[str, Any]  # Parameters that it ran with
     # kind, success, angle_rad, offset, worst, rms, surface_rms, overlap: As in `dqreg.compare.judge.Score`
     kind: str

@@ -20,6 +20,8 @@ from dqreg.files.strict_json import plain, record_from
 FORMAT = "dqreg comparison 1"
 # A run that takes longer is not repeated: its scatter is small relative to it, and repeats would take long.
 SLOW_SECONDS = 10.0
+# Keys of files of version 0.1, by which these still load.
+RENAMED_KEYS = {"from_nothing": "without_initial_pose", "claims": "self_report"}
 
 
 class JsonLines:
@@ -88,7 +90,7 @@ class Store:
         if "format" in line:
             self.sessions.append({key: value for key, value in line.items() if key != "format"})
         else:
-            self._keep(record_from(RunRecord, line))
+            self._keep(record_from(RunRecord, {RENAMED_KEYS.get(key, key): value for key, value in line.items()}))
 
     def _keep(self, run: RunRecord) -> None:
         self.runs.append(run)

@@ -19,7 +19,7 @@ class SummaryKey:
     axis: str
     value: str | float | None
     setting: str
-    from_nothing: bool
+    without_initial_pose: bool
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,7 +59,7 @@ class SummaryRow:
 def summary_key(run: RunRecord) -> SummaryKey:
     """Summary key of a run."""
     case = run.case if run.axis == "case" else ""
-    return SummaryKey(case, run.axis, run.value, run.setting, run.from_nothing)
+    return SummaryKey(case, run.axis, run.value, run.setting, run.without_initial_pose)
 
 
 def summarise(runs: Iterable[RunRecord]) -> list[SummaryRow]:
@@ -147,7 +147,7 @@ def _word(run: RunRecord) -> str:
     if run.status != "ran":
         return f"{run.status}: {run.message}"[:90]
     if run.kind == "nothing":
-        return "no pose found" + (f" ({run.claims})" if run.claims else "")
+        return "no pose found" + (f" ({run.self_report})" if run.self_report else "")
     if run.kind != "rigid":
         return f"pose is {run.kind}"
     if run.success is None:

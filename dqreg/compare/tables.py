@@ -45,7 +45,7 @@ def tables(found: Comparison) -> list[Table]:
 
 def _case(found: Comparison, lines: list[SummaryRow]) -> Table:
     place, unit = lines[0].place, lines[0].units or "target units"
-    start = "no initial pose" if place.from_nothing else "from the given initial pose"
+    start = "no initial pose" if place.without_initial_pose else "from the given initial pose"
     title = f"{place.case}, {_words(place.setting)}, {start}: {lines[0].points} points, S = {lines[0].size:.4g} {unit}"
     head = ("engine", "found", "worst vertex [S]", f"rms [{unit}]", "angle [deg]", f"on surface [{unit}]", "overlap",
             "seconds", "range", "peak MB", REMARK)  # fmt: skip

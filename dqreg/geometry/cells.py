@@ -29,6 +29,14 @@ FEWEST, LINE = 8.0, 0.02
 MIXED_RESIDUAL_RATIO = 3.0
 # One that most neighbours lie in holds them within so many times of it.
 HELD_RESIDUALS = 2.5
+# The products of two of the three variances of a cell come to less than this share of the square of their sum where the
+# second is below 0.38 of the first; points of a cell that tell.
+LINED_PRODUCTS, TOLD_POINTS = 0.2, 8.0
+# Share of the sure planes that hold a direction, below which rings are looked for and planes sought among more
+# neighbours: floors of few rings came to 0.05 at most, roads, streets, rooms and parts to 0.1 and more.
+LEAST_HELD = 0.07
+# Share of the cells that such planes are found for at least.
+FEWEST_WIDE = 0.01
 # Blocks of eight cells that one thread goes over at a time.
 BLOCKS = 256
 # Edges, each twice the one before, of the cells that are asked for planes. With a third a road took 4 % less time, and
@@ -65,6 +73,15 @@ class Cells:
         """How many others the points have in their cell, over what points strewn at random would have; about 1."""
         counts = self.counts
         return float((counts**2).mean() / counts.mean() / (counts.mean() + 1.0))
+
+    @property
+    def lined_share(self) -> float:
+        """Share of the cells of many points whose points lie along a line, as on one ring of a LiDAR; 0 for none."""
+        told = self.counts >= TOLD_POINTS
+        xx, yy, zz, xy, xz, yz = self.scatters[told].T
+        products = xx * yy + xx * zz + yy * zz - xy**2 - xz**2 - yz**2
+        lined = products <= LINED_PRODUCTS * (xx + yy + zz) ** 2
+        return float(lined.mean()) if len(lined) else 0.0
 
     def planes(self) -> tuple[PlaneFits, BoolArray]:
         """Planes at the means where neighbouring cells make one, and which of these means lie on a rim, (m,).
@@ -121,18 +138,18 @@ class CellSurface(CloudSurface):
     """Means of cells, in the order of these, as a surface."""
 
     def __init__(
-        self, means: PointCloud, cells: Cells, in_rings: Callable[[], bool] = bool, *, widened: bool = False
+        self, means: PointCloud, cells: Cells, in_rings: Callable[[], bool] = bool, *, of_few_rings: bool = False
     ) -> None:
-        # Whether the points lie in rings and are few: planes are sought among more neighbours where the next ones make
-        # none. And where some were found.
-        self.cells, self._look_at_rings, self.widened = cells, in_rings, widened
+        # Whether the points are known to lie in few rings: planes are sought among more neighbours where the next ones
+        # make none. And where some were found.
+        self.cells, self._look_at_rings, self.of_few_rings = cells, in_rings, of_few_rings
         self.wide = np.zeros(len(cells.codes), dtype=bool)
         super().__init__(means, derived=True)
 
     @unlocked_property
     def in_rings(self) -> bool:
         """Whether the points that the cells hold lie in rings, as a LiDAR's: looked at when first asked."""
-        return self.widened or self._look_at_rings()
+        return self.of_few_rings or self._look_at_rings()
 
     def _ordered(self, points: FloatArray) -> IntArray:
         # Cells are in Morton order, and each has one mean.
@@ -142,23 +159,28 @@ class CellSurface(CloudSurface):
     def _of_cells(self) -> tuple[PlaneFits, BoolArray, BoolArray]:
         """Planes where neighbouring cells make one, which of these lie on a rim, and where there is none, (m,)."""
         fits, rims = self.cells.planes()
-        if self.widened:
-            self._widen(fits)
+        known = fits.known
+        if known.any():
+            self._widen(fits, known)
         return fits, rims, ~fits.known
 
-    def _widen(self, fits: PlaneFits) -> None:
-        """Replace planes across two faces, and of cells along a line, by those that most of many neighbours lie in.
+    def _widen(self, fits: PlaneFits, known: BoolArray) -> None:
+        """In few rings, replace planes across two faces, and of cells along a line, by those that most neighbours hold.
 
         Where a ring of a LiDAR meets a floor its neighbours are on that ring or on the wall beyond: the plane through
         both stands across them, and few as they are, nothing else may hold a motion.
         """
-        known = fits.known
-        if not known.any():
-            return
         noise = float(np.median(fits.residuals[known]))
-        rows = np.flatnonzero(~known | (fits.residuals > MIXED_RESIDUAL_RATIO * noise))
+        doubtful = ~known | (fits.residuals > MIXED_RESIDUAL_RATIO * noise)
+        sure = fits.normals[~doubtful]
+        if not (self.of_few_rings or (_least_held(sure) < LEAST_HELD and self.in_rings)):
+            return
+        rows = np.flatnonzero(doubtful)
         wide = fit_wide_planes(self._tree, self._points, rows, noise, HELD_RESIDUALS * noise)
         found = np.flatnonzero(wide.known)
+        if len(found) < FEWEST_WIDE * len(known):
+            # Of a plate whose points are strewn at random some neighbours lie in lines by chance.
+            return
         fits.replace(rows[found], wide.taken(found))
         self.wide[rows[found]] = True
 
@@ -183,12 +205,17 @@ class CellSurface(CloudSurface):
     def on_rim(self, closest: Closest) -> BoolArray:
         """Whether the matches of some queries are boundary points: where cells make a plane, by these."""
         # Rings end everywhere: a floor that one or two of them meet is all rim, and nothing else may hold a motion.
-        if self.widened or self._in_lines:
+        if self.wide.any() or self._in_lines:
             return np.zeros(len(closest.elements), dtype=bool)
         _, rims, missing = self._of_cells
         found, searched = rims[closest.elements], np.flatnonzero(missing[closest.elements])
         found[searched] = self._boundary.at(closest.elements[searched], closest.normals[searched])
         return found
+
+
+def _least_held(normals: FloatArray) -> float:
+    """Share of unit normals, (n, 3), in the direction that they hold least."""
+    return float(np.linalg.eigvalsh(normals.T @ normals)[0]) / max(len(normals), 1)
 
 
 def _completed(fits: PlaneFits, fitted: Callable[[IntArray], PlaneFits]) -> PlaneFits:

@@ -52,6 +52,8 @@ def depth_points(
         image = image[:, :, 0]
     if image.ndim != 2 or not image.size:
         raise InputError(f"a depth image must have shape (height, width); got {image.shape}")
+    if image.dtype.kind == "b":
+        raise InputError("a depth image must hold depths; got truth values, as a mask does: np.where(mask, depth, 0)")
     fx, fy, cx, cy = _camera(intrinsics)
     scale = (1000.0 if image.dtype.kind in "iu" else 1.0) if depth_scale is None else float(depth_scale)
     if (

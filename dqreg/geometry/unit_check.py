@@ -114,7 +114,8 @@ def find_unit_mistake(
     seen += [pair for pair in pairs if _same_shape(*spreads, ratio, factor(*pair))]
     over = max(ratio, 1.0 / ratio)
     if over > ABSURD:
-        seen = seen or _explanations(over, pairs, whole=ratio < 1.0)
+        # A unit that explains no such ratio is the mistake itself: of a depth image it is a guess.
+        seen = seen or _explanations(over, pairs or list(MIXED), whole=ratio < 1.0)
     else:
         seen = [pair for pair in seen if _same_spacing(source, target, ratio, factor(*pair))]
     if not seen:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -21,8 +20,11 @@ DENSE = 3.0
 UNEVEN = 10.0
 # The same of a cloud in rings, whatever its number of points: fewer wide voxels hold points of several rings.
 RINGED = 6.0
+# A dense cloud with a larger share of cells of one ring is of few rings: sweeps of 16 came to 0.85 and more, of 64 to
+# 0.68 at most, of 32 to anything. Cells are widened while more than the second share of them are of one.
+FEW_RINGS_SHARE, ONE_RING_SHARE = 0.75, 0.85
 # Where the neighbourhoods are lines still, as in a LiDAR of few rings, voxels are widened by this factor, so many times
-# at most and while so many points are left.
+# at most and while so many points are left; so are those of one ring.
 WIDENING_FACTOR = 1.25
 MAX_WIDENINGS, MIN_VOXEL_POINTS = 10, 1_000
 # A cloud of which more than this fraction would remain is left as it is.
@@ -46,49 +48,33 @@ class VoxelCloud:
     surface: CellSurface | None
 
     @property
-    def widened(self) -> bool:
+    def of_few_rings(self) -> bool:
         """See `CellSurface`."""
-        return self.surface is not None and self.surface.widened
-
-    def in_rings(self) -> bool:
-        """Whether the cloud that was downsampled lies in rings; not asked of one that was left as it is."""
-        return self.surface is not None and self.surface.in_rings
+        return self.surface is not None and self.surface.of_few_rings
 
     @staticmethod
-    def of(
-        cloud: PointCloud,
-        size: float,
-        *,
-        cells: Cells | None = None,
-        in_rings: Callable[[], bool] = bool,
-        widened: bool = False,
-    ) -> VoxelCloud:
-        """Downsample a cloud, of which its cells may be known, and what tells whether it lies in rings."""
+    def of(cloud: PointCloud, size: float, *, cells: Cells | None = None, of_few_rings: bool = False) -> VoxelCloud:
+        """Downsample a cloud, of which its cells may be known, and whether it is of few rings."""
         if cells is None and size > 0.0:
             cells = Cells.of(cloud.points, size, cloud._ends)
         if cells is None or len(cells.counts) >= WHOLE * len(cloud):
             return VoxelCloud(size, cloud, None)
-        even = means_of(cloud, cells)
-        return VoxelCloud(size, even, CellSurface(even, cells, in_rings, widened=widened))
+        even, in_rings = means_of(cloud, cells), partial(lie_in_rings, cloud.points, cells.order)
+        return VoxelCloud(size, even, CellSurface(even, cells, in_rings, of_few_rings=of_few_rings))
 
     @staticmethod
     def across_lines(
-        cloud: PointCloud,
-        size: float,
-        *,
-        cells: Cells | None = None,
-        in_rings: Callable[[], bool] = bool,
-        widened: bool = False,
+        cloud: PointCloud, size: float, *, cells: Cells | None = None, of_few_rings: bool = False
     ) -> VoxelCloud:
         """Downsample a cloud, with wider voxels where its points stay in lines: all neighbours are on their own then.
 
         There is no plane through a line, and fits to one would turn any way.
         """
-        found = VoxelCloud.of(cloud, size, cells=cells, in_rings=in_rings, widened=widened)
+        found = VoxelCloud.of(cloud, size, cells=cells, of_few_rings=of_few_rings)
         for _ in range(MAX_WIDENINGS):
             if found.surface is None or len(found.cloud) < MIN_VOXEL_POINTS or not found.surface._in_lines:
                 break
-            found = VoxelCloud.of(cloud, WIDENING_FACTOR * found.size, in_rings=in_rings, widened=widened)
+            found = VoxelCloud.of(cloud, WIDENING_FACTOR * found.size, of_few_rings=of_few_rings)
         return found
 
     @staticmethod
@@ -101,15 +87,29 @@ class VoxelCloud:
         if not size > 0.0:
             return VoxelCloud(0.0, cloud, None)
         cells, is_dense = Cells.of(points, size, cloud._ends), len(points) > DENSE * count
-        # Of a dense cloud, which has cells in any case, it is asked later or not at all.
-        in_rings = partial(lie_in_rings, points, cells.order)
-        if not is_dense and len(points) >= RINGED * MIN_VOXEL_POINTS and in_rings():
-            size = first_size(points, count, cloud._ends, RINGED)
-            return VoxelCloud.across_lines(cloud, size, widened=True)
-        found = VoxelCloud.across_lines(cloud, size, cells=cells, in_rings=in_rings)
+        # Of a dense cloud, which has cells in any case, it is asked later or not at all, but where these are lines.
+        may_be_few = cells.lined_share > FEW_RINGS_SHARE if is_dense else len(points) >= RINGED * MIN_VOXEL_POINTS
+        if may_be_few and lie_in_rings(points, cells.order):
+            size = _across_rings(cloud, first_size(points, count, cloud._ends, RINGED))
+            return VoxelCloud.across_lines(cloud, size, of_few_rings=True)
+        found = VoxelCloud.across_lines(cloud, size, cells=cells)
         if is_dense or found.size > size or cells.unevenness > UNEVEN:
             return found
         return VoxelCloud(0.0, cloud, None)
+
+
+def _across_rings(cloud: PointCloud, size: float) -> float:
+    """Edge, from a first one on, of cells not nearly all of which hold points of one ring alone.
+
+    The denser the points on each ring, the smaller are cells of so many.
+    """
+    cells = Cells.of(cloud.points, size, cloud._ends)
+    while cells.lined_share > ONE_RING_SHARE:
+        cells = Cells.of(cloud.points, WIDENING_FACTOR * size, cloud._ends)
+        if len(cells.codes) < MIN_VOXEL_POINTS:
+            break
+        size *= WIDENING_FACTOR
+    return size
 
 
 def first_size(points: FloatArray, count: int, ends: Ends | None = None, dense: float = DENSE) -> float:

@@ -72,11 +72,11 @@ def align_coarse_to_fine(
     # Where the start is near, there is no basin to decide on any more.
     some, floor = scan.thinned(min(NEAR_POINTS, counts[0])), smallest_kernel_scale(scan, surface)
     few = Level(some, surface, plan, floor, last=len(counts) == 1)
-    mixture, seen = _first_look(few, start)
+    mixture, seen = _mixture_at_start(few, start)
     if mixture is None:
         # The basin is decided by normals too, at each point of the level.
         scan = with_planes(scan, COARSE_POINTS)
-        run, level = _placed(replaced(few, scan=scan.thinned(counts[0])), start, observe, first)
+        run, level = _coarse_end(replaced(few, scan=scan.thinned(counts[0])), start, observe, first)
     else:
         if few.last:
             few, seen = replaced(few, scan=scan.thinned(counts[0])), None
@@ -88,7 +88,7 @@ def align_coarse_to_fine(
     return with_last_step(plan, settled_on_rims(level, run, observe))
 
 
-def _placed(level: Level, start: FloatArray, observe: Observer | None, first: int) -> tuple[Alignment, Level]:
+def _coarse_end(level: Level, start: FloatArray, observe: Observer | None, first: int) -> tuple[Alignment, Level]:
     """End of the coarse level, with the fine estimator where there is one, and that level as the finer ones go on."""
     if level.plan.fine is None:
         run = _Basin.find(level, start, observe, first).run
@@ -96,10 +96,10 @@ def _placed(level: Level, start: FloatArray, observe: Observer | None, first: in
     run, near = _in_basin(level, start, observe, first)
     if run.ended_early or not isinstance(level.surface, CloudSurface):
         return run, near
-    return _or_narrow(level, start, run, near, observe)
+    return _or_at_narrow_kernel(level, start, run, near, observe)
 
 
-def _or_narrow(
+def _or_at_narrow_kernel(
     level: Level, start: FloatArray, run: Alignment, near: Level, observe: Observer | None
 ) -> tuple[Alignment, Level]:
     """The end of a coarse level between two clouds, or where planes alone lead from the start at a narrow kernel.
@@ -182,7 +182,7 @@ def _in_basin(level: Level, start: FloatArray, observe: Observer | None, first: 
     return replaced(run, history=history, status=status), near
 
 
-def _first_look(level: Level, start: FloatArray) -> tuple[InlierMixture | None, Correspondences | None]:
+def _mixture_at_start(level: Level, start: FloatArray) -> tuple[InlierMixture | None, Correspondences | None]:
     """Width and share to go on with at once, where the start is known to be near or is seen to be; what was seen."""
     plan = level.plan
     if plan.first_kernel_scale is not None:

@@ -28,7 +28,7 @@ from dqreg.icp.correspondences import Correspondences, find_correspondences
 from dqreg.icp.informative_sampling import information_gain, sample_by_gain, sample_runs_by_gain
 from dqreg.icp.level import SAMPLING_LIMITED_POINTS, AnnealingSchedule, IcpSettings, Level
 from dqreg.icp.loop import Alignment, Observer, Run
-from dqreg.icp.noise_by_face import held_by_creases
+from dqreg.icp.noise_by_face import motions_of_creases
 from dqreg.kernels.threads import TimeUpError, until
 from dqreg.rigid import pose
 
@@ -139,25 +139,25 @@ WIDE_SCALE_SPACINGS, ROUGH_SCENE_FRACTION = 2.5, 2 / 3
 
 def finish(level: Level, scan: Scan, counts: list[int], run: Alignment, observe: Observer | None) -> Alignment:
     """Resume on the finer levels; where the time is up within one, what was there before it stays."""
-    surface, finest, counts = level.surface, level.plan.finest, _that_tell_more(level, scan, counts, run)
+    surface, finest, counts = level.surface, level.plan.finest, _level_counts(level, scan, counts, run)
     planes = level.plan.fine is not None and bool(run.history) and run.history[-1].stage == FINE_SCHEDULE.name
     # Where all points are asked for, each gets an answer of its own.
     long = finest is not None and len(scan) >= MIN_RUN_POINTS * (finest // POINTS_PER_RUN)
     try:
         with until(level.plan.deadline):
             if counts and planes and long and finest is not None and isinstance(surface, MeshSurface):
-                return _together(level, scan, surface, finest, run, observe)
+                return _runs_and_singles(level, scan, surface, finest, run, observe)
             for count in counts:
                 if run.ended_early:
                     break
-                level = _drawn(level, scan, count, last=count == counts[-1], so_far=run)
+                level = _level_with_sample(level, scan, count, last=count == counts[-1], so_far=run)
                 run = _continued(level, run, observe)
     except TimeUpError:
         return replaced(run, status="stopped by observer")
     return run
 
 
-def _that_tell_more(level: Level, scan: Scan, counts: list[int], run: Alignment) -> list[int]:
+def _level_counts(level: Level, scan: Scan, counts: list[int], run: Alignment) -> list[int]:
     """Points of the levels; between clouds that differ no more than one a square of the kernel's width.
 
     There the distances are those of two shapes, and points within a width of each other have theirs in common; and of
@@ -174,20 +174,20 @@ def _that_tell_more(level: Level, scan: Scan, counts: list[int], run: Alignment)
     return [*(count for count in counts if count < most), min(most, counts[-1])] if counts else counts
 
 
-def _together(
+def _runs_and_singles(
     level: Level, scan: Scan, surface: MeshSurface, finest: int, run: Alignment, observe: Observer | None
 ) -> Alignment:
     """All points: those on the face of their run of neighbours together, and a choice of the others individually."""
     if run.ended_early:
         return run
-    level = _after(level, run, scan.taken(run_centres(len(scan), finest // POINTS_PER_RUN)[0]))
+    level = _level_on(level, run, scan.taken(run_centres(len(scan), finest // POINTS_PER_RUN)[0]))
     run = _continued(level, run, observe)
     if run.ended_early:
         return run
     pairs = gather(
         scan, surface, run.pairs, run.weights, run.T_target_source, run.mixture.scale, finest // POINTS_PER_SINGLE
     )
-    level = replaced(_after(level, run, pairs.scan), last=True)
+    level = replaced(_level_on(level, run, pairs.scan), last=True)
     return _joined(run, level.once(run.mixture, FINE_SCHEDULE, observe, run.next_number, pairs))
 
 
@@ -199,20 +199,20 @@ def _joined(run: Alignment, finer: Alignment) -> Alignment:
     return replaced(finer.after(run), earlier=(*run.earlier, run.pairs))
 
 
-def _after(level: Level, run: Run, scan: Scan) -> Level:
+def _level_on(level: Level, run: Run, scan: Scan) -> Level:
     contraction = level.contraction if run.contraction is None else run.contraction
     return replaced(level, scan=scan, contraction=contraction)
 
 
-def _drawn(level: Level, scan: Scan, count: int, *, last: bool, so_far: Run) -> Level:
+def _level_with_sample(level: Level, scan: Scan, count: int, *, last: bool, so_far: Run) -> Level:
     if not so_far.history or so_far.history[-1].stage != FINE_SCHEDULE.name:
         # The last step was another estimator's.
         return replaced(level, scan=scan.thinned(count), last=last)
     if level.plan.fine is not None and last and count < len(scan):
         places = scan.even_rows(len(level.scan))
         rows = sample_by_gain(information_gain(so_far.pairs, so_far.weights), places, len(scan), count)
-        return replaced(_after(level, so_far, scan.taken(rows)), last=last)
-    return replaced(_after(level, so_far, scan.thinned(count)), last=last)
+        return replaced(_level_on(level, so_far, scan.taken(rows)), last=last)
+    return replaced(_level_on(level, so_far, scan.thinned(count)), last=last)
 
 
 def with_last_step(plan: IcpSettings, run: Alignment) -> Alignment:
@@ -227,7 +227,7 @@ def settled_on_rims(level: Level, run: Alignment, observe: Observer | None) -> A
     """The run gone on with: what points near edges alone hold is few of them, and each step leaves half of the way."""
     if not _is_settled_on_part(level.plan, run) or len(run.pairs.scan) <= SAMPLING_LIMITED_POINTS:
         return run
-    if not held_by_creases(run.pairs, run.weights, run.mixture.scale)[0].size:
+    if not motions_of_creases(run.pairs, run.weights, run.mixture.scale)[0].size:
         return run
     level = replaced(level, scan=run.pairs.scan, last=True, patient=True, contraction=1.0)
     finer = level.once(run.mixture, RIM_SCHEDULE, observe, run.next_number, run.pairs)

@@ -150,22 +150,22 @@ def points_to_weighted_faces(pairs: Correspondences, weights: FloatArray, noise:
 def without_creases(pairs: Correspondences, weights: FloatArray, width: float) -> FloatArray:
     """Weights, (n,), with none near creases of a part, where the other points hold all motions about as well."""
     found = _creases(pairs, weights, width)
-    if found is None or _hold(found.own, found.others):
+    if found is None or _constrain(found.own, found.others):
         return weights
     kept = weights.copy()
     kept[found.near] = 0.0
     return kept
 
 
-def held_by_creases(pairs: Correspondences, weights: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
+def motions_of_creases(pairs: Correspondences, weights: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
     """Motions that points near creases hold and the others hardly do, (6, m), and the information of all, (6, 6).
 
     Twists about the middle of the part with rotations as displacements at half its diagonal, each of information one.
     """
     found = _creases(pairs, weights, width)
-    if found is None or not _hold(found.own, found.others):
+    if found is None or not _constrain(found.own, found.others):
         return np.zeros((6, 0)), np.zeros((6, 6))
-    axes, whole = _held_by_shape(pairs, found.surface, weights), found.own + found.others
+    axes, whole = _motions_of_smooth_surface(pairs, found.surface, weights), found.own + found.others
     values, turned = np.linalg.eigh(axes.T @ whole @ axes)
     known = values > RELATIVE_ROUNDING * values.sum()
     unit = axes @ turned[:, known] / np.sqrt(values[known])
@@ -173,7 +173,7 @@ def held_by_creases(pairs: Correspondences, weights: FloatArray, width: float) -
     return unit @ mixtures[:, shares > ALONE_SHARE], whole
 
 
-def _held_by_shape(pairs: Correspondences, surface: MeshSurface, weights: FloatArray) -> FloatArray:
+def _motions_of_smooth_surface(pairs: Correspondences, surface: MeshSurface, weights: FloatArray) -> FloatArray:
     """Axes of the motions that the surface holds which the facets approximate, (6, k): these hold a round shaft."""
     found, middle = pairs.closest, np.asarray(surface.centre, dtype=np.float64)
     smooth = smooth_normals_of(surface.mesh, found.points, found.elements, found.normals)
@@ -223,7 +223,7 @@ def _near(
     return near, sums.sum(axis=0).reshape(2, -1)
 
 
-def _hold(own: FloatArray, others: FloatArray) -> bool:
+def _constrain(own: FloatArray, others: FloatArray) -> bool:
     """Whether some points hold a motion that the others hardly do, given the information, (6, 6), of each."""
     whole = own + others
     return bool(np.linalg.eigvalsh(own - MAX_INFORMATION_SHARE * whole)[-1] > RELATIVE_ROUNDING * np.trace(whole))

@@ -217,7 +217,7 @@ def _nominal(geometry: Mesh | PointCloud, closest: FloatArray, elements: IntArra
     def area(number: int) -> float:
         return float(areas()[number])
 
-    return Nominal(closest, normals, faces, area)
+    return Nominal(closest, normals, faces, area, geometry.vertices if isinstance(geometry, Mesh) else geometry.points)
 
 
 def deviations_under(deviations: Deviations, T: FloatArray, covariance: FloatArray, centre: FloatArray) -> Deviations:

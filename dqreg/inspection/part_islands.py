@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
-from dqreg.inspection.scan_scene import Scene
+from dqreg.inspection.scan_scene import COVERED, LEAVES_COS, Scene
 
 # Points on the part go on smoothly where they leave the tangent plane of the surface beside them by less than this
 # slope, and turn by less than the angle.
@@ -15,12 +17,16 @@ BESIDE = 0.1
 # Directions about a surface, and the share of them in which the part goes on smoothly that makes it a lid of the part,
 # or an island amid one of its faces: beside the part it does so in half of them at most.
 SECTORS, ENCLOSED = 24, 0.6
+# Share in which it does so beside one side of a patch, and how far such patches are apart about an edge, in cells.
+BORDERED, EDGE = 0.25, 3.0
+# Share of the directions in which the part lies around what closes a bore; around a notch it is three quarters.
+CLOSED = 0.8
 # A lid is no wider than so many limits: half of the part.
 LARGEST = 10.0
 # Points of an island at least, and how far it goes, in limits; beyond that another object stands on the part.
 ISLAND, WIDE = 25, 5.0
-# Share of an island's points that stand above a face of the part, not beside one.
-ABOVE_COS, ABOVE = float(np.cos(np.deg2rad(20.0))), 0.8
+# Faces beneath an island along whose normals it is looked at, and how far around it, in radii of it.
+LOOKED_ALONG, AROUND = 3, 3.0
 # Share of the places behind an island that were measured, from which it is before the part and does not stand on it.
 SHADOW = 0.7
 
@@ -34,18 +40,41 @@ def of_the_part(scene: Scene, other: BoolArray) -> BoolArray:
 
 
 def _lids(scene: Scene, asked: BoolArray) -> BoolArray:
-    """Patches around which a face of the part, as it was scanned, goes on smoothly."""
-    found = np.zeros(scene.count, dtype=bool)
+    """Patches around which a face of the part, as it was scanned, goes on smoothly; and corners of such."""
+    shares = np.zeros(scene.count)
     mine = np.flatnonzero(asked[scene.patch] & scene.crowded)
     wide = _extents(scene.cells.planes[0][mine], scene.patch[mine], scene.count) > LARGEST * scene.limit
     mine = mine[~wide[scene.patch[mine]]]
     if len(mine):
         rows, patch = _going_on(scene, mine)
-        many = np.flatnonzero(np.bincount(patch, minlength=scene.count) >= SECTORS * ENCLOSED)
-        for number in many:
-            share = _enclosed(scene.points[scene.rows_of(int(number))], scene.points[rows[patch == number]])
-            found[number] = share >= ENCLOSED
+        for number in np.flatnonzero(np.bincount(patch, minlength=scene.count) >= SECTORS * BORDERED):
+            points = scene.points[scene.rows_of(int(number))]
+            around = scene.points[rows[patch == number]]
+            plane, middle = _plane_of(points)[:, :2], points.mean(axis=0)
+            shares[number] = _enclosed((points - middle) @ plane, (around - middle) @ plane)
+    return (shares >= ENCLOSED) | _corners(scene, np.flatnonzero(shares >= BORDERED))
+
+
+def _corners(scene: Scene, bordered: IntArray) -> BoolArray:
+    """Of patches that continue a face of the part on a side, those that meet one that continues another face.
+
+    A jaw may be flush with one face, what fills a corner is with all of them.
+    """
+    from scipy.spatial import cKDTree
+
+    found = np.zeros(scene.count, dtype=bool)
+    points = [scene.points[scene.rows_of(int(number))] for number in bordered]
+    normals = [_plane_of(each)[:, 2] for each in points]
+    for one, two in combinations(range(len(bordered)), 2):
+        if abs(normals[one] @ normals[two]) <= LEAVES_COS:
+            near = cKDTree(points[one]).query(points[two], distance_upper_bound=EDGE * scene.cells.width)[0]
+            found[bordered[[one, two]]] |= bool(np.isfinite(near).any())
     return found
+
+
+def _plane_of(points: FloatArray) -> FloatArray:
+    """Axes of some points in columns, the normal of their plane last."""
+    return np.asarray(np.linalg.svd(np.cov((points - points.mean(axis=0)).T))[0])
 
 
 def _going_on(scene: Scene, mine: IntArray) -> tuple[IntArray, IntArray]:
@@ -71,34 +100,32 @@ def _going_on(scene: Scene, mine: IntArray) -> tuple[IntArray, IntArray]:
     return each[:, 0], each[:, 1]
 
 
-def _enclosed(points: FloatArray, around: FloatArray) -> float:
-    """Share of the directions in which points lie around others, farther out than those."""
-    middle = points.mean(axis=0)
-    plane = np.linalg.svd(np.cov((points - middle).T))[0][:, :2]
+def _enclosed(points: FloatArray, around: FloatArray, farther: float = 0.0) -> float:
+    """Share of the directions in a plane in which points lie around others, farther out. Shapes: (n, 2), (m, 2)."""
     inner, outer = (np.zeros(SECTORS) for _ in range(2))
     for places, farthest in ((points, inner), (around, outer)):
-        x, y = ((places - middle) @ plane).T
+        x, y = places.T
         sector = np.floor((np.arctan2(y, x) / (2.0 * np.pi) + 0.5) * SECTORS).astype(np.int64) % SECTORS
         np.maximum.at(farthest, sector, np.hypot(x, y))
-    return float(np.mean(outer > inner))
+    return float(np.mean(outer > inner + farther))
 
 
 def _islands(scene: Scene, asked: BoolArray) -> BoolArray:
-    """Patches of what stands on the part: small, above its faces, and amid one of them, see `_stands_on`."""
+    """Patches of what stands on the part: small, amid it, and under nothing that does not, see `_stands_on`."""
     marked = asked[scene.patch] & scene.crowded
     one, two = scene.cells.pairs.T
     island = scene.cells.patches(marked[one] & marked[two])
     count, mine = int(island.max()) + 1, marked[scene.cells.cell]
-    rows, of = scene.off[mine], island[scene.cells.cell][mine]
-    sizes = np.bincount(of, minlength=count)
-    offsets = scene.points[rows] - scene.nominal.feet[rows]
-    cosines = np.abs(np.einsum("ij,ij->i", offsets, scene.nominal.normals(rows))) / scene.distances[rows]
-    above = np.bincount(of, weights=cosines >= ABOVE_COS, minlength=count)
-    found = (sizes >= ISLAND) & (above >= ABOVE * sizes)
-    found &= _extents(scene.points[rows], of, count) <= WIDE * scene.limit
+    of = np.where(mine, island[scene.cells.cell], count)
+    sizes = np.bincount(of, minlength=count + 1)[:count]
+    rows = scene.off[mine]
+    found = (sizes >= ISLAND) & (_extents(scene.points[rows], of[mine], count) <= WIDE * scene.limit)
     touching = np.bincount(island, weights=marked & scene.beside_part, minlength=count) > 0
     for number in np.flatnonzero(found):
-        found[number] = _stands_on(scene, rows[of == number], touches=bool(touching[number]))
+        found[number] = _stands_on(scene, rows[of[mine] == number], touches=bool(touching[number]))
+    standing = np.append(found, False)[of]
+    under = np.bincount(of, weights=scene.covered(standing, mine & ~standing), minlength=count + 1)[:count]
+    found &= under < COVERED * sizes
     patches = scene.any_of_patch(found[island] & marked)
     if not patches.any():
         return patches
@@ -107,17 +134,43 @@ def _islands(scene: Scene, asked: BoolArray) -> BoolArray:
 
 
 def _stands_on(scene: Scene, rows: IntArray, *, touches: bool) -> bool:
-    """Whether an island stands amid a face of the part that was scanned around it: a table or clamp is beside one.
+    """Whether an island stands amid the part, as it was scanned around it: a table or clamp is beside one.
 
     The sides of a pin are not seen from above: its shadow on the part is the only place that was not measured.
     """
     if not (touches or 0.0 < scene.share_measured(rows) < SHADOW):
         return False
-    feet, normal = scene.nominal.feet[rows], scene.nominal.normals(rows).mean(axis=0)
-    within = np.abs(scene.nominal.feet[scene.rows_on] - feet.mean(axis=0)).max(axis=1) <= np.ptp(feet, axis=0).max()
-    around = scene.rows_on[within]
-    around = around[scene.nominal.normals(around) @ normal >= SMOOTH_COS * np.linalg.norm(normal)]
-    return len(around) > 0 and _enclosed(feet, scene.nominal.feet[around]) >= ENCLOSED
+    normals, faces = scene.nominal.normals(rows), scene.nominal.faces(rows)
+    for face in np.argsort(-np.bincount(faces))[:LOOKED_ALONG]:
+        if (faces == face).any() and _amid(scene, rows, normals[faces == face].mean(axis=0)):
+            return True
+    return _closes(scene, rows)
+
+
+def _closes(scene: Scene, rows: IntArray) -> bool:
+    """Whether the part lies all around a surface, in its plane, and on both sides of it: a table is beneath it."""
+    points = scene.points[rows]
+    axes, middle = _plane_of(points), points.mean(axis=0)
+    across = (points - middle) @ axes[:, :2]
+    if _enclosed(across, (scene.nominal.feet[rows] - middle) @ axes[:, :2]) < CLOSED:
+        return False
+    corners = (scene.nominal.corners - middle) @ axes
+    # The plane is as uncertain far off as that is in radii of the surface.
+    radius = max(np.hypot(*across.T).max(), scene.near)
+    beyond = scene.width * np.maximum(np.hypot(*corners[:, :2].T) / radius, 1.0)
+    return bool((corners[:, 2] > beyond).any() and (corners[:, 2] < -beyond).any())
+
+
+def _amid(scene: Scene, rows: IntArray, along: FloatArray) -> bool:
+    """Whether the part lies around an island, looked at along a normal of it."""
+    if np.linalg.norm(along) < SMOOTH_COS:
+        return False
+    plane = np.linalg.svd(along[None])[2][1:].T
+    middle = scene.points[rows].mean(axis=0)
+    island = (scene.points[rows] - middle) @ plane
+    part = (scene.points[scene.rows_on] - middle) @ plane
+    part = part[np.hypot(*part.T) <= AROUND * np.hypot(*island.T).max() + scene.near]
+    return len(part) > 0 and _enclosed(island, part, scene.near) >= ENCLOSED
 
 
 def _extents(points: FloatArray, of: IntArray, count: int) -> FloatArray:

@@ -20,7 +20,7 @@ class ScanCells:
     """Cells that hold points, and their 26 neighbours that do."""
 
     def __init__(self, points: FloatArray, width: float) -> None:
-        self._low, self._width, self._points = points.min(axis=0) - width, width, points
+        self._low, self.width, self._points = points.min(axis=0) - width, width, points
         at = self._place(points)
         self._wide = at.max(axis=0) + 2
         self.keys, self.cell, self.counts = np.unique(self._key(at), return_inverse=True, return_counts=True)
@@ -28,7 +28,7 @@ class ScanCells:
         self._shifts = steps @ np.array([self._wide[1] * self._wide[2], self._wide[2], 1])
 
     def _place(self, points: FloatArray) -> IntArray:
-        found: IntArray = np.floor((points - self._low) / self._width).astype(np.int64)
+        found: IntArray = np.floor((points - self._low) / self.width).astype(np.int64)
         return found
 
     def _key(self, at: IntArray) -> IntArray:
@@ -67,14 +67,14 @@ class ScanCells:
         """Planes in and around each cell: middle (k, 3), normal (k, 3), variances (k, 3), the smallest first."""
         # In cells about the middle one, where squares keep their digits.
         centre = self._points.mean(axis=0)
-        places = (self._points - centre) / self._width
+        places = (self._points - centre) / self.width
         columns = [np.ones(len(places)), *places.T]
         columns += [places[:, i] * places[:, j] for i in range(3) for j in range(i, 3)]
         found = self.around(np.column_stack([self.sums(column) for column in columns]))
         middles = found[:, 1:4] / found[:, :1]
         moments = found[:, [4, 5, 6, 5, 7, 8, 6, 8, 9]].reshape(-1, 3, 3) / found[:, :1, None]
         variances, axes = np.linalg.eigh(moments - middles[:, :, None] * middles[:, None, :])
-        return centre + middles * self._width, axes[:, :, 0], np.maximum(variances, 0.0) * self._width**2
+        return centre + middles * self.width, axes[:, :, 0], np.maximum(variances, 0.0) * self.width**2
 
     def flat(self, noise: float) -> BoolArray:
         """Cells whose points are of a smooth surface, (k,)."""

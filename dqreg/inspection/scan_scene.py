@@ -25,8 +25,13 @@ BEFORE = 0.7
 # Share of the nominal places behind a surface that were measured, up to which the surface is the face there; and the
 # share of the face that it covers, more where some of its points are above another face.
 REPLACES, COVERS, MOSTLY = 0.25, 0.25, 0.5
+# Of a face that is out of place as a whole, so small a share was measured in its place: points of the faces beside it,
+# which are single ones in a place.
+KEPT, SINGLE = 0.1, 1
 # Surfaces are of one plane within so many sigmas of the noise, or so many spacings; planes that are looked at.
 ONE_PLANE, ONE_PLANE_SPACINGS, PLANES = 4.0, 0.5, 8
+# Share of the points of a surface above which another object lies, from which it is that one's pad.
+COVERED = 0.5
 # Points of a side that are asked which one is nearest.
 LOOKED_AT = 200_000
 
@@ -39,6 +44,7 @@ class Nominal:
     normals: Callable[[IntArray], FloatArray]  # Of the target at the feet of some rows; 0 where it has none
     faces: Callable[[IntArray], IntArray]  # Number of the face of the part there
     area: Callable[[int], float]  # Of a face
+    corners: FloatArray  # (m, 3): All of it lies between these
 
 
 @dataclasses.dataclass(eq=False)
@@ -184,6 +190,30 @@ class Scene:
         found: BoolArray = self.per_patch(nearer) > 0.5 * self.counts
         return found
 
+    def off_of(self, patches: BoolArray) -> BoolArray:
+        """Which of the points off the part are of some patches."""
+        found: BoolArray = (self.crowded & patches[self.patch])[self.cells.cell]
+        return found
+
+    def covered(self, asked: BoolArray, others: BoolArray) -> BoolArray:
+        """Which points off the part, of those asked, have one of the others above: of the same place, farther off."""
+        from scipy.spatial import cKDTree
+
+        found, mine, away = np.zeros(len(self.off), dtype=bool), np.flatnonzero(asked), np.flatnonzero(others)
+        if not len(mine) or not len(away):
+            return found
+        feet, width = self.nominal.feet[self.off], 2.0 * self.near
+        low, high = feet[mine].min(axis=0) - width, feet[mine].max(axis=0) + width
+        away = away[((feet[away] >= low) & (feet[away] <= high)).all(axis=1)]
+        if len(away):
+            tree = cKDTree(self._sided(self.off[away]))
+            near, nearest = tree.query(self._sided(self.off[mine]), distance_upper_bound=width)
+            there = np.isfinite(near)
+            above, below = self.off[away[np.asarray(nearest)[there]]], self.off[mine[there]]
+            sides = np.einsum("ij,ij->i", *(self.points[rows] - self.nominal.feet[rows] for rows in (above, below)))
+            found[mine[there]] = (sides > 0.0) & (self.distances[above] > self.distances[below])
+        return found
+
     def replaces_a_face(self, number: int) -> bool:
         """Whether a surface is what was measured of the face of the part behind it."""
         rows = self.rows_of(number)
@@ -196,4 +226,10 @@ class Scene:
         # A surface above two faces replaces one of them where it covers more of it.
         if len(above) <= 0.5 * len(rows) or covers < (COVERS if len(above) >= MOST * len(rows) else MOSTLY):
             return False
-        return self.share_measured(above) <= REPLACES
+        if self.share_measured(above) > REPLACES:
+            return False
+        # A face is out of place as a whole: where some of it was measured in its place, this one is another object's.
+        own = self.rows_on[self.nominal.faces(self.rows_on) == face]
+        points = np.unique(np.floor(self.nominal.feet[own] / self.near), axis=0, return_counts=True)[1]
+        kept = int(np.count_nonzero(points > SINGLE))
+        return kept <= KEPT * (kept + len(places))

@@ -9,7 +9,16 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.inspection.part_islands import of_the_part
 from dqreg.inspection.scan_cells import ScanCells
-from dqreg.inspection.scan_scene import LEAVES, LEAVES_COS, ONE_PLANE, ONE_PLANE_SPACINGS, SURFACE, Nominal, Scene
+from dqreg.inspection.scan_scene import (
+    COVERED,
+    LEAVES,
+    LEAVES_COS,
+    ONE_PLANE,
+    ONE_PLANE_SPACINGS,
+    SURFACE,
+    Nominal,
+    Scene,
+)
 
 # Points of a piece of a surface that says nothing of itself.
 PIECE = 25
@@ -81,7 +90,13 @@ def _of_something_else(scene: Scene, other: BoolArray) -> BoolArray:
     # A table is seen through the holes of a part, too.
     found |= inner & leaving & scene.in_planes((other | found) & flat & (scene.counts >= LEAVES))
     # What leaves the part towards another surface, and what is on no smooth one beside it, goes with that.
-    found |= inner & (leaving | ~flat) & scene.beside(other | found)
+    # Between the two lies the edge where they meet.
+    for _ in range(2):
+        found |= inner & (leaving | ~flat) & scene.beside(other | found)
+    # So does what leaves the part beneath another surface, which hides where the two meet: the pad of a clamp.
+    asked = inner & leaving & ~found
+    covered = scene.per_patch(scene.covered(scene.off_of(asked), scene.off_of(other | found)))
+    found |= asked & (covered >= COVERED * scene.counts)
     # What touches nothing and does not look like a face of the part goes with what is nearest.
     pieces = inner & ~found & ~scene.attached & (~flat | ~scene.turned | (scene.counts <= PIECE))
     found |= pieces & scene.nearer_to(other | found, pieces)

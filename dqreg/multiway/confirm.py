@@ -205,7 +205,7 @@ class _Paths:
         while heap:
             length, node = heapq.heappop(heap)
             if node == last:
-                return _back(came, first, last)
+                return _path_back(came, first, last)
             if node in done:
                 continue
             done.add(node)
@@ -235,7 +235,7 @@ def _diagonal(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
     return covariance[:3, :3], covariance[3:, 3:]
 
 
-def _back(came: dict[int, tuple[int, int, int]], first: int, last: int) -> list[tuple[int, int]]:
+def _path_back(came: dict[int, tuple[int, int, int]], first: int, last: int) -> list[tuple[int, int]]:
     path = []
     while last != first:
         last, edge, against = came[last]

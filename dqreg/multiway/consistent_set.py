@@ -14,7 +14,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.errors import DqregError
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.multiway.edges import PART, WEAKLY_CONSTRAINED, Edge, sureness
+from dqreg.multiway.edges import PART, WEAKLY_CONSTRAINED, Edge, confidence_of_edge
 from dqreg.multiway.merge import merged_target
 from dqreg.multiway.scans import View
 from dqreg.registration.options import Effort, Search
@@ -83,7 +83,7 @@ class ConsistentSet:
     def _left(self) -> list[int]:
         """Scans that are not in, those with most edges to what is in first."""
         left = [k for k, view in enumerate(self.views) if view.usable and k not in self.T]
-        support = {k: sum(sureness(edge) for edge, _ in self._named(k)) for k in left}
+        support = {k: sum(confidence_of_edge(edge) for edge, _ in self._named(k)) for k in left}
         return sorted(left, key=lambda k: (-support[k], k))
 
     def _rounds(self, level: str = "") -> bool:
@@ -122,7 +122,7 @@ class ConsistentSet:
 
     def _support(self, k: int, T: FloatArray) -> float:
         """Confidence of the edges that put a scan at a pose, taken together; a little for a pose that none names."""
-        named = [sureness(edge) for edge, other in self._named(k) if self.close(k, T, other)]
+        named = [confidence_of_edge(edge) for edge, other in self._named(k) if self.close(k, T, other)]
         return max(sum(named), UNNAMED_CONFIDENCES)
 
     def _admit_loose(self, k: int) -> None:
@@ -171,18 +171,18 @@ class ConsistentSet:
     def _candidates(self, k: int, level: str = "") -> list[FloatArray]:
         """Poses that edges (of a level) name, each once; first those of sure edges, with most of it on the others."""
         found: list[list[tuple[float, FloatArray]]] = []
-        for edge, T in sorted(self._named(k), key=lambda each: -sureness(each[0])):
+        for edge, T in sorted(self._named(k), key=lambda each: -confidence_of_edge(each[0])):
             if any(self.close(k, T, other) for other in self.hopeless.get(k, ())):
                 continue
             if level and edge.level != level:
                 continue
-            named = sureness(edge), T
+            named = confidence_of_edge(edge), T
             same = next((group for group in found if self.close(k, T, group[0][1])), None)
             found.append([named]) if same is None else same.append(named)
-        found.sort(key=lambda group: -sum(sure for sure, _ in group) * self._lying(k, group[0][1]))
+        found.sort(key=lambda group: -sum(sure for sure, _ in group) * self._share_on_others(k, group[0][1]))
         return [group[0][1] for group in found]
 
-    def _lying(self, k: int, T: FloatArray) -> float:
+    def _share_on_others(self, k: int, T: FloatArray) -> float:
         """Share of a scan that lies on the others at a pose."""
         if self._tree is None:
             clouds = [(self.T[j], self.views[j].cloud) for j in self.T]
@@ -251,7 +251,7 @@ def largest_consistent_set(
 ) -> ConsistentSet | None:
     """The largest set of scans that fit together, grown from the surest pairs; None where no pair is accepted."""
     sure = [edge for edge in edges if edge.level == "accepted" and edge.target != PART]
-    sure.sort(key=lambda e: (-((e.target, e.source) in confirmed), -sureness(e)))
+    sure.sort(key=lambda e: (-((e.target, e.source) in confirmed), -confidence_of_edge(e)))
     usable = sum(view.usable for view in views)
     best: ConsistentSet | None = None
     for _ in range(MAX_SEEDS):

@@ -10,7 +10,7 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.multiway.confirm import Confirmation, confirm, islands, joined_by
-from dqreg.multiway.edges import PART, SETTLED_BY_LOOPS, Edge, EdgeCode, graph_of, sureness
+from dqreg.multiway.edges import PART, SETTLED_BY_LOOPS, Edge, EdgeCode, confidence_of_edge, graph_of
 from dqreg.multiway.equal_steps import EqualSteps
 from dqreg.multiway.graph import PoseGraph, solve_graph
 from dqreg.multiway.loops import CHI2_LIMIT, MAX_LOOP_SIGMA_RAD, MAX_LOOP_SIGMA_SIZES, Loops, covariances_of, find_loops
@@ -55,11 +55,11 @@ class EdgeSelection:
             return False
         weight = np.zeros(len(self.T_world_scan))
         for edge in self.edges:
-            weight[[edge.target, edge.source]] += edge.used * sureness(edge)
+            weight[[edge.target, edge.source]] += edge.used * confidence_of_edge(edge)
         left_out = [edge for edge in self.edges if edge.found and not edge.used and edge.code != "uncertain"]
         return all(
             edge.level != "accepted"
-            and sureness(edge) <= OUTWEIGHED_CONFIDENCE_SHARE * weight[[edge.target, edge.source]].min()
+            and confidence_of_edge(edge) <= OUTWEIGHED_CONFIDENCE_SHARE * weight[[edge.target, edge.source]].min()
             for edge in left_out
         )
 
@@ -78,13 +78,13 @@ def select_edges(
     The anchor, a scan or -1 for the part, gets the pose given. Poses of pairs need not agree to better than the floor,
     a length; size is a typical diagonal of a scan. Steps of a turntable confirm edges, and hold what these do not.
     """
-    codes: list[EdgeCode] = [_first_look(edge, size) for edge in edges]
+    codes: list[EdgeCode] = [_initial_code(edge, size) for edge in edges]
     rows = np.array([k for k, code in enumerate(codes) if code == "unconfirmed"], dtype=np.int64)
     graph = graph_of([edges[k] for k in rows], count)
     loops = find_loops(graph, size, floor)
     accepted = np.array([edges[k].level == "accepted" for k in rows], dtype=bool)
     covariances = covariances_of(graph, size, floor)
-    sure = np.array([sureness(edges[k]) for k in rows])
+    sure = np.array([confidence_of_edge(edges[k]) for k in rows])
     held = np.array([set(edges[k].registration.verdict.codes) <= SETTLED_BY_LOOPS for k in rows], dtype=bool)
     told = confirm(graph, covariances, loops, accepted, size, sure, held)
     by_steps = np.zeros(len(rows), dtype=bool) if steps is None else steps.agree(graph, [edges[k] for k in rows])
@@ -120,7 +120,7 @@ def select_edges(
     return EdgeSelection(tuple(judged), final, island[:count], home_node, loops, rows, told.confirmed, by_steps)
 
 
-def _first_look(edge: Edge, size: float) -> EdgeCode:
+def _initial_code(edge: Edge, size: float) -> EdgeCode:
     """Why an edge can be of no use, or "unconfirmed"."""
     if edge.level == "failed" or not edge.found:
         return "untried" if edge.code == "untried" else "no_pose"

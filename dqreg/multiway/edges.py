@@ -101,7 +101,7 @@ class Edge:
         return bool(np.isfinite(self.registration.T_target_source).all())
 
 
-def sureness(edge: Edge) -> float:
+def confidence_of_edge(edge: Edge) -> float:
     """Confidence of an edge; 0 where it is not known."""
     return float(np.nan_to_num(edge.registration.verdict.confidence))
 
@@ -179,7 +179,7 @@ def graph_of(edges: Sequence[Edge], count: int) -> PoseGraph:
     )
 
 
-def turned_round(graph: PoseGraph) -> PoseGraph:
+def with_lower_targets(graph: PoseGraph) -> PoseGraph:
     """The same graph with the lower node of every edge as its target."""
     back = graph.targets > graph.sources
     low, high = np.minimum(graph.targets, graph.sources), np.maximum(graph.targets, graph.sources)

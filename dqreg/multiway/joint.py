@@ -84,12 +84,12 @@ def refine_jointly(
     T = T_world_body.copy()
     found: dict[tuple[int, int], WeighedMatches] = {}
     rounds, moved, coarse, soft = 0, np.inf, few < budget and not strict, 0.0 if strict else FIRST_SCALE_SPACINGS
-    hard = _hard(bodies)
+    hard = _last_scale(bodies)
     matchings = _matchings(bodies, ways, few if coarse else budget)
     faster = JointAnderson(free, np.array([0.5 * body.surface.diagonal for body in bodies]))
     motions: list[float] = []
     most = most or (MAX_STRICT_ROUNDS if strict else MAX_ROUNDS)
-    while rounds < most and (coarse or soft > 0.0 or not _ended(motions)) and not is_over():
+    while rounds < most and (coarse or soft > 0.0 or not _has_ended(motions)) and not is_over():
         rounds, new = rounds + 1, rounds == 0
         if coarse and (moved < COARSE_STILL_SPACINGS or rounds >= MAX_COARSE_ROUNDS):
             # Pairs that met nowhere at first may do so from better poses.
@@ -116,7 +116,7 @@ def refine_jointly(
     return Joint(T, tuple(found.values()), rounds, moved < CONVERGED_SPACINGS)
 
 
-def _ended(motions: Sequence[float]) -> bool:
+def _has_ended(motions: Sequence[float]) -> bool:
     """Whether a round moved nothing, or several moved little and no less than those before."""
     if not motions or motions[-1] < STILL_SPACINGS:
         return bool(motions)
@@ -153,7 +153,7 @@ def _correspond(
     return found
 
 
-def _hard(bodies: Sequence[Body]) -> float:
+def _last_scale(bodies: Sequence[Body]) -> float:
     """Least scale of the distances, in spacings, that is next to none."""
     ratios = [body.scan.noise / body.scan.spacing for body in bodies if body.scan is not None]
     return max(LAST_SCALE_NOISES * min(ratios), LAST_SCALE_SPACINGS)

@@ -8,7 +8,7 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.multiway import dual_poses
-from dqreg.multiway.edges import turned_round
+from dqreg.multiway.edges import with_lower_targets
 from dqreg.multiway.graph import PoseGraph
 from dqreg.rigid import pose
 
@@ -62,7 +62,7 @@ def find_loops(graph: PoseGraph, size: float, floor: float) -> Loops:
 
     The product is taken of dual quaternions; each edge's covariance is carried to the frame in which it ends.
     """
-    ordered = turned_round(graph)
+    ordered = with_lower_targets(graph)
     rows = _triangles(ordered)
     covariances = covariances_of(ordered, size, floor)
     ab, bc, ac = rows.T

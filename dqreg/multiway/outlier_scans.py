@@ -75,7 +75,7 @@ class Judge:
         return self.sides.free.contradictions(selection.T_world_scan[: self.count])
 
 
-def without_foreign(judge: Judge, selection: EdgeSelection) -> tuple[Judge, EdgeSelection]:
+def without_contradicting_scans(judge: Judge, selection: EdgeSelection) -> tuple[Judge, EdgeSelection]:
     """The selection without the edges of scans that cannot stand where they were placed.
 
     A scan of something else bends those that its edges join, which then contradict the others too: each scan in

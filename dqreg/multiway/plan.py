@@ -86,7 +86,7 @@ def _between(known: Sequence[FloatArray | None], i: int, j: int, order: Order) -
     return np.eye(4) if order == "sequence" and abs(i - j) == 1 else None
 
 
-def rescued(
+def with_overlapping_pairs(
     runner: PairRunner, selection: EdgeSelection, judged: Callable[[Sequence[Edge]], EdgeSelection], size: float
 ) -> EdgeSelection:
     """The selection after pairs that overlap, and are not joined, were registered from where the others put them."""

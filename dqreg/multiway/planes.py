@@ -108,7 +108,9 @@ class WeighedMatches:
         rows = np.hstack([np.cross(x, n), n])
         cells, group = np.unique(cell_numbers(x, cell), return_inverse=True)
         slopes: FloatArray = np.column_stack([np.bincount(group, column * along, len(cells)) for column in rows.T])
-        return cells, _unfitted(slopes, rows * (np.sqrt(self.weights[kept]) / self.sigma)[:, None], group, relative)
+        return cells, _leverage_corrected(
+            slopes, rows * (np.sqrt(self.weights[kept]) / self.sigma)[:, None], group, relative
+        )
 
 
 def _arms(points: FloatArray) -> FloatArray:
@@ -119,12 +121,12 @@ def _arms(points: FloatArray) -> FloatArray:
     return np.concatenate([turns, np.broadcast_to(np.eye(3), turns.shape)], axis=1)
 
 
-def _unfitted(slopes: FloatArray, rows: FloatArray, group: IntArray, relative: FloatArray) -> FloatArray:
+def _leverage_corrected(slopes: FloatArray, rows: FloatArray, group: IntArray, relative: FloatArray) -> FloatArray:
     """Slopes of cells, (k, 6), as large as they were before the poses were fitted to them too.
 
     A cell that alone holds a motion has residuals of zero there, whatever its error: along each motion the squares are
     divided by the share that the others leave open, which makes the sandwich unbiased (HC2 of MacKinnon and White 1985,
-    of clusters Bell and McCaffrey 2002). Rows are in units of the noise, relative as in `Planes.scores`.
+    of clusters Bell and McCaffrey 2002). Rows are in units of the noise, relative as in `WeighedMatches.scores`.
     """
     scale = np.sqrt(np.diag(relative))
     values, vectors = np.linalg.eigh(relative / scale / scale[:, None])

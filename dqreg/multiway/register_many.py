@@ -16,11 +16,11 @@ from dqreg.multiway.consensus import by_consensus
 from dqreg.multiway.edge_selection import EdgeSelection
 from dqreg.multiway.edges import PART, Edge
 from dqreg.multiway.equal_steps import EqualSteps
-from dqreg.multiway.outlier_scans import Judge, without_foreign, without_misfits
+from dqreg.multiway.outlier_scans import Judge, without_contradicting_scans, without_misfits
 from dqreg.multiway.overlap import overlap_matrix
 from dqreg.multiway.pair_runs import PairRunner, Progress, workers_of
 from dqreg.multiway.pairs import Edges, Order, asked_pairs
-from dqreg.multiway.plan import first_edges, rescued
+from dqreg.multiway.plan import first_edges, with_overlapping_pairs
 from dqreg.multiway.refine import refined
 from dqreg.multiway.result import Multiway
 from dqreg.multiway.round_part import RoundPart, laid_by_angles
@@ -181,10 +181,12 @@ def _selection(
     selection = judge(found)
     if turned is not None:
         # The others refuse what is laid by angles that nobody knows.
-        return without_foreign(judge, selection)[1]
-    judge, selection = without_foreign(*by_consensus(runner, judge, selection))
+        return without_contradicting_scans(judge, selection)[1]
+    judge, selection = without_contradicting_scans(*by_consensus(runner, judge, selection))
     if automatic:
-        judge, selection = without_foreign(judge, rescued(runner, selection, judge, judge.size))
+        judge, selection = without_contradicting_scans(
+            judge, with_overlapping_pairs(runner, selection, judge, judge.size)
+        )
     return without_misfits(runner.views, judge, selection, runner.effort, runner.seed)[1]
 
 

@@ -117,11 +117,11 @@ class Sides:
         """The edges, with those marked that lay one side of a sheet on the other, or stand in free space."""
         found = []
         for edge in edges:
-            wrong = self._wrong(edge) if edge.found and edge.target != PART else None
+            wrong = self._contradiction_code(edge) if edge.found and edge.target != PART else None
             found.append(edge if wrong is None else dataclasses.replace(edge, code=wrong))
         return found
 
-    def _wrong(self, edge: Edge) -> EdgeCode | None:
+    def _contradiction_code(self, edge: Edge) -> EdgeCode | None:
         i, j, T = edge.target, edge.source, edge.registration.T_target_source
         key = i, j, T.tobytes()
         if key not in self.known:

@@ -118,7 +118,7 @@ def _information(
         apparent = np.array([faces[k].apparent for k in firm])
         B = graph.jacobians(T)
         for k, row in enumerate(firm):
-            squares = less(graph.information[k], to_centre[k].T @ apparent[k] @ to_centre[k])
+            squares = without_apparent(graph.information[k], to_centre[k].T @ apparent[k] @ to_centre[k])
             held[row] = B[k].T @ squares @ B[k]
     outward = pose.adjoint(pose.inverse(T[whole.targets]))
     # Both ways of a pair look at the same edges.
@@ -127,7 +127,7 @@ def _information(
     return whole, held, outward.transpose(0, 2, 1) @ locked @ outward
 
 
-def less(information: FloatArray, apparent: FloatArray) -> FloatArray:
+def without_apparent(information: FloatArray, apparent: FloatArray) -> FloatArray:
     """Information without the apparent part of it; a little of each motion is left. Shapes: (6, 6)."""
     scale = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(information / scale / scale[:, None])

@@ -157,12 +157,12 @@ def _unconfirmed(views: Sequence[View], selection: EdgeSelection, placed: Sequen
     if len(placed) + (selection.anchor == PART) > 2:
         confirmed = set(selection.rows[selection.confirmed].tolist())
         sound = [edge for row, edge in enumerate(selection.edges) if edge.used and row in confirmed]
-        yield from _hang_on(views, selection, sound, "no closing loop confirms these pairs")
+        yield from _single_links(views, selection, sound, "no closing loop confirms these pairs")
     sound = [edge for edge in selection.edges if edge.used and not is_refused(edge)]
-    yield from _hang_on(views, selection, sound, "the registration of each of these pairs is doubted")
+    yield from _single_links(views, selection, sound, "the registration of each of these pairs is doubted")
 
 
-def _hang_on(views: Sequence[View], selection: EdgeSelection, sound: Sequence[Edge], why: str) -> Iterator[Reason]:
+def _single_links(views: Sequence[View], selection: EdgeSelection, sound: Sequence[Edge], why: str) -> Iterator[Reason]:
     """Used edges between groups of scans that sound ones do not join."""
     group = _joined(sound, len(views))
     alone = [edge for edge in selection.edges if edge.used and group[edge.target] != group[edge.source]]

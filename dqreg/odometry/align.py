@@ -65,15 +65,15 @@ class FrameSearch:
     anchors: list[tuple[FloatArray, FloatArray]]  # Poses (4, 4) around which is searched, the likeliest first
     is_told: bool = False  # Whether other sensors tell what the frame leaves free, so that it need not slide
 
-    def asked(self, frame: DownsampledFrame) -> Scan:
-        """What is asked of a frame: its own normals where few points, or the method, need them."""
+    def scan_of(self, frame: DownsampledFrame) -> Scan:
+        """Points of a frame, with its own normals where few points, or the method, need them."""
         return (
             frame.scan if self.settings.method == "plane" and len(frame.seen) >= MIN_POINTS_FOR_CELLS else frame.fitted
         )
 
     def find(self, frame: DownsampledFrame, *, trust_motion: bool, near: bool = False) -> Alignment:
         """The pose of a frame; near the prediction, where that has been good to a voxel."""
-        scan = self.asked(frame)
+        scan = self.scan_of(frame)
         if frame.back is not None and self.settings.method == "plane":
             scan = scan.thinned(POINTS_BEFORE_SWEEP)
         aligned = self._found(scan, trust_motion=trust_motion, near=near)

@@ -125,7 +125,7 @@ class Deskewed:
             if fits_no_worse(aligned, best.aligned):
                 return Deskewed(sweep.frame, aligned, best.notes)
             # What was found of fewer points is settled with all.
-            T, scan = best.aligned.T_target_source, search.asked(best.frame)
+            T, scan = best.aligned.T_target_source, search.scan_of(best.frame)
             return dataclasses.replace(best, aligned=search.settle(scan, T, best.aligned))
         for _ in range(MAX_ROUNDS):
             if not best.aligned.found:
@@ -135,7 +135,7 @@ class Deskewed:
                 break
             frame = best.frame.without(rigid(twist.exp(twist.log(best.frame.motion) + change)))
             T = rigid(best.aligned.T_target_source @ twist.exp(step))
-            aligned = search.settle(search.asked(frame), T, best.aligned)
+            aligned = search.settle(search.scan_of(frame), T, best.aligned)
             if not fits_no_worse(aligned, best.aligned):
                 break
             best = Deskewed(frame, aligned)

@@ -66,13 +66,13 @@ class ComparedFrame:
         return self.share < FREE_NORMAL_SHARE
 
 
-def standing_in(surface: MapSurface) -> FloatArray:
+def map_sample(surface: MapSurface) -> FloatArray:
     """Some points of the map, (n, 3)."""
     points = surface.points
     return points[sample_rows(len(points), VIEWED_MAP_POINTS)]
 
 
-def looked_at(
+def compared_with_rivals(
     place: ComparedFrame,
     search: FrameSearch,
     frame: DownsampledFrame,
@@ -93,7 +93,7 @@ def looked_at(
         place = dataclasses.replace(place, looked_through=nearer / (nearer + alike))
     if similar is None or place.rivals:
         return place
-    scan, shifts = facing(frame, place.aligned), similar.result()
+    scan, shifts = with_met_normals(frame, place.aligned), similar.result()
     if not any(_could_repeat(scan, view, shift) for shift in shifts):
         return place
     # Rare, and worth normals of its own.
@@ -102,7 +102,7 @@ def looked_at(
     return dataclasses.replace(place, rivals=_repeated(search, own, place.aligned, view, shifts))
 
 
-def facing(frame: DownsampledFrame, aligned: Alignment) -> Scan:
+def with_met_normals(frame: DownsampledFrame, aligned: Alignment) -> Scan:
     """A frame with the normals of the planes that it met, which cost nothing; with its own where too few met any."""
     met = aligned.pairs.closest.normals
     if len(met) != len(frame.seen) or np.count_nonzero(nonzero_rows(met)) < MIN_KNOWN_NORMAL_SHARE * len(met):

@@ -42,7 +42,7 @@ FACING_COS, MAX_BLUR_STEPS = 0.5, 0.5
 SIGHT_LINE_PIXELS = 1.5
 
 
-def _stand(normals: FloatArray, axes: FloatArray) -> BoolArray:
+def _are_upright(normals: FloatArray, axes: FloatArray) -> BoolArray:
     """Points of faces across the one that is most common, (n,): what lies in that one fits everywhere."""
     return np.asarray((np.abs(normals @ axes[:, 2]) < STANDING_COS) & nonzero_rows(normals))
 
@@ -65,7 +65,7 @@ def self_similar_shifts(points: FloatArray, normals: FloatArray, cell: float, le
     The most similar first. Shapes: points, normals (n, 3), zero where none is known.
     """
     axes = _axes(normals)
-    stands, plane = _stand(normals, axes), axes[:, :2]
+    stands, plane = _are_upright(normals, axes), axes[:, :2]
     if not stands.any():
         return np.zeros((0, 3))
     flat = np.ascontiguousarray((points @ plane).T)

@@ -18,7 +18,7 @@ from dqreg.odometry.follow import off_at
 from dqreg.odometry.frame import DownsampledFrame, RawFrame, downsample_frame
 from dqreg.odometry.kiss import KissParts, rigid
 from dqreg.odometry.prediction import Prediction
-from dqreg.odometry.rivals import facing, looked_at, placed, similar_shifts, standing_in
+from dqreg.odometry.rivals import compared_with_rivals, map_sample, placed, similar_shifts, with_met_normals
 from dqreg.odometry.self_similarity import FrameView
 from dqreg.odometry.settings import OdometrySettings, Resolved
 from dqreg.odometry.starts import Pace, predict
@@ -89,7 +89,7 @@ class Tracker:
             self._T_last = self._T_last if expected is None else expected.T_map_frame
             self._merge(self._map, frame)
             self._first = None if frame.back is None else frame
-            return first_frame(self._T_last, raw.notes, self._words(frame))
+            return first_frame(self._T_last, raw.notes, self._settings_of(frame))
         self._is_under_way = (
             self._first is not None
             and frame.back is not None
@@ -124,7 +124,7 @@ class Tracker:
         made.insert(lambda: first.without(twist.exp(mean - half)).dense, self._T_last)
         there = dataclasses.replace(search, surface=made.surface)
         # As few as it is compared with were placed by.
-        scan = search.asked(frame.without(self._motion)).thinned(POINTS_BEFORE_SWEEP)
+        scan = search.scan_of(frame.without(self._motion)).thinned(POINTS_BEFORE_SWEEP)
         T = predict(self._T_last, self._motion, ratio)
         straight = there.settle(scan, T, aligned, anew=True)
         if not fits_no_worse(straight, aligned):
@@ -183,16 +183,16 @@ class Tracker:
         T = first.aligned.T_target_source
         asked = first.aligned.found and not (timed or measured or self._is_unlike(frame, T, lengths.reach))
         # After the depth image, beside the information.
-        similar = Later(lambda: similar_shifts(search, facing(frame, first.aligned))) if asked else None
-        standing, enters = standing_in(surface), self._enters(first.aligned, trusted=first.is_escaped)
+        similar = Later(lambda: similar_shifts(search, with_met_normals(frame, first.aligned))) if asked else None
+        standing, enters = map_sample(surface), self._is_absorbed(first.aligned, trusted=first.is_escaped)
         # What is said of it changes neither its pose nor whether it enters; places that it is like ask the map.
         if grows := insert and enters and not asked and not measured:
             world.insert(lambda: frame.dense, rigid(T))
         information = information_of_place(first, frame.reach)
-        place = looked_at(first, search, frame, seen, standing, similar)
+        place = compared_with_rivals(first, search, frame, seen, standing, similar)
         # For the next frame, which is taken for as dense.
         self._view = seen.result()
-        found = frame_result(place, information, frame, self._usual_fraction, notes, self._words(frame), expected)
+        found = frame_result(place, information, frame, self._usual_fraction, notes, self._settings_of(frame), expected)
         fits = self._kept_out >= self.settings.patience or (found.verdict.level != "failed" and self._fits(found))
         result = self._link.linked(found, place, self._timeline.count, fits=fits)
         if similar is not None:
@@ -228,7 +228,7 @@ class Tracker:
         before = self._view
         return Later(lambda: FrameView.of(frame.dense, lengths.near, before))
 
-    def _enters(self, aligned: Alignment, *, trusted: bool) -> bool:
+    def _is_absorbed(self, aligned: Alignment, *, trusted: bool) -> bool:
         """Whether a frame is absorbed: one that has a pose, and fits as usual, or the last ones did not either."""
         fits = trusted or fraction_fits(aligned.inlier_fraction, self._usual_fraction)
         accepted = fits or self._kept_out >= self.settings.patience
@@ -283,7 +283,7 @@ class Tracker:
             world.insert(lambda: frame.dense, self._T_last)
         self._kept_out, self._T_doubtful, self._first = 0, None, None
 
-    def _words(self, frame: DownsampledFrame) -> dict[str, Any]:
+    def _settings_of(self, frame: DownsampledFrame) -> dict[str, Any]:
         return {
             **({} if self._lengths is None else dataclasses.asdict(self._lengths)),
             "method": self.settings.method,

@@ -7,6 +7,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.registration.fit import Fit
 from dqreg.registration.rivals import JUDGING_POINTS, JUDGING_POINTS_LATE, NO_POSES, scores_of
+from dqreg.registration.visibility import is_worse_where_seen
 from dqreg.rigid import pose
 from dqreg.rigid.rotations import angle_of, axis_of
 from dqreg.rigid.symmetry import SAME_AXIS_RAD, Axis
@@ -22,26 +23,29 @@ PERIOD = 0.05
 
 
 def alternatives_of(
-    fit: Fit, others: FloatArray, near: FloatArray = NO_POSES, turned: FloatArray = NO_POSES
+    fit: Fit, whole: Fit, others: FloatArray, near: FloatArray = NO_POSES, turned: FloatArray = NO_POSES
 ) -> tuple[Alternative, ...]:
     """Other poses, (k, 4, 4), as the result names them: each once; and poses that are others however near they are.
 
-    And turns of a ring, which have been compared by more than how much of the scan they leave on the target.
+    And turns of a ring, which have been compared by more than how much of the scan they leave on the target. Where the
+    fit is to the faces that could be seen, the whole one is to all: other poses see other faces.
     """
     if not len(others) + len(near) + len(turned) or not fit.found:
         return ()
-    poses = np.concatenate([fit.T_target_source[None], others])
+    poses = np.concatenate([whole.T_target_source[None], others])
     middle, (angle_rad, offset) = fit.prepared.scan.points.mean(axis=0), FINE_APART
     diagonal = min(fit.prepared.surface.diagonal, fit.prepared.scan.diagonal)
     poses = poses[Poses.of(poses).distinct(middle, angle_rad, offset * diagonal, len(poses))]
     poses = np.concatenate([poses, near, turned])
-    scores = scores_of(fit, poses, JUDGING_POINTS_LATE if fit.is_late else JUDGING_POINTS)
+    scores = scores_of(whole, poses, JUDGING_POINTS_LATE if fit.is_late else JUDGING_POINTS)
     target = fit.problem.target
     deficit, error = scores.deficit(0)
     rms = np.sqrt((scores.distances**2).mean(axis=1))
     found = []
     is_named = (deficit <= MAX_EQUAL_LOG_LIKELIHOOD) | (np.arange(len(poses)) >= len(poses) - len(turned))
     for k in np.flatnonzero(is_named[1:]) + 1:
+        if fit.target is not whole.target and k < len(poses) - len(turned) and is_worse_where_seen(fit, poses[k]):
+            continue
         axis = _symmetry_between(fit, poses[0], poses[k], offset * diagonal)
         words = symmetry_words(axis.moved(target.origin), fit.problem.units[1], diagonal) if axis else ""
         motion = _motion_words(fit, poses[k] @ pose.inverse(poses[0]))

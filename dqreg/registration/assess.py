@@ -25,6 +25,7 @@ from dqreg.registration.prepared import Prepared
 from dqreg.registration.problem import Problem
 from dqreg.registration.rivals import gain_if_freed, is_scene
 from dqreg.registration.slides import SLIDE, slide_of
+from dqreg.registration.wall_sides import may_confuse_sides
 from dqreg.rigid import pose
 from dqreg.solvers.motion_words import Vector
 from dqreg.solvers.search_stage import SearchStage
@@ -143,8 +144,12 @@ def _measured(fit: Fit, covariance: FloatArray) -> Evidence:
     """What the fit and its covariance tell alone."""
     drift, drift_rad, drift_along = max(_drift(fit), (*second_pose(fit), STILL))
     looked_through, seen_alike = looked_through_at(fit, by_rays=have_planes_alone(fit))
+    measured = between_clouds(fit, covariance)
+    if measured.patches_deformed and may_confuse_sides(fit):
+        # A face on the wrong side of its wall lies on the other one, but for where it bends.
+        measured = replaced(measured, patches_deformed=0.0, share_deformed=0.0)
     return replaced(
-        between_clouds(fit, covariance),
+        measured,
         status=status_of(fit),
         max_distance=fit.settings.max_distance,
         units=fit.problem.units[1],

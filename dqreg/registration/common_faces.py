@@ -143,11 +143,11 @@ def indexed_target(index: TargetIndex, surface: Surface, target: PointCloud) -> 
 
 
 def _are_few_in_rings(surface: Surface, target: PointCloud) -> bool:
-    """Whether a surface is of the cells of a LiDAR's rings, of so few points that all would be compared.
+    """Whether a surface is of the cells of a LiDAR's rings, which are few, or of so few points that all are compared.
 
     Of a pair from a road cells were as wide as a deformation that is told of right poses then.
     """
-    return isinstance(surface, CellSurface) and len(target) <= COMPARED and surface.in_rings
+    return isinstance(surface, CellSurface) and (surface.of_few_rings or (len(target) <= COMPARED and surface.in_rings))
 
 
 def begin_sampling(problem: Problem, surface: Surface, target: PointCloud, *, is_whole: bool) -> None:

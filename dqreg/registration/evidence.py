@@ -23,9 +23,18 @@ from dqreg.registration.surroundings import TOGETHER, Surroundings, displaced_of
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 from dqreg.trust.chance import COUNTED_POINTS, places_of, random_ratio
 from dqreg.trust.deformation import ON_A_PART, deformation_of, may_be_deformed
+from dqreg.trust.deformed_faces import in_their_face
 from dqreg.trust.evidence import Evidence
-from dqreg.trust.limits import MIN_NOISE_DIAGONALS
-from dqreg.trust.patch_tests import INLIER_SIGMAS, isolated, patches_off, share_together, stretch_of, waviness_of
+from dqreg.trust.limits import DEVIATING_PATCH_SHARE, MIN_NOISE_DIAGONALS
+from dqreg.trust.patch_tests import (
+    INLIER_SIGMAS,
+    PATCH_POINTS,
+    isolated,
+    patches_off,
+    share_together,
+    stretch_of,
+    waviness_of,
+)
 from dqreg.trust.strain import Strain, strain_of
 
 # A scan of fewer points does not know its own noise: neighbours stand on different faces. The pattern of the distances
@@ -74,7 +83,8 @@ def agreement_of(
     kept = np.flatnonzero(~(around.elsewhere | alone)) if alone.any() or around.elsewhere.any() else slice(None)
     scale = mixture.scale if isinstance(surface, CloudSurface) else _usual_scale(aside, surface, mixture.scale)
     asked = pairs.scan.points[kept], pairs.distances[kept], pairs.point_to_plane[kept], close[kept]
-    patches, off = patches_off(*asked, scale)
+    counted, off_wholly = patches_off(*asked, scale)
+    off, deformed = share(off_wholly, counted), (0.0, 0.0)
     options = {"has_border": has_border, "given_normals": given_normals}
     local = LocalEvidence.at_end(run, scan, surface, pairs, width, **options)
     is_part, size = not isinstance(surface, CloudSurface), surface.diagonal
@@ -87,14 +97,20 @@ def agreement_of(
     if is_part:
         asked_of, sparse = (on, False) if has_border else (close & ~alone, len(scan) < SPARSE)
         clutter, strays = has_border or bool(around.elsewhere.any()), share_of(alone)
-        fit = functools.partial(strain_of, clutter=clutter, strays=strays > SOME_STRAYS, faults=not axis)
+        least = MIN_NOISE_DIAGONALS * size
+        scattered = strays > SOME_STRAYS
+        fit = functools.partial(strain_of, clutter=clutter, strays=scattered, faults=not axis, least=least)
         shape = _shape_of(pairs, asked_of, noise, size, fit, clutter=clutter, sparse=sparse)
         # Neighbours of a sparse scan tell faces from outliers no better than chance; their heights do.
         off = off if has_border else max(off, displaced_of(pairs, close, width, noise, surface))
+        if off > DEVIATING_PATCH_SHARE:
+            deformed = _deformed(pairs, on, kept, off_wholly, counted)
     return replaced(
         _counted(run, surface, pairs, close, max_distance, has_border=has_border),
-        patches=patches,
+        patches=int(np.count_nonzero(counted)),
         patches_off=off,
+        patches_deformed=deformed[0],
+        share_deformed=deformed[1],
         strays=local.strays,
         normals_apart=local.normals_apart,
         expected=local.noise,
@@ -221,6 +237,15 @@ def _together(pairs: Correspondences, close: BoolArray, kept: IntArray | slice, 
     """Share of the points near a part that lie off it together, beyond the noise."""
     off = pairs.distances[kept] > TOGETHER * max(noise, MIN_NOISE_DIAGONALS * size)
     return share_together(pairs.moved[kept], off, close[kept])
+
+
+def _deformed(
+    pairs: Correspondences, on: BoolArray, kept: IntArray | slice, off: BoolArray, counted: BoolArray
+) -> tuple[float, float]:
+    """Share of the counted patches of the kept points, (k,), that are off as faces deform, and of the points, (n,)."""
+    bent = in_their_face(pairs.closest.points[kept], pairs.closest.normals[kept], off, counted)
+    lost = ~on[kept][: PATCH_POINTS * len(bent)].reshape(-1, PATCH_POINTS)[bent]
+    return share(bent, counted), np.count_nonzero(lost) / len(on)
 
 
 def _usual_scale(aside: FloatArray, surface: Surface, most: float) -> float:

@@ -32,7 +32,9 @@ def second_pose(fit: Fit) -> tuple[float, float]:
     if not fit.found or fit.is_late or not isinstance(surface, MeshSurface):
         return 0.0, 0.0
     size, within = surface.diagonal, INLIER_SIGMAS * fit.run.mixture.scale
-    if within <= ON_TARGET_DIAGONALS * size and fit.agreement.share_on >= 1.0 - MIN_OFF_SHARE and not fit.has_border:
+    # Faces that are deformed beside their place have not moved.
+    share_on = fit.agreement.share_on + fit.agreement.share_deformed
+    if within <= ON_TARGET_DIAGONALS * size and share_on >= 1.0 - MIN_OFF_SHARE and not fit.has_border:
         return 0.0, 0.0
     within = min(within, ON_TARGET_DIAGONALS * size)
     points = scan.points[sample_rows(len(scan), COMPARED_POINTS)]

@@ -10,7 +10,7 @@ from dqreg._arrays import FloatArray, product
 from dqreg.geometry import CloudSurface, MeshSurface, Surface
 from dqreg.geometry.mesh_normals import smooth_normals_of
 from dqreg.icp import Alignment, Correspondences
-from dqreg.icp.noise_by_face import held_by_creases, weights_by_face
+from dqreg.icp.noise_by_face import motions_of_creases, weights_by_face
 from dqreg.rigid import twist
 from dqreg.solvers.quadratic import plane_rows
 from dqreg.trust.information import held_part, scaling_by
@@ -49,7 +49,7 @@ def stretch_of(run: Alignment, lever: float, beside: Callable[[FloatArray], Alig
     the faces hold all.
     """
     width = run.mixture.scale
-    motions, whole = held_by_creases(run.pairs, run.weights, width)
+    motions, whole = motions_of_creases(run.pairs, run.weights, width)
     if not motions.shape[1]:
         return None
 

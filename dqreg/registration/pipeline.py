@@ -88,8 +88,7 @@ def align(problem: Problem) -> Registration:
         with suppress(TimeUpError), until(watch.deadline):
             fit = on_common_faces(fit)
             gain = mirror_gain(fit, always=known.searched)
-    fit = seen_alone(fit)
-    return concluded(fit, known, start.search, gain)
+    return concluded(seen_alone(fit), fit, known, start.search, gain)
 
 
 def prepared_to_judge(problem: Problem) -> Prepared:
@@ -118,24 +117,27 @@ def seen_alone(fit: Fit) -> Fit:
         return on_visible_faces(fit, fit.problem.viewpoints)
 
 
-def concluded(fit: Fit, known: BestPoses, search: SearchStage, gain: float) -> Registration:
-    """The answer; where the time is up before all is known that two clouds say, as of a loop that the limit ended."""
+def concluded(fit: Fit, whole: Fit, known: BestPoses, search: SearchStage, gain: float) -> Registration:
+    """The answer; where the time is up before all is known that two clouds say, as of a loop that the limit ended.
+
+    Whole is the fit to all faces, where this one is to those that could be seen.
+    """
     found, deadline = None, fit.problem.watch.deadline
     with suppress(TimeUpError), until(deadline if fit.problem.target.kind == "cloud" else np.inf):
-        found = judged(fit, known, search, gain)
+        found = judged(fit, whole, known, search, gain)
     if found is None:
         fit = fit.late()
-        found = judged(fit, known, search, gain)
+        found = judged(fit, whole, known, search, gain)
     fit.problem.watch.end()
     return registration_of(fit, *found)
 
 
 def judged(
-    fit: Fit, known: BestPoses, search: SearchStage, gain: float
+    fit: Fit, whole: Fit, known: BestPoses, search: SearchStage, gain: float
 ) -> tuple[Uncertainty, Verdict, tuple[Alternative, ...]]:
     """How sure a fit is, and the other poses known that explain the scan as well."""
     uncertainty = uncertainty_of(fit)
-    alternatives = alternatives_of(fit, known.others, equal_sides(fit), known.turned)
+    alternatives = alternatives_of(fit, whole, known.others, equal_sides(fit), known.turned)
     evidence = evidence_of(fit, uncertainty, alternatives, search=search, mirror_gain=gain)
     return uncertainty, verdict_on(fit, evidence), alternatives
 

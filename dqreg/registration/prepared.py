@@ -61,14 +61,14 @@ class Prepared:
         if not stands.size or not isinstance(geometry, PointCloud):
             moves = VoxelCloud.of(cloud, voxel_size(cloud.points, count))
         else:
-            made = meanwhile if stands.size == edge and not stands.widened else None
-            moves = made or VoxelCloud.across_lines(cloud, stands.size, widened=stands.widened)
+            made = meanwhile if stands.size == edge and not stands.of_few_rings else None
+            moves = made or VoxelCloud.across_lines(cloud, stands.size, of_few_rings=stands.of_few_rings)
             size, wanted = moves.size, min(count, len(stands.cloud))
             if len(moves.cloud) < SMALL * wanted:
                 size = min(size, cell_size(cloud.points, min(count, int(WHOLE * len(cloud.points)))))
-                moves = VoxelCloud.of(cloud, size, widened=stands.widened)
+                moves = VoxelCloud.of(cloud, size, of_few_rings=stands.of_few_rings)
             if size != stands.size:
-                stands = VoxelCloud.of(geometry, size, in_rings=stands.in_rings, widened=stands.widened)
+                stands = VoxelCloud.of(geometry, size, of_few_rings=stands.of_few_rings)
         thinned = stands.surface is not None or moves.surface is not None
         planes = Later(stands.surface.fit_cells, beside=moves.surface is not None) if stands.surface else None
         if stands.surface is not None and moves.surface is not None:

@@ -73,7 +73,7 @@ def scores_of(fit: Fit, poses: FloatArray, count: int = JUDGING_POINTS) -> PoseS
 def scores_and_rows(fit: Fit, poses: FloatArray, count: int = JUDGING_POINTS) -> tuple[PoseScores, IntArray]:
     """The same, and which points of the scan they are of."""
     rows = sample_rows(len(fit.prepared.scan), count)
-    scores, on = _of_those_on(fit, _distances(fit, poses, rows))
+    scores, on = of_those_on(fit, _distances(fit, poses, rows))
     return scores, rows[on]
 
 
@@ -83,7 +83,7 @@ def _distances(fit: Fit, poses: FloatArray, rows: IntArray) -> FloatArray:
     return distances_at(Poses.of(poses), points, fit.prepared.surface, limit_of(fit))
 
 
-def _of_those_on(fit: Fit, distances: FloatArray, narrowest: float = np.inf) -> tuple[PoseScores, BoolArray]:
+def of_those_on(fit: Fit, distances: FloatArray, narrowest: float = np.inf) -> tuple[PoseScores, BoolArray]:
     """Scores of poses with such distances, (k, n), by the points that one of them puts on the target; and which, (n,).
 
     By all where none does. The width of the distances may be as narrow as the scan's noise asks for, or as given.
@@ -153,14 +153,16 @@ def _as_likely(fit: Fit) -> tuple[FloatArray, FloatArray]:
     if isinstance(surface, MeshSurface):
         pairs = fit.evenly_asked()
         asked = pairs.scan.points, pairs.distances
-    found = flipped_poses(fit.T_target_source, maps, scan, surface, limit_of(fit), fit.floor, asked)
+    # Of few points amid a scene none is refined that far.
+    scale = np.inf if is_scene(fit) else fit.run.mixture.scale
+    found = flipped_poses(fit.T_target_source, maps, scan, surface, limit_of(fit), fit.floor, asked, scale)
     others = np.array([T for T, _ in found]).reshape(-1, 4, 4)
     if not len(others):
         return none
     poses = np.concatenate([fit.T_target_source[None], others])
     distances = _distances(fit, poses, sample_rows(len(scan), JUDGING_POINTS))
     # Few points may tell them apart where their mean does not.
-    scores, _ = _of_those_on(fit, distances)
+    scores, _ = of_those_on(fit, distances)
     likely = np.flatnonzero(scores.as_likely(0, MIN_LOG_GAIN) & ~scores.distinguishable(0))
     likely = np.union1d(0, likely[_may_stay(fit, poses[likely])])
     return poses[likely][1:], distances[likely]
@@ -188,7 +190,7 @@ def best_near_symmetric(fit: Fit, kernel_scale: float, start: FloatArray | None 
     for _ in range(MAX_STEPS):
         if not len(others):
             break
-        scores, _ = _of_those_on(fit, distances, narrowest)
+        scores, _ = of_those_on(fit, distances, narrowest)
         best = int(np.where(_are_allowed(fit, others, start), scores.means, -np.inf).argmax())
         gain, error = float(scores.means[best] - scores.means[0]), float(scores.deficit(best)[1][0])
         if best == 0 or not (gain > max(MIN_LOG_GAIN, MIN_GAIN_SIGMAS * error) or scores.distinguishable(best)[0]):

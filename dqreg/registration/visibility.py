@@ -7,14 +7,23 @@ import dataclasses
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg.errors import InputError
+from dqreg.geometry.normals import sample_rows
 from dqreg.registration.fit import Fit
+from dqreg.registration.rivals import JUDGING_POINTS, limit_of, of_those_on
 from dqreg.registration.target_index import TargetIndex
+from dqreg.search.oriented_points import OrientedPoints
+from dqreg.search.poses import Poses
+from dqreg.search.refine import refine
+from dqreg.search.scoring import MAX_EQUAL_LOG_LIKELIHOOD, distances_at
 
 # Runs at most: each starts with what can be seen at the pose of the last one.
 RUNS = 3
 # Scale of the kernel to start with, in scales at the end of the last run and in sizes of the part: the hidden faces may
 # have held the pose off by the thickness of a wall.
 WIDER, WIDEST = 3.0, 0.01
+# Refinement of another pose on the faces that it sees.
+REFINING_POINTS, REFINEMENT_STEPS = 1_000, 6
 
 
 def on_visible_faces(fit: Fit, viewpoints: FloatArray) -> Fit:
@@ -36,6 +45,29 @@ def on_visible_faces(fit: Fit, viewpoints: FloatArray) -> Fit:
             target=target,
         )
     return fit
+
+
+def is_worse_where_seen(fit: Fit, T_target_source: FloatArray) -> bool:
+    """Whether a pose explains the scan worse than the fit, each by the faces that could be seen from there.
+
+    It was found on all faces, of which hidden ones may have held it off: it is led to those that it sees first.
+    """
+    viewpoints, surface = fit.problem.viewpoints, fit.prepared.surface
+    if viewpoints is None or fit.problem.watch.is_over:
+        return False
+    try:
+        there = fit.problem.visible_from(viewpoints, T_target_source).surface
+    except InputError:
+        # No face of the part would be seen, and the scan shows some.
+        return True
+    points, limit = fit.prepared.scan.points, limit_of(fit)
+    sample = OrientedPoints.on_faces(points[sample_rows(len(points), REFINING_POINTS)])
+    widths = np.geomspace(WIDEST * surface.diagonal, max(fit.run.mixture.scale, fit.floor), REFINEMENT_STEPS)
+    refined = refine(Poses.of(T_target_source[None]), sample, there, widths)
+    asked = points[sample_rows(len(points), JUDGING_POINTS)]
+    here = distances_at(Poses.of(fit.T_target_source[None]), asked, surface, limit)
+    scores = of_those_on(fit, np.concatenate([here, distances_at(refined, asked, there, limit)]))[0]
+    return bool(scores.deficit(0)[0][1] > MAX_EQUAL_LOG_LIKELIHOOD)
 
 
 def _same_faces(one: TargetIndex, other: TargetIndex) -> bool:

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -49,7 +51,7 @@ OTHER_SIDE_RATIO, ACROSS_NOISE_RATIO = 0.25, 1.15
 MAX_DIRECTIONS = 6
 # A motion fits the sides of walls within this.
 IN_PLACE_THICKNESSES = 0.25
-# Share of the points that a motion may take off the part before it is refined.
+# Share of the points that a motion may take off the part, more than it takes onto it, before it is refined.
 MAX_LEAVING_SHARE = 0.1
 # Damping of motions that no point holds, relative to the mean diagonal of the normal equations.
 DAMPING = 1e-4
@@ -152,7 +154,7 @@ def _moved(fit: Fit) -> tuple[FloatArray, float]:
         return NO_POSES, 0.0
     least = float(walls.thickness.min())
     within = max(INLIER_SIGMAS * _width(fit), IN_PLACE_THICKNESSES * least)
-    points = np.take(pairs.scan.points, near, axis=0)
+    points = _beside(fit, pairs, least, within)
     poses = _on_other_sides(fit, walls, pairs, near[sample_rows(len(near), FIRST_REFINEMENT[1])], within)
     if not _is_meant(fit, fit.T_target_source):
         poses = np.concatenate([poses, _in_other_planes(fit, walls, points, within)])
@@ -202,7 +204,7 @@ def _down(points: FloatArray, normals: FloatArray, heights: FloatArray, within: 
     return np.asarray(there @ twist.exp(steps) @ back).reshape(-1, 4, 4)
 
 
-def _in_other_planes(fit: Fit, walls: ThinWalls, points: FloatArray, within: float) -> FloatArray:
+def _in_other_planes(fit: Fit, walls: ThinWalls, points: _Beside, within: float) -> FloatArray:
     """Poses, (k, 4, 4), that lay the planes of a scan, of which points are given, into others of the part."""
     poses = _staying(fit, plane_turns(fit) @ fit.T_target_source, points, float(walls.thickness.max()) + within)
     axes: list[FloatArray] = []
@@ -216,12 +218,27 @@ def _in_other_planes(fit: Fit, walls: ThinWalls, points: FloatArray, within: flo
     return _staying(fit, poses, points, within)
 
 
-def _staying(fit: Fit, poses: FloatArray, points: FloatArray, within: float) -> FloatArray:
-    """Poses, (k, 4, 4), at which most of some points lie within a distance of the part."""
-    points = points[sample_rows(len(points), SCREENING_POINTS)]
-    away = fit.prepared.surface.closest(Poses.of(poses).apply(points).reshape(-1, 3), within=2.0 * within).distances
-    on_part = np.mean(away.reshape(len(poses), len(points)) <= within, axis=1)
-    return np.asarray(poses[on_part >= 1.0 - MAX_LEAVING_SHARE])
+class _Beside(NamedTuple):
+    """Points on a part and no farther off than a wall is thick, and the share of them that is to be on it."""
+
+    points: FloatArray  # (n, 3)
+    least: float
+
+
+def _beside(fit: Fit, pairs: Correspondences, thickness: float, within: float) -> _Beside:
+    """Those at a pose: where the part is deformed some are off it at either side of a wall, and others at the other."""
+    near = np.flatnonzero(pairs.distances <= thickness + INLIER_SIGMAS * fit.run.mixture.scale)
+    near = near[sample_rows(len(near), SCREENING_POINTS)]
+    on_part = float(np.mean(pairs.distances[near] <= within))
+    return _Beside(np.take(pairs.scan.points, near, axis=0), on_part - MAX_LEAVING_SHARE)
+
+
+def _staying(fit: Fit, poses: FloatArray, beside: _Beside, within: float) -> FloatArray:
+    """Poses, (k, 4, 4), at which about as many points as at the fit's lie within a distance of the part."""
+    placed = Poses.of(poses).apply(beside.points).reshape(-1, 3)
+    away = fit.prepared.surface.closest(placed, within=2.0 * within).distances
+    on_part = np.mean(away.reshape(len(poses), len(beside.points)) <= within, axis=1)
+    return np.asarray(poses[on_part >= beside.least])
 
 
 def _width(fit: Fit) -> float:
@@ -230,14 +247,23 @@ def _width(fit: Fit) -> float:
     return min(fit.run.mixture.scale, max(noise_on(scan, surface), fit.floor))
 
 
+def may_confuse_sides(fit: Fit) -> bool:
+    """Whether the scan may show another side of a thin wall than that on which it lies, whatever was asked."""
+    return len(_confused(fit).thickness) > 0
+
+
 def _walls(fit: Fit) -> ThinWalls:
+    """Thin walls whose sides the scan may confuse, where other poses are asked for."""
+    is_asked = fit.found and not (fit.constraints.any or fit.problem.watch.is_over or fit.is_late)
+    return _confused(fit) if is_asked else ThinWalls.none()
+
+
+def _confused(fit: Fit) -> ThinWalls:
     """Thin walls whose sides the scan may confuse: with normals of its own, or seen from known places, it does not."""
-    target, surface, none = fit.problem.target, fit.prepared.surface, ThinWalls.none()
+    target, surface = fit.problem.target, fit.prepared.surface
     is_known = fit.run.pairs.same_sign or fit.problem.viewpoints is not None
-    if not fit.found or is_known or fit.constraints.any or fit.problem.watch.is_over or fit.is_late:
-        return none
-    if not isinstance(target.geometry, Mesh) or not isinstance(surface, MeshSurface):
-        return none
+    if is_known or not isinstance(target.geometry, Mesh) or not isinstance(surface, MeshSurface):
+        return ThinWalls.none()
     walls = target.thin_walls
     # Thinner ones are within the noise.
     clear = walls.thickness > INLIER_SIGMAS * _width(fit)
@@ -262,5 +288,7 @@ def _other_places(fit: Fit, poses: FloatArray, least: float) -> FloatArray:
 def _refined(fit: Fit, poses: FloatArray, least: float, points: int, steps: int) -> FloatArray:
     scan = fit.prepared.scan
     sample = OrientedPoints.on_faces(scan.points[sample_rows(len(scan), points)])
-    widths = np.geomspace(0.5 * least, _width(fit), steps)
+    # From a half to the next: at one that is much narrower nothing holds what a wider one drew to where a part bends.
+    widest, width = 0.5 * least, _width(fit)
+    widths = np.geomspace(widest, width, max(steps, math.ceil(math.log2(widest / width)) + 1))
     return refine(Poses.of(poses), sample, fit.prepared.surface, widths).matrices

@@ -6,7 +6,7 @@ Only the terminal's part is imported here; `dqreg.report.page`, `dqreg.report.pi
 
 from __future__ import annotations
 
-from dqreg.report.progress import ProgressDisplay, make_progress
+from dqreg.report.progress import StepDisplay, make_progress
 from dqreg.report.summary import print_summary, summary_rows
 
-__all__ = ["ProgressDisplay", "make_progress", "print_summary", "summary_rows"]
+__all__ = ["StepDisplay", "make_progress", "print_summary", "summary_rows"]

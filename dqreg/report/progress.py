@@ -132,7 +132,7 @@ NEXT: dict[SearchStage, str] = {
 }
 
 
-class ProgressDisplay(Protocol):
+class StepDisplay(Protocol):
     """Something that can be shown a registration's steps, inside a ``with`` block."""
 
     def __enter__(self) -> Self:
@@ -293,9 +293,7 @@ def cells(iteration: Iteration) -> tuple[str, ...]:
     )
 
 
-def make_progress(
-    console: Console, *, quiet: bool, unit: str | None = None, searching: bool = False
-) -> ProgressDisplay:
+def make_progress(console: Console, *, quiet: bool, unit: str | None = None, searching: bool = False) -> StepDisplay:
     """The way to show a registration that suits the console."""
     if quiet:
         return Silent()

@@ -54,8 +54,11 @@ def flipped_poses(
     limit: float,
     floor: float,
     asked: tuple[FloatArray, FloatArray] | None = None,
+    scale: float = np.inf,
 ) -> list[tuple[FloatArray, float]]:
     """Flips, (k, 4, 4), of a pose that explain the scan as well as it does, or better, each with its rms.
+
+    They are refined down to the kernel scale of the pose: where the part is deformed, a wider one draws them aside.
 
     Where it is known of points, (n, 3), of the scan how far the pose puts them from the target, (n,), flips are left
     out that these tell apart.
@@ -63,7 +66,9 @@ def flipped_poses(
     flips = _worth_refining(T_target_source, flips, scan, surface) if len(flips) else flips
     if not len(flips):
         return []
-    poses, scores = _refined(T_target_source, flips, scan, surface, limit, floor, FIRST_REFINEMENT, asked=asked)
+    poses, scores = _refined(
+        T_target_source, flips, scan, surface, limit, floor, FIRST_REFINEMENT, asked=asked, scale=scale
+    )
     kept = _not_clearly_worse(scores, 0)
     if len(kept) and asked is not None:
         clear = scores.distinguishable(0, FEW_POINTS_FACTOR * CERTAIN_POINT_RATIO)[1 + kept]
@@ -71,7 +76,7 @@ def flipped_poses(
     flips = flips[kept]
     if not len(flips):
         return []
-    poses, scores = _refined(T_target_source, flips, scan, surface, limit, floor)
+    poses, scores = _refined(T_target_source, flips, scan, surface, limit, floor, scale=scale)
     rms = np.sqrt((scores.distances**2).mean(axis=1))
     likely = np.flatnonzero(scores.as_likely(0, EQUAL_LOG_LIKELIHOOD)[1:]) + 1
     return [(pose.from_parts(poses.R[k], poses.t[k]), float(rms[k])) for k in likely]
@@ -117,6 +122,7 @@ def _refined(
     points: tuple[int, int, int] = LAST_REFINEMENT,
     wide: float = FIRST_SCALE_DIAGONALS,
     asked: tuple[FloatArray, FloatArray] | None = None,
+    scale: float = np.inf,
 ) -> tuple[Poses, PoseScores]:
     """A pose, then the pose followed by each of some motions, (k, 4, 4), and refined; and the scores of all.
 
@@ -124,6 +130,9 @@ def _refined(
     """
     sample = OrientedPoints.on_faces(scan.points[sample_rows(len(scan), points[0])])
     widths = _widths(wide, points[2]) * surface.diagonal
+    if 0.0 < scale < widths[-1]:
+        halvings = int(np.ceil(np.log2(widths[-1] / scale)))
+        widths = np.concatenate([widths, np.geomspace(widths[-1], scale, halvings + 1)[1:]])
     refined = refine(Poses.of(maps @ T_target_source), sample, surface, widths)
     poses = Poses.of(T_target_source[None]) + refined
     if asked is None or len(asked[0]) < points[1]:

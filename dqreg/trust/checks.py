@@ -38,7 +38,7 @@ def _inlier_share(evidence: Evidence) -> tuple[float, float]:
 
 
 def _patches(evidence: Evidence) -> tuple[float, float]:
-    return evidence.patches_off, limits.most_patches_off(evidence)
+    return evidence.patches_off - evidence.patches_deformed, limits.most_patches_off(evidence)
 
 
 def _contradicting(evidence: Evidence) -> tuple[float, float]:
@@ -47,11 +47,12 @@ def _contradicting(evidence: Evidence) -> tuple[float, float]:
 
 def _clutter(evidence: Evidence) -> tuple[float, float]:
     limit = limits.most_clutter(evidence)
-    return (math.nan, limits.CLUTTER_SHARE) if math.isnan(limit) else (1.0 - evidence.share_on, limit)
+    off = math.nan if math.isnan(limit) else 1.0 - evidence.share_on - evidence.share_deformed
+    return off, limits.CLUTTER_SHARE if math.isnan(limit) else limit
 
 
 def _residuals(evidence: Evidence) -> tuple[float, float]:
-    noise = limits.own_noise(evidence)
+    noise = limits.noise_of_parts(evidence)
     return evidence.width / noise if noise > 0.0 else math.nan, limits.RESIDUAL_NOISE_RATIO
 
 

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from contextvars import ContextVar
 
 from dqreg.trust.evidence import Evidence
-from dqreg.trust.limits import rays_agree
+from dqreg.trust.limits import noise_of_parts, rays_agree
 
 # Weight of each figure in the logarithm of the odds, and what is added to all of them: fitted to 892 tasks, stretched
 # by two numbers twice, then shifted by 2.76, and that of doubted poses by -2.27, for 1,357 tasks of seeds 8143 to 8158
@@ -53,7 +53,8 @@ _taken: ContextVar[list[tuple[float, ...]] | None] = ContextVar("figures", defau
 def figures_of(evidence: Evidence, codes: Sequence[str]) -> dict[str, float]:
     """The figures by name: ratios, shares and logarithms, each of the order of one; codes of the doubts."""
     sigmas = [direction.sigma / evidence.size for direction in evidence.directions]
-    wide = evidence.width / evidence.expected if evidence.expected > 0.0 else 1.0
+    noise = max(evidence.expected, noise_of_parts(evidence))
+    wide = evidence.width / noise if noise > 0.0 else 1.0
     figures = {
         "suspect": float(bool(codes)),
         "doubts": float(min(len(set(codes)), 4)),

@@ -21,11 +21,11 @@ from dqreg.trust.limits import (
     chance_limit,
     counts_all,
     fewest_carriers,
-    is_rough,
+    has_large_residuals,
     most_clutter,
     most_patches_off,
+    noise_of_parts,
     outlier_share,
-    own_noise,
     sigma_limits,
 )
 from dqreg.trust.records import Code
@@ -117,9 +117,10 @@ def _mirrored(evidence: Evidence) -> Iterator[str]:
 
 
 def _deviating_patches(evidence: Evidence) -> Iterator[str]:
-    if not evidence.patches_off <= most_patches_off(evidence):
+    off = evidence.patches_off - evidence.patches_deformed
+    if not off <= most_patches_off(evidence):
         yield (
-            f"{100 * evidence.patches_off:.0f} % of the patches of points within {evidence.length(evidence.near)} of "
+            f"{100 * off:.0f} % of the patches of points within {evidence.length(evidence.near)} of "
             "the target deviate as a whole: a local minimum, another part, or an object that touches the part"
         )
 
@@ -134,9 +135,10 @@ def _contradicting_surface(evidence: Evidence) -> Iterator[str]:
 
 def _clutter(evidence: Evidence) -> Iterator[str]:
     limit, is_alone = most_clutter(evidence), evidence.clutter == "none"
-    if not (evidence.share_on >= 1.0 - limit or math.isnan(limit)):
+    share_on = evidence.share_on + evidence.share_deformed
+    if not (share_on >= 1.0 - limit or math.isnan(limit)):
         why = 'it is said to show alone (clutter="none")' if is_alone else "is no smaller than the scan"
-        off = f"{100 * (1.0 - evidence.share_on):.0f} % of the scan are off the target"
+        off = f"{100 * (1.0 - share_on):.0f} % of the scan are off the target"
         yield f"{off}, which {why}: a wrong pose, another part, or other objects"
 
 
@@ -158,8 +160,8 @@ def _outliers(evidence: Evidence) -> Iterator[str]:
 
 
 def _large_residuals(evidence: Evidence) -> Iterator[str]:
-    if is_rough(evidence):
-        noise = own_noise(evidence)
+    if has_large_residuals(evidence):
+        noise = noise_of_parts(evidence)
         yield (
             f"the residuals are {evidence.length(evidence.width)} (one sigma), "
             f"{evidence.width / noise:.0f} times the scan's own noise "

@@ -10,13 +10,15 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray, dot
 from dqreg._records import replaced
 from dqreg.solvers.row_sums import FREE_SHARE, MotionSums
-from dqreg.solvers.sandwich import Starts, patch_starts, scatter_of_sums
+from dqreg.solvers.sandwich import Starts, patch_starts, scatter_of_sums, with_few, with_known
 from dqreg.trust.both_sides import carriers_of, unconfirmed
 
 # What was known beforehand of a motion, below this fraction of what was of another, is rounding.
 UNKNOWN_SHARE = 2e-14
 # One patch of all rows.
 ONE_PATCH = np.zeros(1, dtype=np.int64)
+Both = tuple[FloatArray, FloatArray]
+
 # No normals.
 NO_NORMALS = np.zeros((0, 3))
 
@@ -179,8 +181,7 @@ def information_of(
     told = np.zeros((6, 6)) if prior is None else prior / scaling / scaling[:, None]
     told = basis.T @ told @ basis
     known = variance * told
-    of_all = max(total, np.finfo(float).tiny)
-    of_smooth = sums.of_smooth()
+    of_all, of_smooth = max(total, np.finfo(float).tiny), sums.of_smooth()
     denied = np.zeros((basis.shape[1], 0))
     if own is not None:
         denied = unconfirmed(points, normals, own, weights, centre, lever, basis, FREE_SHARE * of_all)
@@ -201,30 +202,36 @@ def information_of(
     held = Information(values, outer, total, sigma, lever, centre, carriers, beforehand=beforehand)
     held = replaced(held, tilt=_tilt(held.free, values, said, outer, weights))
     by_shape = ~held.free & ~is_denied
-    return replaced(held, scatter=_scatter(sums, starts, told, variance, vectors[:, by_shape], vectors[:, beforehand]))
+    few = variance / (values[by_shape] * of_all), carriers[by_shape]
+    motions = vectors[:, by_shape], vectors[:, beforehand]
+    return replaced(held, scatter=_scatter(sums, starts, told, variance, motions, few))
 
 
 def _scatter(
-    sums: MotionSums, starts: Starts | None, told: FloatArray, variance: float, motions: FloatArray, alone: FloatArray
+    sums: MotionSums, starts: Starts | None, told: FloatArray, variance: float, motions: Both, few: Both
 ) -> FloatArray | None:
     """Covariance of the scaled twist from motions that the shape holds, (k, m), and those of a prior alone, (k, n).
 
-    None where there is none of the second kind, and too few patches. Shapes: told (k, k), returns (6, 6).
+    None where there is none of the second kind, and too few patches. Of the first it is given what equal variances come
+    to, (m,), and how many points hold each. Shapes: told (k, k), returns (6, 6).
     """
+    by_shape, alone = motions
     # What the prior says of a motion of its own depends on the others, as far as it knows them together.
     strengths = np.einsum("ij,ik,kj->j", alone, told, alone)
-    together = alone.T @ told @ motions
-    known = variance * (motions.T @ told @ motions - (together.T / strengths) @ together)
+    together = alone.T @ told @ by_shape
+    known = by_shape.T @ told @ by_shape - (together.T / strengths) @ together
     scatter = None
-    if starts is not None and motions.shape[1]:
+    if starts is not None and by_shape.shape[1]:
         # Facets have an information of their own.
-        scatter = scatter_of_sums(sums, starts, known, variance, motions=motions)
+        scatter = scatter_of_sums(sums, starts, variance * known, variance, motions=by_shape)
+    if scatter is not None:
+        scatter = with_known(with_few(scatter, *few), known)
     if scatter is None and alone.shape[1]:
-        scatter = variance * np.linalg.inv(motions.T @ sums.of_smooth() @ motions + known)
+        scatter = variance * np.linalg.inv(by_shape.T @ sums.of_smooth() @ by_shape + variance * known)
     if scatter is None:
         return None
     beside = sums.basis @ (alone / np.sqrt(strengths))
-    outer = sums.basis @ (motions - (alone / strengths) @ together)
+    outer = sums.basis @ (by_shape - (alone / strengths) @ together)
     return np.asarray(outer @ scatter @ outer.T + beside @ beside.T)
 
 

@@ -121,10 +121,24 @@ def own_noise(evidence: Evidence) -> float:
     return min(evidence.expected, local) if math.isfinite(evidence.local_noise * evidence.size) else evidence.expected
 
 
+def noise_of_parts(evidence: Evidence) -> float:
+    """That noise, or what made parts deviate by all the same: good scanners see it."""
+    of_parts = MIN_NOISE_DIAGONALS * evidence.size if math.isfinite(evidence.local_noise * evidence.size) else 0.0
+    return max(own_noise(evidence), of_parts)
+
+
 def is_rough(evidence: Evidence) -> bool:
     """Whether the residuals are far beyond the scan's own noise."""
-    noise = own_noise(evidence)
-    return noise > 0.0 and not evidence.width <= RESIDUAL_NOISE_RATIO * noise
+    return _is_beyond(evidence.width, own_noise(evidence))
+
+
+def has_large_residuals(evidence: Evidence) -> bool:
+    """Whether they are far beyond that of made parts too."""
+    return _is_beyond(evidence.width, noise_of_parts(evidence))
+
+
+def _is_beyond(width: float, noise: float) -> bool:
+    return noise > 0.0 and not width <= RESIDUAL_NOISE_RATIO * noise
 
 
 def sigma_limits(size: float) -> dict[Kind, float]:

@@ -67,15 +67,15 @@ def _gaps(scan: Scan, rows: IntArray, whole: Scan, within: float = np.inf) -> Fl
 
 def patches_off(
     points: FloatArray, apart: FloatArray, aside: FloatArray, near: BoolArray, width: float
-) -> tuple[int, float]:
-    """Count the patches near the target, and the fraction of them that deviates as a whole.
+) -> tuple[BoolArray, BoolArray]:
+    """Which patches are near the target and counted, and which of those deviate as a whole, (k,).
 
     An outlier leaves the median of its patch alone; a face in the wrong place moves it. So does a table that touches
     the part: patches whose plane continues far from the target are not counted.
     """
     count = len(points) // PATCH_POINTS
     if count == 0:
-        return 0, 0.0
+        return np.zeros(0, dtype=bool), np.zeros(0, dtype=bool)
     whole = slice(count * PATCH_POINTS)
     d, a = (x[whole].reshape(count, PATCH_POINTS) for x in (apart, aside))
     close = near[whole].reshape(count, PATCH_POINTS)
@@ -94,8 +94,7 @@ def patches_off(
     if len(doubtful) and not near.all():
         patches = points[whole].reshape(count, PATCH_POINTS, 3)[doubtful]
         counted[doubtful[is_background(patches, points, near, ~near, width)]] = False
-    total = int(np.count_nonzero(counted))
-    return total, float(np.count_nonzero(off & counted)) / total if total else 0.0
+    return counted, off & counted
 
 
 def _medians(rows: FloatArray) -> FloatArray:

@@ -26,8 +26,8 @@ EVIL = "<script>alert('|')</script>"
 def run(engine: str = "a", *, found: bool | None = True, **more) -> RunRecord:
     base = RunRecord(
         key="k", engine=engine, repeat=0, case="part", axis="case", value=None, trial=0, setting="manual",
-        from_nothing=False, points=1000, size=100.0, units="mm", status="ran", message="", T_target_source=None,
-        seconds=2.0, prepare_seconds=NAN, wall_seconds=2.1, peak_memory=5e6, iterations=3, claims="", settings={},
+        without_initial_pose=False, points=1000, size=100.0, units="mm", status="ran", message="", T_target_source=None,
+        seconds=2.0, prepare_seconds=NAN, wall_seconds=2.1, peak_memory=5e6, iterations=3, self_report="", settings={},
         kind="rigid", success=found, angle_rad=1e-3, offset=0.1, worst=0.2 if found else 30.0, rms=0.1,
         surface_rms=0.05, overlap=0.9, curve=[(1, 0.1, 5.0), (2, NAN, 0.2)],
     )  # fmt: skip
@@ -93,7 +93,7 @@ def test_all_tables_and_plots_of_a_sweep():
         for axis, values in (("start_offset", (0.1,)), ("noise", (0.0, 1e-3)), ("outliers", (0.0, 0.5)),
                              ("overlap", (1.0, 0.4)), ("points", (1e4, 1e6)), ("frame", ("mm", "m, UTM"))):  # fmt: skip
             runs += sweep_of(axis, {value: [True] for value in values}, engine=engine)
-    runs += sweep_of("nothing", {"bracket": [True]}, from_nothing=True)
+    runs += sweep_of("nothing", {"bracket": [True]}, without_initial_pose=True)
     found = of(*runs)
     made = tables(found)
     assert made[0].title == "Summary"

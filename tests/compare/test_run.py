@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dqreg.compare import Loop, Protocol, compare, from_case, read_sweep, run_engine
+from dqreg.compare import Protocol, SameLoop, compare, from_case, read_sweep, run_engine
 from dqreg.compare.engines.registry import engine_specs
 from dqreg.compare.plan import plan
 from dqreg.compare.run import ComparisonProgress
@@ -22,7 +22,7 @@ from dqreg.synth import demo_case, load_case
 
 FILE = Path(__file__).with_name("toy_engines.py")
 CASE = load_case(demo_case())
-SMALL = Loop(source_points=500, target_points=2_000)
+SMALL = SameLoop(source_points=500, target_points=2_000)
 ONCE = Protocol(settings=("manual",), repeats=1, isolate=False)
 
 
@@ -186,6 +186,18 @@ def test_torn_last_line_is_cut_off(task, tmp_path):
     assert [line.get("engine") for line in lines] == [None, "perfect", None, "wrong"]
 
 
+def test_files_with_the_keys_of_version_0_1_still_load(task, tmp_path):
+    out = tmp_path / "runs.jsonl"
+    kept = compare(task, some("perfect"), protocol=ONCE, out=out).runs
+    old = {b'"without_initial_pose"': b'"from_nothing"', b'"self_report"': b'"claims"'}
+    content = out.read_bytes()
+    for new, key in old.items():
+        assert content.count(new) == 1
+        content = content.replace(new, key)
+    out.write_bytes(content)
+    assert repr(Store(out).runs) == repr(list(kept))  # Some figures are NaN
+
+
 @pytest.mark.parametrize("content", [b"hello", b'{"a": 1}\n', b'{"format": "dqreg comparison 1"}\nxx\n'])
 def test_other_files_are_left_alone(task, tmp_path, content):
     out = tmp_path / "notes.txt"
@@ -209,7 +221,7 @@ def test_engine_that_needs_an_initial_pose_takes_no_part_without(tmp_path):
     found = compare(
         CASE, [still, *some("perfect")], protocol=Protocol(repeats=1, isolate=False, withhold_initial_pose=True)
     )
-    assert [(run.engine, run.setting, run.from_nothing) for run in found.runs] == [("perfect", "manual", True)]
+    assert [(run.engine, run.setting, run.without_initial_pose) for run in found.runs] == [("perfect", "manual", True)]
 
 
 def test_larger_scans_are_not_tried_after_one_ran_out_of_time(tmp_path, monkeypatch):

@@ -102,6 +102,7 @@ def test_the_image_stays_as_it_was():
         (np.zeros((4, 4)), K, {}, "none of the 16 pixels"),
         (np.ones((4, 4, 3)), K, {}, "shape"),
         (np.ones(4), K, {}, "shape"),
+        (np.ones((4, 4), dtype=bool), K, {}, "mask"),
         (np.ones((4, 4)), K.T, {}, "intrinsics"),
         (np.ones((4, 4)), (0.0, 1.0, 2.0, 2.0), {}, "focal lengths"),
         (np.ones((4, 4)), K, {"stride": 0}, "stride"),

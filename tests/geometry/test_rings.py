@@ -7,8 +7,8 @@ import pytest
 
 from dqreg.geometry import PointCloud
 from dqreg.geometry.boundary import NEIGHBOUR_COUNT, lie_in_rings
-from dqreg.geometry.cells import Cells
-from dqreg.geometry.voxels import VoxelCloud, cell_size
+from dqreg.geometry.cells import LINED_PRODUCTS, TOLD_POINTS, Cells
+from dqreg.geometry.voxels import DENSE, ONE_RING_SHARE, VoxelCloud, cell_size
 from dqreg.rigid import pose
 from dqreg.synth.many_views import room_stops
 from tests.strategies import FloatArray
@@ -62,6 +62,64 @@ def test_a_floor_that_lines_alone_show_tells_rings(rings: int, columns: int) -> 
     assert are_rings(sweep)
     on_walls = np.abs(sweep[:, 2] + 1.2) > 0.1
     assert not are_rings(sweep[on_walls & (sweep[:, 2] < 1.7)])
+
+
+@pytest.mark.parametrize("columns", [1_800, 3_600])
+@pytest.mark.parametrize("count", [3_000, 6_000])
+def test_cells_of_a_dense_sweep_of_few_rings_are_wide_enough_for_two_of_them(columns: int, count: int) -> None:
+    # The denser the points on each ring, the smaller are cells of so many: each held points of one ring.
+    points = hall(16, columns, 0.015)
+    assert len(points) > DENSE * count
+    found, narrow = VoxelCloud.evened(PointCloud(points), count), Cells.of(points, cell_size(points, count))
+    assert found.of_few_rings
+    assert found.surface is not None
+    assert found.surface.cells.lined_share <= ONE_RING_SHARE < narrow.lined_share
+
+
+def test_cells_of_a_dense_sweep_of_many_rings_stay_as_small_as_asked() -> None:
+    points = hall(64, 1_800, 0.015)
+    found = VoxelCloud.evened(PointCloud(points), 6_000)
+    assert not found.of_few_rings
+    assert found.size == cell_size(points, 6_000)
+
+
+def test_lined_cells_are_those_whose_second_variance_is_a_small_part_of_the_first() -> None:
+    cells = Cells.of(hall(16, 1_800, 0.015), 0.3)
+    told = cells.counts >= TOLD_POINTS
+    matrices = cells.scatters[told][:, [[0, 3, 4], [3, 1, 5], [4, 5, 2]]]
+    least, small, large = np.linalg.eigvalsh(matrices).T
+    lined = small * large + least * (small + large) <= LINED_PRODUCTS * (least + small + large) ** 2
+    assert cells.lined_share == pytest.approx(lined.mean(), abs=1.5 / len(lined))
+    flat = least <= 1e-3 * large
+    np.testing.assert_array_equal(lined[flat], (small <= 0.38 * large)[flat])
+    assert 0.2 < cells.lined_share < 0.8
+    assert Cells.of(sphere(10), 10.0).lined_share == 0.0
+
+
+def test_where_hardly_a_sure_plane_holds_a_direction_planes_are_sought_among_more_neighbours() -> None:
+    # Cells hold points of several rings on the walls; three that graze the floor make hardly a plane that is sure.
+    surface = VoxelCloud.evened(PointCloud(hall(32, 900, 0.015)), 6_000).surface
+    assert surface is not None
+    assert not surface.of_few_rings
+    on_floor = np.abs(surface._points[:, 2] + 1.2) < 0.03
+    by_next, sought = surface.cells.planes()[0].normals[on_floor, 2], surface.normals[on_floor, 2]
+    assert (np.abs(by_next) > 0.98).mean() < 0.7
+    assert (np.abs(sought) > 0.98).mean() > 0.85
+    assert surface.wide[on_floor].any()
+
+
+@pytest.mark.parametrize(
+    "points",
+    [hall(64, 1_800, 0.015), np.c_[np.random.default_rng(5).uniform(size=(20_000, 2)), np.zeros(20_000)]],
+    ids=["floor", "plate"],
+)
+def test_where_they_hold_all_directions_or_no_rings_are_seen_the_next_ones_decide(points: FloatArray) -> None:
+    surface = VoxelCloud.evened(
+        PointCloud(points + 1e-3 * np.random.default_rng(6).normal(size=points.shape)), 6_000
+    ).surface
+    assert surface is not None
+    assert len(surface.normals)
+    assert not surface.wide.any()
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.004])

@@ -100,6 +100,10 @@ def test_known_units_are_believed() -> None:
     assert (known.source_units, known.target_units) == ("um", "mm")
     inch = find_unit_mistake(times(scan(), 25.4), part(), source_units="m")
     assert inch is None  # there is no unit of which 25.4 go into a metre
+    # Nor one of which a thousand do: the metres of a depth image in mm were a guess.
+    guessed = find_unit_mistake(moved, part(), source_units="m")
+    assert guessed is not None
+    assert (guessed.source_units, guessed.target_units) == ("mm", "m")
 
 
 @pytest.mark.parametrize("units", [("m", "mm"), ("inch", "mm"), ("mm", "m")])

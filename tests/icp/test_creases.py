@@ -9,7 +9,7 @@ from dqreg.icp.correspondences import Correspondences, find_correspondences
 from dqreg.icp.noise_by_face import (
     CREASE_SCALES,
     MAX_CREASE_SHARE,
-    _hold,
+    _constrain,
     _near,
     points_to_weighted_faces,
     without_creases,
@@ -113,4 +113,4 @@ def test_a_motion_is_held_by_some_points_where_they_tell_more_than_a_share_of_it
     mix = rng.normal(size=(6, 6)) * [1e3, 1e3, 1e3, 1.0, 1.0, 1.0]
     for shares, holds in (([0.05] * 5, False), ([0.05, 0.05, 0.11, 0.0, 0.0], True)):
         own, whole = (mix @ np.diag([*values, 0.0]) @ mix.T for values in (shares, [1.0] * 5))
-        assert _hold(own, whole - own) == holds
+        assert _constrain(own, whole - own) == holds

@@ -196,15 +196,15 @@ def test_a_raised_floor_beside_a_wall_is_measured_though_some_of_it_is_nearer_to
     assert (raised.flags[:12_000] == ON_PART).mean() > 0.99
 
 
-def plate(bore: float) -> Mesh:
-    """A plate of 80 x 80 x 20 from the origin with a square bore in its middle."""
+def plate(bore: float, missing: tuple[int, int] = (1, 1)) -> Mesh:
+    """A plate of 80 x 80 x 20 from the origin with a square bore in its middle, or one of its corners missing."""
     x = np.array([0.0, 40 - bore / 2, 40 + bore / 2, 80.0])
     cells = [(i, j) for i in range(3) for j in range(3)]
     at = {(i, j, k): (i * 4 + j) * 2 + k for i in range(4) for j in range(4) for k in range(2)}
     corners = np.array([[x[i], x[j], 20.0 * k] for i in range(4) for j in range(4) for k in range(2)])
     quads = []
     for i, j in cells:
-        if (i, j) == (1, 1):
+        if (i, j) == missing:
             continue
         quads += [[(i, j, 1), (i + 1, j, 1), (i + 1, j + 1, 1), (i, j + 1, 1)]]
         quads += [[(i, j, 0), (i, j + 1, 0), (i + 1, j + 1, 0), (i + 1, j, 0)]]
@@ -214,23 +214,26 @@ def plate(bore: float) -> Mesh:
             ((i + 1, j + 1), (i, j + 1), (i, j + 1)),
             ((i, j + 1), (i, j), (i - 1, j)),
         ):
-            if beside == (1, 1) or beside not in cells:
+            if beside == missing or beside not in cells:
                 quads += [[(*one, 0), (*two, 0), (*two, 1), (*one, 1)]]
     rows = [[at[corner] for corner in quad] for quad in quads]
     return Mesh(corners, np.array([half for a, b, c, d in rows for half in ((a, b, c), (a, c, d))]))
 
 
-def on_plate(bore: float, more: np.ndarray, *, closed: bool) -> Deviations:
+def on_plate(
+    bore: float, more: np.ndarray, *, closed: bool, missing: tuple[int, int] = (1, 1), table: bool = True
+) -> Deviations:
     """Deviations of the top of the plate and of the table that it stands on, with the bore open or closed, and more."""
     rng = np.random.default_rng(7)
     upper = np.column_stack([rng.uniform(0, 80, (40_000, 2)), np.full(40_000, 20.0)])
     if not closed:
-        upper = upper[(np.abs(upper[:, :2] - 40) > bore / 2).any(axis=1)]
-    table = np.column_stack([rng.uniform(-40, 120, (60_000, 2)), np.zeros(60_000)])
-    table = table[((table[:, :2] < 0) | (table[:, :2] > 80)).any(axis=1)]
-    points = np.vstack([more, upper, table])
+        at = np.searchsorted([40 - bore / 2, 40 + bore / 2], upper[:, :2])
+        upper = upper[(at != missing).any(axis=1)]
+    under = np.column_stack([rng.uniform(-40, 120, (60_000, 2)), np.zeros(60_000)])
+    under = under[((under[:, :2] < 0) | (under[:, :2] > 80)).any(axis=1)]
+    points = np.vstack([more, upper, under[: len(under) * table]])
     points += rng.normal(0.0, NOISE, points.shape)
-    mesh = plate(bore)
+    mesh = plate(bore, missing)
     return measure_deviations(points, mesh, MeshSurface(mesh), limit=REACH, noise=NOISE, spacing=0.4)
 
 
@@ -267,3 +270,77 @@ def test_a_face_of_a_fixture_flush_with_the_part_is_left_out() -> None:
     found = on_plate(12.0, jaw, closed=False)
     far = found.points[:10_000, 0] > 80.0 + 1.2
     assert not found.counted[:10_000][far].any()
+
+
+def sampled(rng: np.random.Generator, low: tuple[float, float, float], high: tuple[float, float, float]) -> np.ndarray:
+    """Points of a rectangle between two corners that share one coordinate, as dense as those of the plate."""
+    wide = np.subtract(high, low)
+    return rng.uniform(low, high, (int(6.25 * np.prod(wide[wide > 0])), 3))
+
+
+def test_a_jaw_that_hides_some_of_a_face_is_not_that_face_out_of_place() -> None:
+    rng = np.random.default_rng(10)
+    jaw = sampled(rng, (92, 20, 0), (92, 60, 16))
+    side = [sampled(rng, (80, 0, 0), (80, 20, 20)), sampled(rng, (80, 60, 0), (80, 80, 20))]
+    held = on_plate(12.0, np.vstack([jaw, *side]), closed=False)
+    assert not held.counted[: len(jaw)].any()
+    assert decide(held, 0.2).outcome == "pass"
+    # With nothing of the face in its place it is the face.
+    thick = on_plate(12.0, sampled(rng, (92, 0, 0), (92, 80, 20)), closed=False, table=False)
+    assert decide(thick, 0.2).outcome == "fail"
+
+
+def test_the_pad_beneath_a_clamp_is_not_a_pin_on_the_part() -> None:
+    rng = np.random.default_rng(11)
+    turn = rng.uniform(0, 2 * np.pi, 600)
+    pad = np.column_stack([12 + 3 * np.cos(turn), 20 + 3 * np.sin(turn), rng.uniform(20, 23, 600)])
+    arm = sampled(rng, (-30, 15, 32), (16, 25, 32))
+    clamped = on_plate(12.0, np.vstack([pad, arm]), closed=False)
+    assert clamped.counted[: 600 + len(arm)].mean() < 0.02
+    # Without the arm it is a burr.
+    assert decide(on_plate(12.0, pad, closed=False), 0.2).outcome == "fail"
+
+
+def test_a_pin_beside_a_wall_of_the_part_fails() -> None:
+    rng = np.random.default_rng(12)
+    mesh = Mesh(*angle(length=30.0, height=30.0, width=40.0, bend_radius=0.5, large_hole=3.0, small_hole=2.0))
+    floor, wall = sampled(rng, (2.5, 0, 2), (30, 40, 2)), sampled(rng, (2, 0, 2.5), (2, 40, 30))
+    floor = floor[np.linalg.norm(floor[:, :2] - [6, 12], axis=1) > 3.0]
+    turn, height = rng.uniform(0, 2 * np.pi, 1_500), rng.uniform(2, 12, 1_500)
+    pin = np.column_stack([6 + 3 * np.cos(turn), 12 + 3 * np.sin(turn), height])
+    points = np.vstack([pin, floor, wall])
+    points += rng.normal(0.0, NOISE, points.shape)
+    held = measure_deviations(points, mesh, MeshSurface(mesh), limit=REACH, noise=NOISE, spacing=0.4)
+    assert held.counted[:1_500].mean() > 0.95
+
+
+def test_what_closes_a_bore_below_its_rim_is_the_part_s_and_a_table_seen_through_it_is_not() -> None:
+    rng = np.random.default_rng(13)
+    for height, outcome in ((8.0, "fail"), (0.0, "pass")):
+        bottom = sampled(rng, (30, 30, height), (50, 50, height))
+        walls = [sampled(rng, (x, 30, height), (x, 50, 20)) for x in (30, 50)]
+        walls += [sampled(rng, (30, y, height), (50, y, 20)) for y in (30, 50)]
+        found = on_plate(20.0, np.vstack([bottom, *walls]), closed=False, table=False)
+        assert decide(found, 0.2).outcome == outcome
+
+
+def test_a_corner_that_was_not_cut_fails_and_a_jaw_flush_with_one_face_does_not() -> None:
+    rng = np.random.default_rng(14)
+    side = [sampled(rng, (80, 0, 0), (80, 68, 20)), sampled(rng, (0, 80, 0), (68, 80, 20))]
+    filled = [sampled(rng, (80, 68, 0), (80, 80, 20)), sampled(rng, (68, 80, 0), (80, 80, 20))]
+    corner = on_plate(56.0, np.vstack([*filled, *side]), closed=True, missing=(2, 2))
+    assert decide(corner, 0.2).outcome == "fail"
+    assert corner.counted[: sum(map(len, filled))].mean() > 0.5
+    cut = [sampled(rng, (68, 68, 0), (68, 80, 20)), sampled(rng, (68, 68, 0), (80, 68, 20))]
+    jaw = [sampled(rng, (80, 10, 20), (95, 60, 20)), sampled(rng, (80, 10, 0), (95, 10, 20))]
+    held = on_plate(56.0, np.vstack([*jaw, *cut, *side]), closed=False, missing=(2, 2))
+    assert decide(held, 0.2).outcome == "pass"
+
+
+def test_the_wall_of_a_nest_seen_through_a_notch_goes_with_the_nest() -> None:
+    rng = np.random.default_rng(15)
+    nest = [sampled(rng, (80, -15, 12), (95, 95, 12)), sampled(rng, (80, 36, 0), (80, 44, 12))]
+    side = [sampled(rng, (80, 0, 12), (80, 36, 20)), sampled(rng, (80, 44, 12), (80, 80, 20))]
+    flanks = [sampled(rng, (44, y, 0), (80, y, 20)) for y in (36, 44)]
+    held = on_plate(8.0, np.vstack([*nest, *side, *flanks]), closed=False, missing=(2, 1), table=False)
+    assert decide(held, 0.2).outcome == "pass"

@@ -11,9 +11,11 @@ from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh
 from dqreg.kernels import threads
 from dqreg.kernels.treelets import BLOCK
-from dqreg.kernels.triangle_tree import LEAF, MAX_SMALL_TRIANGLES, TriangleTree, order_of_triangles
+from dqreg.kernels.triangle_tree import MAX_SMALL_TRIANGLES, TriangleTree, order_of_triangles
 from dqreg.synth.parts import bracket
 from tests.geometry.oracles import brute_triangles
+
+LEAF_TRIANGLES = 2  # At most
 
 
 def tree_of(corners: FloatArray) -> TriangleTree:
@@ -75,7 +77,7 @@ def test_every_node_is_the_box_of_its_triangles_and_each_is_in_one_leaf(seed: in
     for node in range(len(tree.nodes) - 1, -1, -1):
         child, many, _ = tree.links[node]
         assert many or (child > node and child % 2 == 1 and (tree.links[child : child + 2, 2] == node).all())
-        assert 0 <= many <= LEAF
+        assert 0 <= many <= LEAF_TRIANGLES
         held = slice(child, child + (many or 2))
         bottom[node] = low[held].min(axis=0) if many else bottom[held].min(axis=0)
         top[node] = high[held].max(axis=0) if many else top[held].max(axis=0)
@@ -137,7 +139,7 @@ def test_copies_of_a_face_are_one_and_the_first_is_named() -> None:
     np.testing.assert_allclose(distances, distances_of(corners[:5], queries), rtol=0, atol=1e-13)
 
 
-@pytest.mark.parametrize("count", [LEAF, LEAF + 1, 2 * LEAF, 65])
+@pytest.mark.parametrize("count", [LEAF_TRIANGLES, LEAF_TRIANGLES + 1, 2 * LEAF_TRIANGLES, 65])
 @pytest.mark.parametrize("place", ["one", "line", "grid"])
 def test_centroids_in_one_place_in_line_or_in_a_grid(count: int, place: str) -> None:
     rng = np.random.default_rng(2)

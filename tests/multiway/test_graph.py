@@ -3,7 +3,7 @@ from itertools import combinations
 import numpy as np
 
 from dqreg.multiway import dual_poses
-from dqreg.multiway.edges import graph_of, turned_round
+from dqreg.multiway.edges import graph_of, with_lower_targets
 from dqreg.multiway.graph import normal_matrix, solve_graph
 from dqreg.rigid import pose
 from tests.multiway.edges_of_truth import edges_of, world
@@ -60,6 +60,6 @@ def test_an_edge_turned_round_has_the_same_chi_square() -> None:
     edges = edges_of(T, [(j, i) for i, j in combinations(range(5), 2)], 1e-3, seed=8)
     graph = graph_of(edges, 5)
     nodes = np.concatenate([T, np.eye(4)[None]])
-    back = turned_round(graph)
+    back = with_lower_targets(graph)
     assert (back.targets < back.sources).all()
     np.testing.assert_allclose(back.chi2(nodes), graph.chi2(nodes), rtol=1e-6)

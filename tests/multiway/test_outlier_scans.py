@@ -8,7 +8,7 @@ import pytest
 from dqreg._arrays import FloatArray
 from dqreg.geometry import PointCloud
 from dqreg.multiway.edges import Edge
-from dqreg.multiway.outlier_scans import Judge, without_foreign
+from dqreg.multiway.outlier_scans import Judge, without_contradicting_scans
 from dqreg.multiway.scans import View, read_views, typical_size
 from dqreg.multiway.sides import Sides, viewpoints_of
 from dqreg.multiway.viewpoints import Viewpoints
@@ -74,7 +74,7 @@ def test_a_scan_that_agrees_with_its_neighbours_alone_is_left_out(turned: Turned
     alone = dataclasses.replace(judge, sides=dataclasses.replace(judge.sides, known=dict.fromkeys(keys_of(wrong))))
     selection = alone(right + wrong)
     assert np.isfinite(selection.T_world_scan[VIEWS]).all()
-    _, found = without_foreign(alone, selection)
+    _, found = without_contradicting_scans(alone, selection)
     assert np.isnan(found.T_world_scan[VIEWS]).all()
     assert {e.code for e in found.edges if e.source == VIEWS} == {"looked_through"}
     assert all(e.used for e in found.edges if e.source != VIEWS)
@@ -89,7 +89,7 @@ def test_right_scans_stay_where_they_were(turned: Turned) -> None:
     right = edges_among(turned)
     judge = judge_of(views, right)
     before = judge(right)
-    _, after = without_foreign(judge, before)
+    _, after = without_contradicting_scans(judge, before)
     np.testing.assert_array_equal(after.T_world_scan, before.T_world_scan)
     assert all(e.used for e in after.edges)
 

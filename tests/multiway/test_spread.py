@@ -9,7 +9,7 @@ from dqreg.multiway.edges import PART
 from dqreg.multiway.joint import refine_jointly
 from dqreg.multiway.refine import refined
 from dqreg.multiway.scans import read_views
-from dqreg.multiway.spread import WorldCovariance, beyond_noise, joint_covariance, less, root_of
+from dqreg.multiway.spread import WorldCovariance, beyond_noise, joint_covariance, root_of, without_apparent
 from dqreg.registration.target import prepare_target
 from dqreg.rigid import pose
 from dqreg.synth.parts import block, bracket
@@ -57,7 +57,7 @@ def test_a_motion_that_faces_hold_is_as_sure_as_their_points(spread: tuple[np.nd
 def test_information_less_the_apparent_part_of_it() -> None:
     information = np.diag([4.0, 2.0, 1.0, 1e6, 1e4, 1.0])
     apparent = np.diag([1.0, 0.0, 1.0, 0.0, 5e3, 2.0])
-    left = less(information, apparent)
+    left = without_apparent(information, apparent)
     np.testing.assert_allclose(np.diag(left)[[0, 1, 3, 4]], [3.0, 2.0, 1e6, 5e3], rtol=1e-9)
     # Where errors of normals explain all of it, a little stays: the matrix must have an inverse.
     assert (np.diag(left)[[2, 5]] > 0.0).all()

@@ -161,3 +161,22 @@ def test_one_flat_face_without_sides_is_not_accepted_from_nothing() -> None:
         register(PointCloud(points, np.eye(3)[[2] * len(points)]), plate),
     ):
         assert "one_plane" not in given.verdict.codes
+
+
+def bossed() -> Mesh:
+    """A square block with a boss on it, of which nothing is seen from below."""
+    (block, faces), (boss, of_boss) = box((3.0, 3.0, 1.5)), box((0.4, 0.4, 0.3))
+    return Mesh(np.concatenate([block, np.add(boss, [0.75, 0.25, 0.9])]), np.concatenate([faces, of_boss + len(block)]))
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_what_a_viewpoint_hides_tells_no_pose_from_its_turns(seed: int) -> None:
+    # The truth is by construction; the boss alone breaks the symmetry by quarter turns, and no ray meets it.
+    part = bossed()
+    source, eye, T = scan_of(part, [(0.94, 0.34, -0.6)], seed)
+    result = register(source, part, viewpoint=eye, effort="fast")
+    assert (result.verdict.level, result.verdict.codes) == ("suspect", ("alternative_poses",))
+    assert len(result.alternatives) >= 3
+    named = [result.T_target_source, *(other.T_target_source for other in result.alternatives)]
+    off = [np.linalg.norm(pose.apply(found, source) - pose.apply(T, source), axis=1).max() for found in named]
+    assert min(off) < 5.0 * NOISE

@@ -172,3 +172,13 @@ def test_noise_that_passes_the_middle_of_a_wall_tells_no_sides_apart() -> None:
     poses = [found.T_target_source, *(other.T_target_source for other in found.alternatives)]
     assert "alternative_poses" in found.verdict.codes
     assert any(is_right(T, task)[0] for T in poses)
+
+
+def test_a_leg_on_its_wrong_side_with_a_bent_end_is_not_accepted() -> None:
+    # Four tenths of the base bend up by less than it is thick: on the wrong side they lie between both sides of it.
+    points = scan_of(edge=True).points
+    along = np.maximum(80.0 - points[:, 0], 0.0) / 80.0
+    bent = points + np.outer(0.5 * along**2, [0.0, 0.0, 1.0])
+    for shift in ([0.0, 0.0, 0.0], BOTH_OFF):
+        result = prepared("angle").register(bent, shifted(shift))
+        assert across(result.T_target_source) < 0.5 * THICKNESS or result.verdict.level != "accepted"

@@ -8,7 +8,7 @@ from dqreg.geometry import Mesh
 from dqreg.geometry.morton import morton_order
 from dqreg.geometry.sampling import sample_mesh
 from dqreg.rigid import pose, twist
-from dqreg.solvers.sandwich import BLOCK, MIN_NOISE_SHARE, _Patches, scatter_of
+from dqreg.solvers.sandwich import BLOCK, MIN_NOISE_SHARE, _Patches, scatter_of, with_known
 from dqreg.synth import parts
 from dqreg.trust import Information, without_free_motion
 from tests.trust.shapes import box, judged, plane
@@ -174,3 +174,20 @@ def test_what_shared_noise_adds_and_leaves_are_products_of_matrices(count: int) 
     residual = (np.eye(count) - hat) @ meant @ (np.eye(count) - hat).T
     expected = float(np.vdot(residual, meant)) / float(np.vdot(meant, meant))
     assert left == pytest.approx(max(expected, MIN_NOISE_SHARE), abs=1e-10)
+
+
+def test_no_less_is_known_than_was_beforehand_and_no_more_where_that_is_less() -> None:
+    rng = np.random.default_rng(11)
+    for rank in (0, 2, 4):
+        half, rows = rng.normal(size=(4, 4)), rng.normal(size=(rank, 4))
+        scatter, known = half @ half.T, rows.T @ rows
+        found = with_known(scatter, known)
+        after = np.linalg.inv(found)
+        for least in (np.linalg.inv(scatter), known):
+            beyond = np.linalg.eigvalsh(after - least)
+            assert beyond[0] > -1e-9 * beyond[-1] - 1e-9
+        # In axes where one is the identity and the other diagonal, the larger of both informations.
+        shares = np.linalg.eigvals(scatter @ known).real
+        smaller = float(np.linalg.det(scatter) / np.linalg.det(found))
+        assert smaller == pytest.approx(float(np.prod(np.maximum(shares, 1.0))))
+    np.testing.assert_array_equal(with_known(np.zeros((4, 4)), np.eye(4)), np.zeros((4, 4)))

@@ -196,3 +196,48 @@ def test_errors_of_normals_hold_no_mixture_with_a_motion_that_is_hardly_held(col
             # Tilted by the errors of 4,000 pairs alone, in two held motions.
             assert np.abs(both.vectors[3, both.free]).min() > np.cos(4.0 / np.sqrt(count))
     assert column or mixed > 5
+
+
+def table_and_walls(rng: np.random.Generator, few: int) -> tuple[FloatArray, FloatArray]:
+    """Points on a table seen from above and few on each of two walls of it, and their normals."""
+    floor = np.column_stack([rng.uniform(-1.0, 1.0, (2000, 2)), np.zeros(2000)])
+    wall = np.column_stack([np.ones(few), rng.uniform(-1.0, 1.0, (few, 2))])
+    points = np.concatenate([floor, wall, wall[:, [1, 0, 2]] * [1.0, -1.0, 1.0]])
+    return points, np.repeat(np.eye(3)[[2, 0, 1]], [2000, few, few], axis=0)
+
+
+def test_squared_errors_are_the_variance_where_few_points_hold_a_motion() -> None:
+    # A fit of least squares, so that the truth is known.
+    few, squares = 8, []
+    for seed in range(150):
+        rng = np.random.default_rng(seed)
+        points, normals = table_and_walls(rng, few)
+        order = np.argsort(points[:, 0])
+        points, normals = points[order], normals[order]
+        rows = np.hstack([np.cross(points, normals), normals])
+        noise = 1e-3 * rng.normal(size=len(points))
+        error = np.linalg.lstsq(rows, noise, rcond=None)[0]
+        residuals, weights = noise - rows @ error, np.ones(len(points))
+        found = information_of(points, normals, residuals, weights, 1.0, np.zeros(3), patchwise=True)
+        squares.append(error @ np.linalg.solve(found.spread, error) / 6.0)
+    # Standard error of the mean 0.06.
+    assert 0.8 < np.mean(squares) < 1.3
+
+
+def test_where_few_points_hold_a_motion_as_much_is_known_as_was_beforehand() -> None:
+    least = []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        points, normals = table_and_walls(rng, 8)
+        residuals = 1e-3 * rng.normal(size=len(points))
+        # Sure of some mixtures, as the walls are about, and unsure of others.
+        mixed = rng.normal(size=(6, 6)) * 3e-4 * np.geomspace(0.3, 3.0, 6)
+        prior = np.asarray(np.linalg.inv(mixed @ mixed.T), dtype=np.float64)
+        given = points, normals, residuals, np.ones(len(points)), 1.0, np.zeros(3)
+        found = information_of(*given, patchwise=True, prior=prior)
+        gained = np.linalg.eigvalsh(mixed.T @ np.linalg.inv(found.spread) @ mixed)
+        assert gained[0] > 1.0 - 1e-6
+        least.append(gained[0])
+        assert gained[-1] > 2.0
+    # In most of them some mixture is known by the prior alone.
+    assert np.median(least) < 1.01

@@ -24,7 +24,8 @@ def looked_at(points: np.ndarray, reach: float) -> tuple[int, float]:
     # The target is the plane z = 0 from x = 0 to x = 1.
     beside = np.maximum(points[:, 0] - 1.0, 0.0)
     apart = np.hypot(beside, points[:, 2])
-    return patches_off(points, apart, points[:, 2], apart <= reach, WIDTH)
+    counted, off = patches_off(points, apart, points[:, 2], apart <= reach, WIDTH)
+    return int(np.count_nonzero(counted)), np.count_nonzero(off) / max(np.count_nonzero(counted), 1)
 
 
 def test_a_face_in_the_wrong_place_is_off() -> None:
@@ -49,7 +50,8 @@ def test_a_shifted_part_on_a_table_is_still_off() -> None:
 @pytest.mark.parametrize("count", [0, PATCH_POINTS - 1])
 def test_too_few_points_are_no_patch(count: int) -> None:
     none = np.zeros(count)
-    assert patches_off(np.zeros((count, 3)), none, none, np.ones(count, dtype=bool), WIDTH) == (0, 0.0)
+    counted, off = patches_off(np.zeros((count, 3)), none, none, np.ones(count, dtype=bool), WIDTH)
+    assert (len(counted), len(off)) == (0, 0)
 
 
 def test_waves_are_what_neighbours_have_in_common_and_noise_is_not() -> None:
