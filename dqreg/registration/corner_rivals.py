@@ -29,6 +29,7 @@ from dqreg.search.axes import cube_rotations
 from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
 from dqreg.search.refine import refine
+from dqreg.trust.common_planes import CORNER_PLANES
 from dqreg.trust.limits import DEPTH_CONFLICT_SHARE
 from dqreg.trust.records import Code
 
@@ -36,6 +37,8 @@ from dqreg.trust.records import Code
 TOO_LITTLE: frozenset[Code] = frozenset({"unconstrained", "large_uncertainty", "weakly_constrained", "not_converged"})
 # Share of the points beyond either end of what both show that is left out.
 OUTER_SHARE = 1e-3
+# Share of the common places that three planes hold, where others hold hardly more than chance.
+CORNER_SHARE = 0.9
 # Refinement of the poses, on a sample.
 REFINING_POINTS, REFINEMENT_STEPS = 1_000, 10
 FIRST_SCALE_DIAGONALS, LAST_SCALE_DIAGONALS = 0.01, 1e-3
@@ -61,7 +64,9 @@ def corner_rivals(fit: Fit) -> FloatArray:
     """Poses of the scan on other corners that nothing speaks against, (k, 4, 4): none where more is in common."""
     options = fit.problem.options
     planes, target = planes_of(fit), fit.target.geometry
-    if options.method != "auto" or fit.constraints.any or planes is None or not planes.are_a_corner:
+    if options.method != "auto" or fit.constraints.any or planes is None or not planes.are_all:
+        return NO_POSES
+    if sum(planes.shares[:CORNER_PLANES]) < CORNER_SHARE:
         return NO_POSES
     assert isinstance(target, PointCloud)
     begun = _turned(fit, target.points, np.array([plane.normal for plane in planes.planes]))

@@ -22,7 +22,7 @@ PARTS = {
 }
 # Part, seed and degrees between two views.
 STARTED = [("plate", 8, 110.0), ("plate", 13, 110.0), ("plate", 18, 110.0), ("block", 10, 90.0)]
-FROM_NOTHING = [*STARTED, ("block", 5, 110.0), ("block", 20, 70.0)]
+FROM_NOTHING = [*STARTED, ("plate", 5, 110.0), ("block", 5, 110.0), ("block", 20, 70.0)]
 ACCEPTED = 115
 NOISE_DIAGONALS, PIXELS, FOCAL_PIXELS, AWAY_DIAGONALS = 3e-4, 220, 400.0, 3.0
 
