@@ -27,3 +27,8 @@ def offset_from_start(fit: Fit, T: FloatArray, start: FloatArray | None) -> floa
         return 0.0
     shift = pose.offset_between(T, start, at=np.zeros(3)) / (MEANT * fit.prepared.surface.diagonal)
     return float(max(pose.angle_between(T, start) / MEANT_RAD, shift))
+
+
+def is_elsewhere(fit: Fit, T: FloatArray, start: FloatArray | None) -> bool:
+    """Whether a pose is in another basin than the initial one: no rough initial pose means both."""
+    return offset_from_start(fit, T, start) > 1.0

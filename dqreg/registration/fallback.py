@@ -21,7 +21,6 @@ from dqreg.registration.rivals import (
     MIN_GAIN_SIGMAS,
     MIN_LOG_GAIN,
     NO_POSES,
-    but_symmetric,
     down_to_noise,
     is_scene,
     mirror_gain,
@@ -266,26 +265,3 @@ class _Candidates:
         """Whether one explains the scan better than the first, by so many standard errors at least."""
         gain = float(self._scores.means[k] - self._scores.means[0])
         return gain > max(MIN_LOG_GAIN, sigmas * float(self._scores.deficit(k)[1][0]))
-
-
-def meant_copy(fit: Fit, start: FloatArray, kernel_scale: float) -> tuple[Fit, FloatArray]:
-    """The fit between clouds; far from the initial pose, one by that after a near symmetry, if as likely or sound.
-
-    And, if so, the pose that was left, (k, 4, 4), unless it is the same place.
-    """
-    options = fit.problem.options
-    # On a part the points decide: what a notch speaks against is not meant.
-    asked = fit.target.kind == "cloud" and options.method == "auto" and not fit.constraints.any
-    if not asked or not fit.found or offset_from_start(fit, fit.T_target_source, start) <= 1.0:
-        return fit, NO_POSES
-    copies = near_maps(fit, of_any=True) @ fit.T_target_source
-    offsets = [offset_from_start(fit, T, start) for T in copies]
-    if min(offsets, default=np.inf) > 1.0:
-        return fit, NO_POSES
-    # A map that was read off a cloud is rough, and few points of a refinement are not led far enough by it.
-    other = fit.resumed(copies[int(np.argmin(offsets))], kernel_scale)
-    poses = np.stack([fit.T_target_source, other.T_target_source])
-    # What two clouds have in common differs from place to place: of what nothing speaks against the start decides.
-    if other.found and (scores_of(fit, poses).as_likely(0, MIN_LOG_GAIN)[1] or not is_doubtful(other)):
-        return other, but_symmetric(other, poses[:1])
-    return fit, NO_POSES

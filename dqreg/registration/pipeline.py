@@ -25,10 +25,12 @@ from dqreg.registration.assess import (
 )
 from dqreg.registration.common_faces import on_common_faces
 from dqreg.registration.continued_fit import all_points_say_more, in_doubt_on_all_points, on_all_points, settled
-from dqreg.registration.fallback import BestPoses, best_known, is_doubtful, meant_copy
+from dqreg.registration.corner_rivals import beside_corners
+from dqreg.registration.fallback import BestPoses, best_known, is_doubtful
 from dqreg.registration.fit import Fit, coarse_to_fine
 from dqreg.registration.free_space import viewpoint_behind
 from dqreg.registration.initial_pose import GlobalSearch, InitialPose, initial_pose
+from dqreg.registration.kept_start import but_start_kept, meant_copy
 from dqreg.registration.prepared import Prepared
 from dqreg.registration.problem import Problem, SourceAndTarget
 from dqreg.registration.result import Registration
@@ -157,16 +159,16 @@ def second_try(fit: Fit, start: InitialPose, search: GlobalSearch) -> BestPoses:
     """
     is_given, kernel_scale = fit.problem.start is not None, search.kernel_scale
     T_given = start.T_target_source if is_given else None
-    known, equals = BestPoses(fit, start.others), NO_POSES
+    begun, known, equals = fit, BestPoses(fit, start.others), NO_POSES
     with suppress(TimeUpError), until(fit.problem.watch.deadline):
         fit, _ = without_slide(down_to_noise(fit))
         known = BestPoses(fit, start.others)
         if T_given is not None:
             begin_judging(fit)
-            fit, equals = best_near_symmetric(fit, kernel_scale)
+            fit, equals = best_near_symmetric(fit, kernel_scale, T_given)
             # What is asked of a pose is asked of the answer, with its unconstrained motions as they were given.
             fit = without_drift(fit, T_given)
-            known = BestPoses(fit, start.others)
+            known = BestPoses(begun := fit, start.others)
         fit = in_doubt_on_all_points(fit)
         known = best_known(fit, start, search)
         if is_doubtful(known.fit):
@@ -174,7 +176,7 @@ def second_try(fit: Fit, start: InitialPose, search: GlobalSearch) -> BestPoses:
         is_other = known.fit is not fit
         if is_other or (not is_given and isinstance(fit.prepared.surface, MeshSurface)):
             # A search sees a sample: few points may tell its pose from a nearly symmetric one that it missed.
-            best, equals = best_near_symmetric(known.fit, kernel_scale)
+            best, equals = best_near_symmetric(known.fit, kernel_scale, T_given)
             known = replaced(known, fit=best)
         best, turned = best_on_ring(known.fit, T_given, kernel_scale)
         known = replaced(known, fit=on_best_sides(best), turned=turned)
@@ -182,9 +184,10 @@ def second_try(fit: Fit, start: InitialPose, search: GlobalSearch) -> BestPoses:
             meant, copies = meant_copy(known.fit, T_given, kernel_scale)
             known, equals = replaced(known, fit=meant), np.concatenate([equals, copies])
         equals = but_on_the_way(known.fit, equals, kernel_scale if fit.problem.options.method == "auto" else None)
+    known = replaced(known, others=np.concatenate([known.others, equals]))
     if T_given is not None:
-        known = replaced(known, fit=without_drift(known.fit, T_given))
-    return replaced(known, others=np.concatenate([known.others, equals]))
+        known = but_start_kept(begun, replaced(known, fit=without_drift(known.fit, T_given)), T_given)
+    return beside_corners(known, T_given)
 
 
 def registration_of(

@@ -9,6 +9,7 @@ from dqreg.geometry import Mesh, MeshSurface
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.registration.derived import Key
+from dqreg.registration.displacement import is_elsewhere
 from dqreg.registration.evidence import near_limit
 from dqreg.registration.fit import Fit
 from dqreg.registration.free_space import both_rays, met_at, met_by
@@ -174,10 +175,11 @@ def _may_stay(fit: Fit, poses: FloatArray) -> BoolArray:
     return np.asarray(met_by(fit, rays, poses).through <= here.through[0] + RAY_CONFLICT_MARGIN)
 
 
-def best_near_symmetric(fit: Fit, kernel_scale: float) -> tuple[Fit, FloatArray]:
+def best_near_symmetric(fit: Fit, kernel_scale: float, start: FloatArray | None = None) -> tuple[Fit, FloatArray]:
     """The fit, or that to a near-symmetric pose which explains the scan significantly better; and equally likely ones.
 
-    Shapes: returns (k, 4, 4).
+    Between clouds a better one has more in common, which does not speak against an initial pose: what that did not mean
+    is named alone. Shapes: returns (k, 4, 4).
     """
     others, distances = _as_likely(fit)
     is_mesh = fit.problem.target.kind == "mesh"
@@ -189,7 +191,7 @@ def best_near_symmetric(fit: Fit, kernel_scale: float) -> tuple[Fit, FloatArray]
         if not len(others):
             break
         scores, _ = of_those_on(fit, distances, narrowest)
-        best = int(scores.means.argmax())
+        best = int(np.where(_are_allowed(fit, others, start), scores.means, -np.inf).argmax())
         gain, error = float(scores.means[best] - scores.means[0]), float(scores.deficit(best)[1][0])
         if best == 0 or not (gain > max(MIN_LOG_GAIN, MIN_GAIN_SIGMAS * error) or scores.distinguishable(best)[0]):
             break
@@ -198,6 +200,14 @@ def best_near_symmetric(fit: Fit, kernel_scale: float) -> tuple[Fit, FloatArray]
             break
         fit, (others, distances) = other, _as_likely(other)
     return fit, but_symmetric(fit, others)
+
+
+def _are_allowed(fit: Fit, others: FloatArray, start: FloatArray | None) -> BoolArray:
+    """Whether a fit, and which of other poses, (k, 4, 4), may be the answer by what they have in common, (k+1,)."""
+    allowed = np.ones(len(others) + 1, dtype=bool)
+    if fit.target.kind == "cloud" and not is_elsewhere(fit, fit.T_target_source, start):
+        allowed[1:] = [not is_elsewhere(fit, T, start) for T in others]
+    return allowed
 
 
 def mirror_gain(fit: Fit, *, always: bool = False) -> float:

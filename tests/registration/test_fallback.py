@@ -8,8 +8,9 @@ import pytest
 
 import dqreg
 from dqreg.geometry import sample_mesh
-from dqreg.registration.fallback import is_doubtful, meant_copy
+from dqreg.registration.fallback import is_doubtful
 from dqreg.registration.fit import coarse_to_fine
+from dqreg.registration.kept_start import meant_copy
 from dqreg.registration.rivals import best_seen
 from dqreg.registration.same_poses import but_slid
 from dqreg.rigid import pose, twist

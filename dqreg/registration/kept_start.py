@@ -1,0 +1,80 @@
+"""Between two clouds an initial pose is kept, unless something speaks against it.
+
+Means over points that some pose puts on the target compare poses by how much the clouds have in common there: a twin
+that lays three faces on three beats the right pose that has one. A point where the other view did not look says
+nothing; what a scanner looked through speaks, or that much of what is near lies apart or looks another way.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg._records import replaced
+from dqreg.registration.assess import evidence_of, uncertainty_of
+from dqreg.registration.displacement import displacement_between, is_elsewhere, offset_from_start
+from dqreg.registration.fallback import BestPoses, is_doubtful
+from dqreg.registration.fit import Fit
+from dqreg.registration.near_places import near_maps
+from dqreg.registration.rivals import MIN_LOG_GAIN, NO_POSES, but_symmetric, scores_of
+from dqreg.search.search import RAY_CONFLICT_MARGIN
+from dqreg.trust.limits import DISAGREEING_NORMAL_SHARE, MIN_INLIER_FRACTION, looked_through_limit
+
+# Displacement of a point by the loop, in sizes, beyond which it has left the pose that it was begun at.
+LEFT_DIAGONALS = 0.2
+
+
+def but_start_kept(begun: Fit, known: BestPoses, start: FloatArray) -> BestPoses:
+    """What is known of two clouds; or, where that is far from the initial pose, the fit to which this led.
+
+    The pose that was left stands beside it. Where the loop itself went far, what was found is the answer, and the
+    initial pose stands beside that. Nothing is kept that is contradicted.
+    """
+    found = known.fit
+    if begun.target.kind != "cloud" or not begun.found or not found.found:
+        return known
+    if not any(is_elsewhere(found, found.T_target_source, T) for T in (begun.T_target_source, start)):
+        return known
+    has_stayed = displacement_between(begun, start, begun.T_target_source) <= LEFT_DIAGONALS
+    if has_stayed and not _is_contradicted(begun, found):
+        others = np.concatenate([found.T_target_source[None], known.others])
+        return replaced(known, fit=begun, others=others, turned=np.concatenate([others[:1], known.turned]))
+    if _is_contradicted(begun.at(start), found):
+        return known
+    return replaced(known, turned=np.concatenate([known.turned, start[None]]))
+
+
+def _is_contradicted(fit: Fit, found: Fit) -> bool:
+    """Whether something speaks against a pose between clouds, by itself or beside another one.
+
+    How little is common does not. What a scanner looked through does; where its place is not known, much of what is
+    near that lies apart or looks another way.
+    """
+    evidence, other = (evidence_of(each, uncertainty_of(each)) for each in (fit, found))
+    through = evidence.looked_through
+    if np.isfinite(through):
+        return bool(through > min(looked_through_limit(evidence), other.looked_through + RAY_CONFLICT_MARGIN))
+    return evidence.share_near < MIN_INLIER_FRACTION or evidence.normals_apart > DISAGREEING_NORMAL_SHARE
+
+
+def meant_copy(fit: Fit, start: FloatArray, kernel_scale: float) -> tuple[Fit, FloatArray]:
+    """The fit between clouds; far from the initial pose, one by that after a near symmetry, if as likely or sound.
+
+    And, if so, the pose that was left, (k, 4, 4), unless it is the same place.
+    """
+    options = fit.problem.options
+    # On a part the points decide: what a notch speaks against is not meant.
+    asked = fit.target.kind == "cloud" and options.method == "auto" and not fit.constraints.any
+    if not asked or not fit.found or not is_elsewhere(fit, fit.T_target_source, start):
+        return fit, NO_POSES
+    copies = near_maps(fit, of_any=True) @ fit.T_target_source
+    offsets = [offset_from_start(fit, T, start) for T in copies]
+    if min(offsets, default=np.inf) > 1.0:
+        return fit, NO_POSES
+    # A map that was read off a cloud is rough, and few points of a refinement are not led far enough by it.
+    other = fit.resumed(copies[int(np.argmin(offsets))], kernel_scale)
+    poses = np.stack([fit.T_target_source, other.T_target_source])
+    # What two clouds have in common differs from place to place: of what nothing speaks against the start decides.
+    if other.found and (scores_of(fit, poses).as_likely(0, MIN_LOG_GAIN)[1] or not is_doubtful(other)):
+        return other, but_symmetric(other, poses[:1])
+    return fit, NO_POSES
