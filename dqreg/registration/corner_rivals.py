@@ -7,7 +7,6 @@ other. One that lays less there, where nothing speaks against it, may be the rig
 
 from __future__ import annotations
 
-import itertools
 from contextlib import suppress
 
 import numpy as np
@@ -64,11 +63,10 @@ def corner_rivals(fit: Fit) -> FloatArray:
     """Poses of the scan on other corners that nothing speaks against, (k, 4, 4): none where more is in common."""
     options = fit.problem.options
     planes, target = planes_of(fit), fit.target.geometry
-    if options.method != "auto" or fit.constraints.any or planes is None or not planes.are_all:
+    if options.method != "auto" or fit.constraints.any or not isinstance(target, PointCloud):
         return NO_POSES
-    if sum(planes.shares[:CORNER_PLANES]) < CORNER_SHARE:
+    if planes is None or not planes.are_all or sum(planes.shares[:CORNER_PLANES]) < CORNER_SHARE:
         return NO_POSES
-    assert isinstance(target, PointCloud)
     begun = _turned(fit, target.points, np.array([plane.normal for plane in planes.planes]))
     size, points = fit.prepared.surface.diagonal, fit.prepared.scan.thinned(REFINING_POINTS).points
     widths = np.geomspace(FIRST_SCALE_DIAGONALS, LAST_SCALE_DIAGONALS, REFINEMENT_STEPS) * size
@@ -77,9 +75,10 @@ def corner_rivals(fit: Fit) -> FloatArray:
     for T, refined in zip(begun, ended, strict=True):
         # What little holds slides off in the refinement, and a corner whose faces end elsewhere is off before it.
         both = [T, refined] if displacement_between(fit, T, refined) <= LEFT_DIAGONALS else [T]
-        found += list(
-            itertools.islice((each for each in but_symmetric(fit, np.stack(both)) if _is_open(fit.at(each))), 1)
-        )
+        for each in but_symmetric(fit, np.stack(both)):
+            if _is_open(fit.at(each)):
+                found.append(each)
+                break
     return np.array(found).reshape(-1, 4, 4)
 
 
