@@ -224,7 +224,7 @@ def _shape_of(
     # At their feet: the points themselves hold the residual that is to be explained, a strain of one along it.
     feet, normals = (np.take(x, rows, axis=0) for x in (pairs.closest.points, pairs.closest.normals))
     columns = feet, normals, pairs.point_to_plane[rows]
-    strain = strain_of(*columns, clutter=clutter, strays=strays, faults=faults, least=MIN_NOISE_DIAGONALS * size)
+    strain = strain_of(*columns, clutter=clutter, strays=strays, faults=faults)
     if sparse and not strain.is_strained:
         value, along = stretch_of(*columns)
         strain = replaced(strain, value=value, sigma=0.0, along=(along[0], along[1], along[2]))
