@@ -26,11 +26,6 @@ class Evidence:
         Fraction of inliers among the points within the distance ``near`` of the target; infinite counts all points.
     patches, patches_off : int, float
         Patches of neighbouring points within ``near``, and the fraction of them that deviate as a whole.
-    patches_deformed : float
-        Fraction of them that deviate on faces of which most is on the target: no motion explains these. 0 where not
-        more deviate than a right pose may have.
-    share_deformed : float
-        Fraction of the scan off the target in those.
     strays : float
         Fraction of all points that lie neither on the target nor on any other surface.
     normals_apart : float
@@ -135,6 +130,11 @@ class Evidence:
     >>> nothing = Evidence("no correspondences", False, 0.0, 0.0, 0.5, 0, 0, 0, 0, 0, 0, 20.0, (), (), units="mm")
     >>> nothing.length(nothing.max_distance)
     '20 mm'
+    patches_deformed : float
+        Fraction of them that deviate on faces of which most is on the target: no motion explains these. 0 where not
+        more deviate than a right pose may have.
+    share_deformed : float
+        Fraction of the scan off the target in those.
     """
 
     status: Status
@@ -169,8 +169,6 @@ class Evidence:
     share_on: float = 1.0
     share_other: float = 0.0
     share_contradicting: float = 0.0
-    patches_deformed: float = 0.0
-    share_deformed: float = 0.0
     clutter: str = "allowed"
     is_scene: bool = True
     looked_through: float = math.nan
@@ -195,6 +193,8 @@ class Evidence:
     seen_alike: float = math.nan
     looking_away: float = math.nan
     viewpoint_behind: float = math.nan
+    patches_deformed: float = 0.0
+    share_deformed: float = 0.0
 
     @property
     def contradiction(self) -> float:
