@@ -124,17 +124,17 @@ class Evidence:
         Share of the scan's own points that stand behind others, seen from the viewpoint that was given; NaN without.
     is_scene : bool
         Whether the scan is so large that it shows more than a closed target; True where that is not known.
+    patches_deformed : float
+        Fraction of the patches that deviate on faces of which most is on the target: no motion explains these. 0 where
+        not more deviate than a right pose may have.
+    share_deformed : float
+        Fraction of the scan off the target in those.
 
     Examples
     --------
     >>> nothing = Evidence("no correspondences", False, 0.0, 0.0, 0.5, 0, 0, 0, 0, 0, 0, 20.0, (), (), units="mm")
     >>> nothing.length(nothing.max_distance)
     '20 mm'
-    patches_deformed : float
-        Fraction of them that deviate on faces of which most is on the target: no motion explains these. 0 where not
-        more deviate than a right pose may have.
-    share_deformed : float
-        Fraction of the scan off the target in those.
     """
 
     status: Status
