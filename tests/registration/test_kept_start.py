@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,9 +21,17 @@ PARTS = {
     "plate": (*PLATE, ((8, 8, 6), (-32, 32, 8))),
     "block": (((60, 60, 30), (0, 0, 0)), ((8, 8, 5), (18, 10, 17.5))),
 }
+
+
+def soaked(*cases: tuple[str, int, float]) -> list[Any]:
+    """Cases that say the same and are run with the long tests."""
+    return [pytest.param(*case, marks=pytest.mark.soak) for case in cases]
+
+
 # Part, seed and degrees between two views.
-STARTED = [("plate", 8, 110.0), ("plate", 13, 110.0), ("plate", 18, 110.0), ("block", 10, 90.0)]
-FROM_NOTHING = [*STARTED, ("plate", 5, 110.0), ("block", 5, 110.0), ("block", 20, 70.0)]
+STARTED = [("plate", 8, 110.0), ("block", 10, 90.0), *soaked(("plate", 13, 110.0), ("plate", 18, 110.0))]
+FROM_NOTHING = [("plate", 5, 110.0), ("plate", 8, 110.0), ("block", 20, 70.0)]
+FROM_NOTHING += soaked(("plate", 13, 110.0), ("plate", 18, 110.0), ("block", 10, 90.0), ("block", 5, 110.0))
 ACCEPTED = 115
 NOISE_DIAGONALS, PIXELS, FOCAL_PIXELS, AWAY_DIAGONALS = 3e-4, 220, 400.0, 3.0
 

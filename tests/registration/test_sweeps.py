@@ -88,7 +88,7 @@ def test_the_few_rings_that_meet_the_floor_hold_the_height(
     assert sum(squares) < chi2.ppf(1.0 - 1e-4, 6 * len(squares))
 
 
-@pytest.mark.parametrize("effort", ["fast", "normal"])
+@pytest.mark.parametrize("effort", ["fast", pytest.param("normal", marks=pytest.mark.soak)])
 @pytest.mark.parametrize(("rings", "columns"), [(16, 1_800), (16, 3_600), (32, 900)])
 def test_the_denser_the_points_on_each_ring_the_better(effort: Effort, rings: int, columns: int) -> None:
     # Cells of as many points as the effort asks for held points of one ring each, or three rings on a floor made planes
