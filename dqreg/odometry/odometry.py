@@ -19,7 +19,7 @@ from dqreg.odometry.frame import DownsampledFrame, RawFrame, downsample_frame, r
 from dqreg.odometry.kiss import KissParts, load_kiss, rigid
 from dqreg.odometry.map_file import SavedMap, load_map, save_map
 from dqreg.odometry.prediction import Prediction
-from dqreg.odometry.settings import OdometryOptions, OdometrySettings
+from dqreg.odometry.settings import OdometryOptions, OdometrySettings, Resolved
 from dqreg.odometry.tracker import MIN_POINTS, Tracker
 from dqreg.odometry.turned import equal_turns
 from dqreg.odometry.voxel_map import VoxelMap
@@ -216,20 +216,20 @@ class Odometry(Tracker):
             raise InputError(f"downsampling leaves too few of {len(raw.points)} points; {MIN_POINTS} are needed")
         found = register(PointCloud(frame.dense, viewpoint=np.zeros(3)), self._map.points, start)
         if found.verdict.level == "accepted" and start is None:
-            found = self._without_equal_turn(found, frame)
+            found = self._without_equal_turn(found, frame, self._map, self._lengths)
         if found.verdict.level == "accepted":
             self._T_last, self._motion, self._first = rigid(found.T_target_source), np.eye(4), None
             self._T_doubtful, self._kept_out, self._timeline.missed, self._link = None, 0, 0, MapLink()
             self._unlike = None
         return found
 
-    def _without_equal_turn(self, found: Registration, frame: DownsampledFrame) -> Registration:
+    def _without_equal_turn(
+        self, found: Registration, frame: DownsampledFrame, world: VoxelMap, lengths: Resolved
+    ) -> Registration:
         """The same, in doubt where all walls fit as well after another turn: of a hall whose furniture was replaced."""
-        assert self._map is not None
-        assert self._lengths is not None
         T = rigid(found.T_target_source)
-        search = FrameSearch(self._map.surface, self._lengths, self.settings, np.nan, [(T, T)])
-        search.surface.about(T[:3, 3], frame.reach + self._lengths.reach)
+        search = FrameSearch(world.surface, lengths, self.settings, np.nan, [(T, T)])
+        search.surface.about(T[:3, 3], frame.reach + lengths.reach)
         if not (equal := equal_turns(search, frame)):
             return found
         words = (

@@ -13,7 +13,7 @@ from dqreg.icp import Alignment
 from dqreg.kernels.threads import Later
 from dqreg.odometry.align import FrameSearch
 from dqreg.odometry.frame import DownsampledFrame
-from dqreg.odometry.rivals import ComparedFrame
+from dqreg.odometry.rivals import ComparedFrame, shift_between
 from dqreg.odometry.self_similarity import CONTRADICTED_SHARE, ROUGH_SHARE, FrameView, behind_faces, self_similar_shifts
 from dqreg.rigid import pose
 from dqreg.solvers.motion_words import Vector, direction_words
@@ -78,8 +78,11 @@ def _repeated(
         if not run.found:
             continue
         there = run.T_target_source
-        away, known = _off(there, T), [aligned.T_target_source, *(other.T_target_source for other in found)]
-        if _off(there, T @ step) > MAX_REFINEMENT_CELLS * cell or min(_off(there, other) for other in known) < least:
+        away, known = shift_between(there, T), [aligned.T_target_source, *(other.T_target_source for other in found)]
+        if (
+            shift_between(there, T @ step) > MAX_REFINEMENT_CELLS * cell
+            or min(shift_between(there, other) for other in known) < least
+        ):
             continue
         if view.repeats(scan, pose.inverse(T) @ there, CONTRADICTED_SHARE):
             rms = np.sqrt(np.mean(search.surface.distances(pose.apply(there, scan.points)) ** 2))
@@ -93,7 +96,3 @@ def _repeated(
 def _axis(step: FloatArray) -> Vector:
     x, y, z = (step / np.linalg.norm(step)).tolist()
     return x, y, z
-
-
-def _off(one: FloatArray, other: FloatArray) -> float:
-    return float(np.linalg.norm(one[:3, 3] - other[:3, 3]))

@@ -116,20 +116,20 @@ def placed(
     equal = _minima(scores) & (np.abs(shifts) > 0.5 * search.lengths.reach)
     poses = [_shifted(aligned.T_target_source, shift * axis) for shift in shifts[equal]]
     # Constant velocity decides among equals, as far as it can.
-    off = _off(aligned.T_target_source, T_predicted)
-    nearer = [T for T in poses if _off(T, T_predicted) < 0.5 * off and off > deviation]
+    off = shift_between(aligned.T_target_source, T_predicted)
+    nearer = [T for T in poses if shift_between(T, T_predicted) < 0.5 * off and off > deviation]
     if nearer:
-        T = min(nearer, key=lambda T: _off(T, T_predicted))
+        T = min(nearer, key=lambda T: shift_between(T, T_predicted))
         again = search.refine(scan, T)
         if compare.gain(again, aligned) < SIGNIFICANT_SIGMAS:
             poses = [
-                *(T for T in poses if _off(T, again.T_target_source) > search.lengths.reach),
+                *(T for T in poses if shift_between(T, again.T_target_source) > search.lengths.reach),
                 aligned.T_target_source,
             ]
-            aligned, off = again, _off(again.T_target_source, T_predicted)
+            aligned, off = again, shift_between(again.T_target_source, T_predicted)
     # How far the fit slid along what it leaves free says nothing against a sensor that measured the motion.
     limit = deviation if measured else max(2.0 * off, deviation)
-    meant = [T for T in poses if _off(T, T_predicted) <= limit]
+    meant = [T for T in poses if shift_between(T, T_predicted) <= limit]
     axis, share = _weakest(aligned)
     towards = np.abs(scan.normals[rows] @ (aligned.T_target_source[:3, :3].T @ axis)) > FACING_COS
     closer = dataclasses.replace(compare, rows=rows[towards])
@@ -148,7 +148,7 @@ def _is_equal(search: FrameSearch, compare: _RivalComparison, aligned: Alignment
     here, there = compare.squares(aligned.T_target_source), search.refine(compare.scan, T)
     others = [T]
     # Rings hold a frame where it is: that the loop comes back says nothing.
-    if there.found and _off(there.T_target_source, aligned.T_target_source) >= 0.5 * search.lengths.reach:
+    if there.found and shift_between(there.T_target_source, aligned.T_target_source) >= 0.5 * search.lengths.reach:
         others.append(there.T_target_source)
     return min(_significance(compare.squares(other) - here) for other in others) < SIGNIFICANT_SIGMAS
 
@@ -229,5 +229,6 @@ def _shifted(T: FloatArray, by: FloatArray) -> FloatArray:
     return moved
 
 
-def _off(one: FloatArray, other: FloatArray) -> float:
+def shift_between(one: FloatArray, other: FloatArray) -> float:
+    """How far two poses put the sensor apart."""
     return float(np.linalg.norm(one[:3, 3] - other[:3, 3]))

@@ -17,7 +17,7 @@ from dqreg.odometry.align import LATTICE_STEP_DEG, FrameSearch
 from dqreg.odometry.deskewing import Deskewed
 from dqreg.odometry.frame import DownsampledFrame
 from dqreg.odometry.kiss import rigid
-from dqreg.odometry.rivals import ComparedFrame
+from dqreg.odometry.rivals import ComparedFrame, shift_between
 from dqreg.odometry.starts import best_poses, candidates
 from dqreg.odometry.timeline import MAX_PREDICTED_STEPS
 from dqreg.rigid import pose, single_pose
@@ -63,7 +63,7 @@ class Since:
 
     def is_met(self, search: FrameSearch, T: FloatArray) -> bool:
         """Whether the sensor is where constant velocity leads: in a like place it would be there by chance only."""
-        return bool(np.linalg.norm(self.T_expected[:3, 3] - T[:3, 3]) <= search.lengths.reach)
+        return shift_between(self.T_expected, T) <= search.lengths.reach
 
 
 @dataclasses.dataclass(frozen=True)
@@ -131,7 +131,7 @@ def _equals(others: Sequence[Alignment], run: Alignment) -> tuple[Alternative, .
 
 def _words(T: FloatArray, other: FloatArray) -> str:
     turn = np.rad2deg(single_pose.angle_between(T, other))
-    return f"{np.linalg.norm(other[:3, 3] - T[:3, 3]):.3g} away, turned by {turn:.0f} degrees"
+    return f"{shift_between(other, T):.3g} away, turned by {turn:.0f} degrees"
 
 
 def _others(search: FrameSearch, found: Deskewed, limit_deg: float) -> list[Alignment]:

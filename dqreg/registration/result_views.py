@@ -81,7 +81,7 @@ class ShownResult:
 
         Returns
         -------
-        Cell
+        NotebookCell
             What a notebook displays. The page stands in the notebook itself, some MB, and loads nothing;
             ``view.save(path)`` writes it alone.
 

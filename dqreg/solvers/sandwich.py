@@ -17,7 +17,7 @@ SMALL = 500
 # Patches along the curve whose agreement is tested first, because that costs nearly nothing.
 NEXT = 4
 # Points that tell the noise along a motion that they alone hold.
-ENOUGH = 100.0
+ENOUGH_CARRIERS = 100.0
 # Standard errors of independent noise that this first test, and then the agreement at the best range, must exceed.
 # Of 120 scans with independent noise the first reached 2.2, the second 2.4.
 NEIGHBOURS_AGREE, SHARED = 1.5, 3.0
@@ -157,7 +157,7 @@ def with_few(scatter: FloatArray, model: FloatArray, carriers: FloatArray) -> Fl
     The residuals of twenty points tell their noise to a sixth, and of all mixtures of the motions that they hold one is
     the luckiest. In no direction is it smaller than before.
     """
-    shares = np.clip(1.0 - carriers / ENOUGH, 0.0, 1.0)
+    shares = np.clip(1.0 - carriers / ENOUGH_CARRIERS, 0.0, 1.0)
     if not shares.any():
         return scatter
     kept = np.sqrt(1.0 - shares)

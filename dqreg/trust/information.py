@@ -17,10 +17,9 @@ from dqreg.trust.both_sides import carriers_of, unconfirmed
 UNKNOWN_SHARE = 2e-14
 # One patch of all rows.
 ONE_PATCH = np.zeros(1, dtype=np.int64)
-Both = tuple[FloatArray, FloatArray]
-
 # No normals.
 NO_NORMALS = np.zeros((0, 3))
+Columns = tuple[FloatArray, FloatArray]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -208,7 +207,7 @@ def information_of(
 
 
 def _scatter(
-    sums: MotionSums, starts: Starts | None, told: FloatArray, variance: float, motions: Both, few: Both
+    sums: MotionSums, starts: Starts | None, told: FloatArray, variance: float, motions: Columns, few: Columns
 ) -> FloatArray | None:
     """Covariance of the scaled twist from motions that the shape holds, (k, m), and those of a prior alone, (k, n).
 
