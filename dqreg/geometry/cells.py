@@ -1,4 +1,4 @@
-"""Cells of a cloud: the mean of each stands for its points, and planes come from the moments of neighbouring ones."""
+"""Cells of a cloud: one point of each stands for its points, and planes come from the moments of neighbouring ones."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray
+from dqreg._arrays import BoolArray, FloatArray, IntArray, median
 from dqreg.geometry.boundary import LINE as LINED
 from dqreg.geometry.boundary import ONE_SIDED
 from dqreg.geometry.cloud import PointCloud
@@ -20,6 +20,9 @@ from dqreg.kernels.threads import unlocked_property
 # Cells count as neighbours whose means are within so many edges, in their block of eight or those around it: about
 # twenty of a surface.
 REACH = 2.5
+# Times the usual residual from which on that of the neighbours is of their shape, as at an edge, and not noise: their
+# mean is moved by the share of the squares then.
+SHAPE_RESIDUAL_RATIO = 2.0
 # Points of a cell that count at most: near a sensor, or where a thousand returns are copies, one cell has most of them.
 MOST = 8.0
 # Points without which neighbouring cells make no plane, and the same of the ratio of their smaller to their larger
@@ -45,6 +48,15 @@ LEVELS = 2
 
 
 @dataclasses.dataclass(frozen=True)
+class CellPlanes:
+    """Planes at the means of cells, through those of neighbouring ones."""
+
+    fits: PlaneFits
+    rims: BoolArray  # (m,): Which of the means lie on a rim
+    heights: FloatArray  # (m,): From the mean along the normal to the surface that the neighbours make; 0 if unknown
+
+
+@dataclasses.dataclass(frozen=True)
 class Cells:
     """The cells that hold points of a cloud, in Morton order."""
 
@@ -53,7 +65,7 @@ class Cells:
     order: IntArray  # (n,): Rows of the cloud, cell by cell
     starts: IntArray  # (m,): Where each cell begins among these
     counts: FloatArray  # (m,): Points in each
-    points: FloatArray  # (m, 3): Their means
+    points: FloatArray  # (m, 3): Their means, or these moved to the surface that the neighbours make
     scatters: FloatArray  # (m, 6): Sums of products of their offsets from the mean: xx, yy, zz, xy, xz, yz
 
     @staticmethod
@@ -83,19 +95,20 @@ class Cells:
         lined = products <= LINED_PRODUCTS * (xx + yy + zz) ** 2
         return float(lined.mean()) if len(lined) else 0.0
 
-    def planes(self) -> tuple[PlaneFits, BoolArray]:
-        """Planes at the means where neighbouring cells make one, and which of these means lie on a rim, (m,).
+    def planes(self) -> CellPlanes:
+        """Planes at the means where neighbouring cells make one.
 
         Where they are too few, those of cells of twice the edge are asked, so many times.
         """
-        found, rims = np.zeros((len(self.codes), 6)), np.zeros(len(self.codes), dtype=bool)
+        found, rims = np.zeros((len(self.codes), 7)), np.zeros(len(self.codes), dtype=bool)
         cells, asked, parents = self, np.ones(len(self.codes), dtype=bool), np.arange(len(self.codes))
         for level in range(LEVELS):
-            fits, on_rim, starts = cells._planes(asked)
+            rows, on_rim, starts = cells._planes(asked)
             if not level:
-                found, rims, missing = fits, on_rim, np.arange(len(fits))
+                found, rims, missing = rows, on_rim, np.arange(len(rows))
             else:
-                found[missing, :5], rims[missing] = fits[parents, :5], on_rim[parents]
+                found[missing, :5], rims[missing] = rows[parents, :5], on_rim[parents]
+                found[missing, 6] = 0.0
             left = ~np.isfinite(found[missing, 0])
             missing = missing[left]
             if not len(missing) or level == LEVELS - 1:
@@ -104,7 +117,23 @@ class Cells:
             cells = cells._joined(starts)
             asked = np.zeros(len(cells.codes), dtype=bool)
             asked[parents] = True
-        return PlaneFits(found[:, :3].copy(), found[:, 3], found[:, 4], NEIGHBOURS, found[:, 5]), rims
+        fits = PlaneFits(found[:, :3].copy(), found[:, 3], found[:, 4], NEIGHBOURS, found[:, 5])
+        return CellPlanes(fits, rims, np.where(fits.known, found[:, 6], 0.0))
+
+    def smoothed(self, planes: CellPlanes) -> Cells:
+        """The same with each mean moved along its normal to the surface that the neighbouring means make.
+
+        The mean of a few points is off by their noise. Of means so strewn the nearest one is that which leans the way
+        of the query: a loop between such clouds follows only a part of what the pose is off, and its residuals, small
+        as they were chosen, tell too small a variance.
+        """
+        fits, known, moved = planes.fits, planes.fits.known, self.points.copy()
+        residuals = fits.residuals[known]
+        if len(residuals):
+            usual = SHAPE_RESIDUAL_RATIO * median(residuals)
+            shares = np.divide(usual, residuals, out=np.ones(len(residuals)), where=residuals > usual) ** 2
+            moved[known] += (shares * planes.heights[known])[:, None] * fits.normals[known]
+        return dataclasses.replace(self, points=moved)
 
     def _planes(self, asked: BoolArray) -> tuple[FloatArray, BoolArray, IntArray]:
         """The same of some of the cells by these alone, see `cell_planes`, and where each block of eight begins."""
@@ -117,7 +146,7 @@ class Cells:
         blocks, starts = blocks[starts], np.r_[starts, len(self.codes)]
         weights = np.minimum(self.counts, MOST)
         scatters = self.scatters * (weights / self.counts)[:, None]
-        found, rims = np.zeros((len(self.codes), 6)), np.zeros(len(self.codes), dtype=bool)
+        found, rims = np.zeros((len(self.codes), 7)), np.zeros(len(self.codes), dtype=bool)
         given = starts, blocks, table_of(blocks), self.points, weights, scatters
         limits = REACH * self.size, FEWEST, LINE, ONE_SIDED, LINED
         over_chunks(cell_planes, len(blocks), *given, *limits, asked, found, rims, chunk=BLOCKS)
@@ -135,16 +164,25 @@ class Cells:
 
 
 class CellSurface(CloudSurface):
-    """Means of cells, in the order of these, as a surface."""
+    """Points of cells, in the order of these, as a surface."""
 
     def __init__(
-        self, means: PointCloud, cells: Cells, in_rings: Callable[[], bool] = bool, *, of_few_rings: bool = False
+        self,
+        points: PointCloud,
+        cells: Cells,
+        planes: CellPlanes | None = None,
+        in_rings: Callable[[], bool] = bool,
+        *,
+        of_few_rings: bool = False,
     ) -> None:
         # Whether the points are known to lie in few rings: planes are sought among more neighbours where the next ones
         # make none. And where some were found.
         self.cells, self._look_at_rings, self.of_few_rings = cells, in_rings, of_few_rings
         self.wide = np.zeros(len(cells.codes), dtype=bool)
-        super().__init__(means, derived=True)
+        self._cell_planes = planes
+        # Median of how far the points were moved to the surface of their neighbours.
+        self.smoothed_by = 0.0 if planes is None else median(np.abs(planes.heights))
+        super().__init__(points, derived=True)
 
     @unlocked_property
     def in_rings(self) -> bool:
@@ -152,17 +190,17 @@ class CellSurface(CloudSurface):
         return self.of_few_rings or self._look_at_rings()
 
     def _ordered(self, points: FloatArray) -> IntArray:
-        # Cells are in Morton order, and each has one mean.
+        # Cells are in Morton order, and each has one point.
         return np.arange(len(points))
 
     @unlocked_property
     def _of_cells(self) -> tuple[PlaneFits, BoolArray, BoolArray]:
         """Planes where neighbouring cells make one, which of these lie on a rim, and where there is none, (m,)."""
-        fits, rims = self.cells.planes()
-        known = fits.known
+        planes = self.cells.planes() if self._cell_planes is None else self._cell_planes
+        fits, known = planes.fits, planes.fits.known
         if known.any():
             self._widen(fits, known)
-        return fits, rims, ~fits.known
+        return fits, planes.rims, ~fits.known
 
     def _widen(self, fits: PlaneFits, known: BoolArray) -> None:
         """In few rings, replace planes across two faces, and of cells along a line, by those that most neighbours hold.

@@ -1,4 +1,4 @@
-"""Voxel downsampling: means of the points in the cells of a grid."""
+"""Voxel downsampling: one point for those in each cell of a grid."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class VoxelCloud:
     """A cloud with one point a voxel."""
 
     size: float  # Edge of a voxel; 0 where the cloud was not to be downsampled
-    cloud: PointCloud  # Means of the voxels; the cloud itself where it has hardly more points than they
+    cloud: PointCloud  # Points of the voxels; the cloud itself where it has hardly more points than they
     # The same as a surface; None where the cloud is whole, for whoever has it has its surface
     surface: CellSurface | None
 
@@ -52,15 +52,32 @@ class VoxelCloud:
         """See `CellSurface`."""
         return self.surface is not None and self.surface.of_few_rings
 
+    @property
+    def in_lines(self) -> bool:
+        """Whether the points are in lines still, and so many that wider voxels may be taken."""
+        return self.surface is not None and len(self.cloud) >= MIN_VOXEL_POINTS and self.surface._in_lines
+
     @staticmethod
-    def of(cloud: PointCloud, size: float, *, cells: Cells | None = None, of_few_rings: bool = False) -> VoxelCloud:
-        """Downsample a cloud, of which its cells may be known, and whether it is of few rings."""
+    def of(
+        cloud: PointCloud,
+        size: float,
+        *,
+        cells: Cells | None = None,
+        of_few_rings: bool = False,
+        smooth: bool = True,
+    ) -> VoxelCloud:
+        """Downsample a cloud, of which its cells may be known, and whether it is of few rings.
+
+        Its points are the means of the voxels, moved to the surface of their neighbours if smooth.
+        """
         if cells is None and size > 0.0:
             cells = Cells.of(cloud.points, size, cloud._ends)
         if cells is None or len(cells.counts) >= WHOLE * len(cloud):
             return VoxelCloud(size, cloud, None)
-        even, in_rings = means_of(cloud, cells), partial(lie_in_rings, cloud.points, cells.order)
-        return VoxelCloud(size, even, CellSurface(even, cells, in_rings, of_few_rings=of_few_rings))
+        planes = cells.planes() if smooth else None
+        cells = cells if planes is None else cells.smoothed(planes)
+        even, in_rings = points_of(cloud, cells), partial(lie_in_rings, cloud.points, cells.order)
+        return VoxelCloud(size, even, CellSurface(even, cells, planes, in_rings, of_few_rings=of_few_rings))
 
     @staticmethod
     def across_lines(
@@ -72,7 +89,7 @@ class VoxelCloud:
         """
         found = VoxelCloud.of(cloud, size, cells=cells, of_few_rings=of_few_rings)
         for _ in range(MAX_WIDENINGS):
-            if found.surface is None or len(found.cloud) < MIN_VOXEL_POINTS or not found.surface._in_lines:
+            if not found.in_lines:
                 break
             found = VoxelCloud.of(cloud, WIDENING_FACTOR * found.size, of_few_rings=of_few_rings)
         return found
@@ -92,9 +109,9 @@ class VoxelCloud:
         if may_be_few and lie_in_rings(points, cells.order):
             size = _across_rings(cloud, first_size(points, count, cloud._ends, RINGED))
             return VoxelCloud.across_lines(cloud, size, of_few_rings=True)
-        found = VoxelCloud.across_lines(cloud, size, cells=cells)
-        if is_dense or found.size > size or cells.unevenness > UNEVEN:
-            return found
+        is_uneven = is_dense or cells.unevenness > UNEVEN
+        if is_uneven or VoxelCloud.of(cloud, size, cells=cells, smooth=False).in_lines:
+            return VoxelCloud.across_lines(cloud, size, cells=cells)
         return VoxelCloud(0.0, cloud, None)
 
 
@@ -140,8 +157,8 @@ def cell_size(points: FloatArray, count: int, ends: Ends | None = None) -> float
     return float(extent / (2**BITS - 1) * 2.0 ** (finest + level - 1 + part))
 
 
-def means_of(cloud: PointCloud, cells: Cells) -> PointCloud:
-    """One point for each cell: the mean of its points, with the mean of their normals."""
+def points_of(cloud: PointCloud, cells: Cells) -> PointCloud:
+    """One point for each cell, with the mean of the normals of those in it."""
     normals = None
     if cloud.normals is not None:
         columns = [np.add.reduceat(column[cells.order], cells.starts) for column in cloud.normals.T]

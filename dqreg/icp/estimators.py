@@ -173,7 +173,9 @@ def weights_by_height(pairs: Correspondences, weights: FloatArray) -> FloatArray
     if not isinstance(pairs.surface, CellSurface) or not len(kept):
         return weights
     heights = np.abs(pairs.point_to_plane)
-    scale = HALF_WEIGHT_HEIGHTS * GAUSSIAN_MEDIAN * median(heights[kept])
+    # Noise that both clouds were rid of is no reason to believe less in faces that are not in place yet.
+    usual = math.hypot(median(heights[kept]), math.sqrt(2.0) * pairs.surface.smoothed_by)
+    scale = HALF_WEIGHT_HEIGHTS * GAUSSIAN_MEDIAN * usual
     return weights / (1.0 + (heights / scale) ** 2) if scale > 0.0 else weights
 
 

@@ -17,8 +17,11 @@ ALONG_Y, ALONG_X = ALONG_Z << np.uint64(1), ALONG_Z << np.uint64(2)
 BLOCKS, CELLS = 27, 8
 # Cells around one without which there are no sides to it.
 MIN_CELLS = 8
-# What is kept of a cell until its plane is fitted: weight, cells, squared distance of the farthest, sum of the offsets.
-KEPT_ROWS = 6
+# What is kept of a cell until its plane is fitted: weight, cells, squared distance of the farthest, sum of the offsets,
+# their weighted mean, and of their squared lengths the mean, products with the offsets and squares about it.
+KEPT_ROWS = 14
+# Share of the squares of these lengths that the plane itself does not explain, below which they tell of no bend.
+MIN_BEND_SHARE = 1e-3
 
 
 @compiled
@@ -46,7 +49,8 @@ def cell_planes(
     plane of fewer points, nor where the smaller variance is below a share of the larger; a rim is where the mean of the
     cells is farther off within the plane than a share of the farthest one, and they are no line. Cells that are not
     asked are left as they are. Shapes: starts (b + 1,), blocks (b,), means (m, 3), weights (m,), scatters (m, 6), asked
-    (m,), fits (m, 6): normal, residual, lever, distance to the next mean; NaN where there is no plane.
+    (m,), fits (m, 7): normal, residual, lever, distance to the next mean, height along the normal from the mean to the
+    surface that its neighbours make, see `_height`; NaN where there is no plane.
     """
     near, within = np.zeros(BLOCKS * CELLS, np.int64), np.zeros(BLOCKS * CELLS, np.int64)
     lanes, kept = np.zeros((ROWS, LANES)), np.zeros((KEPT_ROWS, LANES))
@@ -105,8 +109,34 @@ def _write_planes(
             square += kept[3 + k, lane] ** 2
         fits[i, 3] = np.sqrt(max(lanes[least, lane], 0.0) / (weight - 3.0))
         fits[i, 4] = 1.0 / (weight / small + weight / large)
+        fits[i, 6] = _height(lane, least, lanes, kept)
         off = np.sqrt(max(square - height * height, 0.0)) > share * np.sqrt(kept[2, lane]) * kept[1, lane]
         rims[i] = off and small > lined * large
+
+
+@inside_kernels
+def _height(lane: int, least: int, lanes: FloatArray, kept: FloatArray) -> float:
+    """Height of the surface through the neighbouring means, a plane and its mean bend, over the mean in their middle.
+
+    Their heights h over the plane of their scatter regressed on ``q = a^2 + b^2 + h^2`` of their offsets from that
+    mean: a saddle has no height in its middle. Along the axes of the scatter the normal equations are diagonal but q.
+    """
+    one, two = (least + 1) % 3, (least + 2) % 3
+    h = a = b = with_h = with_a = with_b = 0.0
+    for k in range(3):
+        mean, product = kept[6 + k, lane], kept[10 + k, lane]
+        along_h, along_a, along_b = (
+            lanes[AXES + 3 * least + k, lane],
+            lanes[AXES + 3 * one + k, lane],
+            lanes[AXES + 3 * two + k, lane],
+        )
+        h, a, b = h + mean * along_h, a + mean * along_a, b + mean * along_b
+        with_h, with_a, with_b = with_h + product * along_h, with_a + product * along_a, with_b + product * along_b
+    per_a, per_b = with_a / lanes[one, lane], with_b / lanes[two, lane]
+    left = kept[13, lane] - per_a * with_a - per_b * with_b
+    bend = with_h / left if left > MIN_BEND_SHARE * kept[13, lane] else 0.0
+    over_plane: float = h - bend * (kept[9, lane] - per_a * a - per_b * b)
+    return over_plane
 
 
 @inside_kernels
@@ -166,6 +196,7 @@ def _moments(
     """Write the scatter of the cells within reach about their mean, and what is kept; squared distance to the next."""
     # By name: elements of arrays would be written and read again for every cell.
     weight, farthest, nearest = 0.0, 0.0, np.inf
+    qw = qq = qx = qy = qz = 0.0
     wx = wy = wz = sx = sy = sz = 0.0
     xx = yy = zz = xy = xz = yz = 0.0
     at, bt, ct = means[i, 0], means[i, 1], means[i, 2]
@@ -177,6 +208,8 @@ def _moments(
             farthest, nearest = max(farthest, squared), min(nearest, squared)
         w = weights[j]
         weight += w
+        q = w * squared
+        qw, qq, qx, qy, qz = qw + q, qq + q * squared, qx + q * x, qy + q * y, qz + q * z
         wx, wy, wz, sx, sy, sz = wx + w * x, wy + w * y, wz + w * z, sx + x, sy + y, sz + z
         xx, yy, zz = xx + w * x * x + scatters[j, 0], yy + w * y * y + scatters[j, 1], zz + w * z * z + scatters[j, 2]
         xy, xz, yz = xy + w * x * y + scatters[j, 3], xz + w * x * z + scatters[j, 4], yz + w * y * z + scatters[j, 5]
@@ -185,4 +218,7 @@ def _moments(
     lanes[3, lane], lanes[4, lane], lanes[5, lane] = xy - weight * mx * my, xz - weight * mx * mz, yz - weight * my * mz
     kept[0, lane], kept[1, lane], kept[2, lane] = weight, found - 1.0, farthest
     kept[3, lane], kept[4, lane], kept[5, lane] = sx, sy, sz
+    kept[6, lane], kept[7, lane], kept[8, lane], kept[9, lane] = mx, my, mz, qw / weight
+    kept[10, lane], kept[11, lane], kept[12, lane] = qx - qw * mx, qy - qw * my, qz - qw * mz
+    kept[13, lane] = qq - qw * qw / weight
     return nearest

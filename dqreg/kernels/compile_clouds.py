@@ -43,7 +43,7 @@ def order_points() -> None:
     table, edges = table_of(codes[:1]), (1.0,) * 5
     none, scatters = np.zeros(0, np.bool_), np.zeros((0, 6))
     joined_moments(FIRST, ONE, FLAT, scatters)
-    cell_planes(0, 0, FIRST, codes, table, FLAT, ONE, scatters, *edges, none, scatters.copy(), none.copy())
+    cell_planes(0, 0, FIRST, codes, table, FLAT, ONE, scatters, *edges, none, np.zeros((0, 7)), none.copy())
 
 
 def fit_neighbourhoods() -> None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from dqreg.geometry import Scan
 from dqreg.registration.fallback import is_doubtful, may_search
 from dqreg.registration.fit import Fit
 from dqreg.registration.loop_status import status_of
+from dqreg.registration.prepared import Prepared
 from dqreg.solvers.status import INTERRUPTED
 
 # Distances from the planes below this share of the spacing of all points: the points then stand nearer to the surface
@@ -35,10 +37,10 @@ def all_points_say_more(fit: Fit) -> bool:
     if run.ended_early or not run.weights.any() or not run.pairs.closest.normals.any():
         return False
     if not prepared.even:
-        return fit.problem.both_are_clouds and is_clean(prepared.scan)
+        return fit.problem.both_are_clouds and is_clean(prepared)
     spacing = prepared.scan.spacing
     if prepared.cell_size:
-        if fit.problem.options.effort == "fast" and not is_clean(prepared.scan):
+        if fit.problem.options.effort == "fast" and not is_clean(prepared):
             # Of 90 random pairs of scanned parts cells left 1.07 to 1.27 times the error, in half of the time.
             return False
         if prepared.is_from_a_stand or prepared.scan.total < CROWDED * len(prepared.scan):
@@ -48,7 +50,7 @@ def all_points_say_more(fit: Fit) -> bool:
     elif prepared.scan.noise < WELL_BELOW * spacing:
         # Its own planes have had their say, of points of one body as the target's.
         return False
-    aside = np.sqrt(np.average(run.pairs.point_to_plane**2, weights=run.weights))
+    aside = np.sqrt(np.average(run.pairs.point_to_plane**2, weights=run.weights) + 2.0 * prepared.smoothed_by**2)
     return bool(aside < WELL_BELOW * spacing)
 
 
@@ -65,15 +67,15 @@ def in_doubt_on_all_points(fit: Fit) -> Fit:
     return other if other.found and not is_doubtful(other) else fit
 
 
-def is_clean(scan: Scan) -> bool:
+def is_clean(prepared: Prepared) -> bool:
     """Whether the points of a scan stand so near to the surface that planes of both sides tell more than of one."""
-    return scan.noise < CLEAN * scan.spacing
+    return math.hypot(prepared.scan.noise, prepared.smoothed_by) < CLEAN * prepared.scan.spacing
 
 
 def on_all_points(fit: Fit) -> Fit:
     """The fit resumed on all points of both clouds."""
     problem, prepared = fit.problem, fit.problem.prepare_whole()
-    if is_clean(prepared.scan):
+    if is_clean(prepared):
         prepared = problem.prepare_even()
     settings = problem.options.icp_settings(fit.settings.max_distance, fit.constraints, even=prepared.even)
     return fit.resumed(fit.T_target_source, fit.run.mixture.scale, prepared=prepared, settings=settings)

@@ -65,7 +65,7 @@ class RegisterOptions(TypedDict, total=False):
 EFFORTS: dict[str, int | None] = {"fast": 20_000, "normal": 60_000, "best": None}
 # Fraction of the target's diagonal: a step that moves the points by less ends the last level.
 CONVERGENCE = 1e-7
-# Cells of a dense cloud: the mean of each stands for its points.
+# Cells of a dense cloud: one point of each stands for its points.
 CELLS: dict[str, int | None] = {"fast": 6_000, "normal": 10_000, "best": None}
 # The same of clouds that a sensor saw from its stand, where all points say less: of 24 simulated streets under a LiDAR
 # 15,000 cells left half the error of all points, in a twentieth of the time; 20,000 left more again.

@@ -90,7 +90,7 @@ def apart_in_cells(source: FloatArray, target: FloatArray, T_target_source: Floa
     moved = pose.apply(T_target_source, moves.points)
     nearest, distances = NeighbourTree(stands.points).nearest(moved, 1)
     there = nearest[:, 0]
-    own, other = moves.planes()[0], stands.planes()[0].taken(there)
+    own, other = moves.planes().fits, stands.planes().fits.taken(there)
     # Means of cells stand beside each other, but for noise in one plane.
     aside = np.abs(row_dots(moved - stands.points[there], np.nan_to_num(other.normals)))
     near = (distances[:, 0] <= 2.0 * width) & (aside <= width)

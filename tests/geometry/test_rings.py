@@ -102,7 +102,7 @@ def test_where_hardly_a_sure_plane_holds_a_direction_planes_are_sought_among_mor
     assert surface is not None
     assert not surface.of_few_rings
     on_floor = np.abs(surface._points[:, 2] + 1.2) < 0.03
-    by_next, sought = surface.cells.planes()[0].normals[on_floor, 2], surface.normals[on_floor, 2]
+    by_next, sought = surface.cells.planes().fits.normals[on_floor, 2], surface.normals[on_floor, 2]
     assert (np.abs(by_next) > 0.98).mean() < 0.7
     assert (np.abs(sought) > 0.98).mean() > 0.85
     assert surface.wide[on_floor].any()

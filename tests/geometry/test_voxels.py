@@ -6,11 +6,11 @@ from hypothesis import given, settings
 
 from dqreg.geometry import CloudSurface, PointCloud
 from dqreg.geometry.cells import Cells
-from dqreg.geometry.voxels import UNEVEN, VoxelCloud, cell_size, means_of
+from dqreg.geometry.voxels import UNEVEN, VoxelCloud, cell_size, points_of
 
 
 def means(cloud: PointCloud, size: float) -> PointCloud:
-    return means_of(cloud, Cells.of(cloud.points, size))
+    return points_of(cloud, Cells.of(cloud.points, size))
 
 
 def cloud(seed: int, count: int) -> np.ndarray:
