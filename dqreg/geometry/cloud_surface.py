@@ -182,6 +182,10 @@ class CloudSurface:
             distances[asked], others[asked] = away[:, 0], self._beyond(away)
         return self._answer(rows, distances, others, candidates)
 
+    def _distances(self, points: FloatArray) -> FloatArray:
+        """Distances of queries alone, (n,): in half the time, and no normal is fitted for them."""
+        return self._tree.nearest(points, 1)[1][:, 0]
+
     def _beyond(self, distances: FloatArray) -> FloatArray:
         """What no point but so many nearest ones, (n, k) distances, is nearer than, (n,)."""
         is_all = distances.shape[1] == len(self._points)

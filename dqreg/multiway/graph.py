@@ -9,6 +9,7 @@ difference of two of them, so that its part of the normal equations is one 6x6 b
 from __future__ import annotations
 
 import dataclasses
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sparse
@@ -62,15 +63,23 @@ class PoseGraph:
 
     def errors(self, T: FloatArray) -> FloatArray:
         """Twists from the measured poses to those of the graph, about the centres. Shapes: T (n, 4, 4), (m, 6)."""
-        there = dual_poses.from_matrices(T)
+        there, (back, shift) = dual_poses.from_matrices(T), self._frames
         relative = dual_poses.multiply(dual_poses.inverse(there[self.targets]), there[self.sources])
-        error = dual_poses.multiply(relative, dual_poses.inverse(dual_poses.from_matrices(self.measured)))
-        shift = dual_poses.from_matrices(pose.from_parts(np.eye(3), -self.centres))
+        error = dual_poses.multiply(relative, back)
         return dual_poses.log(dual_poses.multiply(dual_poses.multiply(shift, error), dual_poses.inverse(shift)))
+
+    @cached_property
+    def _frames(self) -> tuple[FloatArray, FloatArray]:
+        """The measured poses back, and the shifts of the centres to the origin, (m, 8): the same at each step."""
+        back = dual_poses.inverse(dual_poses.from_matrices(self.measured))
+        return back, dual_poses.from_matrices(pose.from_parts(np.eye(3), -self.centres))
 
     def chi2(self, T: FloatArray) -> FloatArray:
         """Squared errors in units of their covariances, (m,)."""
-        errors = self.errors(T)
+        return self.squared(self.errors(T))
+
+    def squared(self, errors: FloatArray) -> FloatArray:
+        """The same of errors, (m, 6)."""
         return np.asarray(np.einsum("mi,mij,mj->m", errors, self.information, errors))
 
     def jacobians(self, T: FloatArray) -> FloatArray:
@@ -81,7 +90,10 @@ class PoseGraph:
 
     def blocks(self, T: FloatArray) -> FloatArray:
         """Information of each edge about increments in the world frame, (m, 6, 6)."""
-        B = self.jacobians(T)
+        return self.blocks_of(self.jacobians(T))
+
+    def blocks_of(self, B: FloatArray) -> FloatArray:
+        """The same of jacobians, (m, 6, 6)."""
         return np.asarray(B.transpose(0, 2, 1) @ self.information @ B)
 
 
@@ -118,32 +130,34 @@ def solve_graph(graph: PoseGraph, T: FloatArray, free: IntArray, weights: FloatA
     T = T.copy()
     T[:, :3, 3] -= middle
     size = max(float(np.abs(T[:, :3, 3]).max()), float(np.abs(graph.measured[:, :3, 3]).max()), np.finfo(float).tiny)
-    cost = float(weights @ graph.chi2(T))
+    errors = graph.errors(T)
+    cost = float(weights @ graph.squared(errors))
     for _ in range(MAX_ITERATIONS):
-        step = _step(graph, T, free, weights)
-        trial, length = T, 1.0
+        step = _step(graph, T, errors, free, weights)
+        trial, left, length = T, errors, 1.0
         for _ in range(8):
             trial = _moved(T, free, length * step)
-            lower = float(weights @ graph.chi2(trial))
+            left = graph.errors(trial)
+            lower = float(weights @ graph.squared(left))
             if lower <= cost:
                 break
             length *= 0.5
         else:
             break
-        T, cost = trial, lower
+        T, errors, cost = trial, left, lower
         if max(float(np.abs(step[:, :3]).max()), float(np.abs(step[:, 3:]).max()) / size) < CONVERGED_STEP:
             break
     T[:, :3, 3] += middle
     return T
 
 
-def _step(graph: PoseGraph, T: FloatArray, free: IntArray, weights: FloatArray) -> FloatArray:
-    B, errors = graph.jacobians(T), graph.errors(T)
+def _step(graph: PoseGraph, T: FloatArray, errors: FloatArray, free: IntArray, weights: FloatArray) -> FloatArray:
+    B = graph.jacobians(T)
     pull = weights[:, None] * np.einsum("mji,mjk,mk->mi", B, graph.information, errors)
     gradient = np.zeros((graph.count, 6))
     np.add.at(gradient, graph.sources, pull)
     np.add.at(gradient, graph.targets, -pull)
-    matrix = normal_matrix(graph, weights[:, None, None] * graph.blocks(T))
+    matrix = normal_matrix(graph, weights[:, None, None] * graph.blocks_of(B))
     return np.asarray(factorised(matrix, free).solve(-gradient[free].ravel()).reshape(-1, 6))
 
 

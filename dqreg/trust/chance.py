@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray, bounds
-from dqreg.geometry import Surface
+from dqreg.geometry import CloudSurface, Surface
 from dqreg.geometry.normals import sample_rows
 
 # Points asked about, at so many random poses.
@@ -54,6 +54,8 @@ def random_ratio(placed: FloatArray, inlying: float, rms: float, surface: Surfac
     rotations = Rotation.from_rotvec(angles * axes / np.linalg.norm(axes, axis=1, keepdims=True)).as_matrix()
     shifts = rng.uniform(-MAX_SHIFT_EXTENTS, MAX_SHIFT_EXTENTS, (RANDOM_POSES, 3)) * extent
     moved = (points - middle) @ rotations.transpose(0, 2, 1) + (middle + shifts)[:, None, :]
-    squares = surface.closest(moved.reshape(-1, 3)).distances.reshape(RANDOM_POSES, -1) ** 2
+    queries = moved.reshape(-1, 3)
+    apart = surface._distances(queries) if isinstance(surface, CloudSurface) else surface.closest(queries).distances
+    squares = apart.reshape(RANDOM_POSES, -1) ** 2
     trimmed = np.partition(squares, count - 1, axis=1)[:, :count].mean(axis=1)
     return float(rms / max(np.sqrt(np.quantile(trimmed, POSE_QUANTILE)), np.finfo(float).tiny))

@@ -103,7 +103,7 @@ def test_a_file_that_crashes_hangs_or_takes_all_memory_is_an_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, child: str, words: str
 ) -> None:
     monkeypatch.setattr(step, "TESSELLATE", child)
-    monkeypatch.setattr(step, "SECONDS", 0.15 if "sleep" in child else 1.0)
+    monkeypatch.setattr(step, "SECONDS", 0.02 if "sleep" in child else 1.0)
     monkeypatch.setattr(step, "MEMORY_EACH", 0)
     with pytest.raises(InputError, match=words):
         read_mesh(written(tmp_path, block_with_hole()))

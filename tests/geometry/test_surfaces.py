@@ -92,6 +92,8 @@ def test_no_place_is_closer_and_the_answer_lies_on_the_surface(case: Case, where
     assert excess.max() <= rounding
     off = np.linalg.norm(found.points - case.oracle(found.points), axis=1)
     assert off.max() <= rounding
+    if case.faces is None:
+        assert np.abs(case.surface._distances(queries) - found.distances).max() <= rounding
 
 
 def test_shapes_types_unit_normals_and_distances_that_belong_to_the_points(case: Case) -> None:

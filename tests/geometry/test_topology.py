@@ -101,7 +101,7 @@ def corner_normal(mesh: Mesh, f: int, k: int) -> np.ndarray:
     return total / np.linalg.norm(total)
 
 
-@pytest.mark.parametrize("segments", [8, 16, 20])
+@pytest.mark.parametrize("segments", [8, 16, pytest.param(20, marks=pytest.mark.soak)])
 def test_corners_have_the_mean_normal_of_what_smooth_sides_join_there(segments: int) -> None:
     vertices, faces = bracket(segments=segments)
     # Nothing is smooth in an octagon; the place of each vertex off it makes all sides different.

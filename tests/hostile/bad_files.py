@@ -7,6 +7,7 @@ import json
 import pickle
 import struct
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -125,7 +126,8 @@ TRIANGLE = struct.pack("<3f", 0, 0, 1) + struct.pack("<9f", 0, 0, 0, 1, 0, 0, 0,
 NAN_TRIANGLE = struct.pack("<3f", 0, 0, 1) + struct.pack("<9f", float("nan"), *[0.0] * 8) + b"\0\0"
 GOOD = good_files()
 
-BAD_FILES: dict[str, tuple[str, bytes, str | None]] = {
+# Large ones are made when they are asked for.
+BAD_FILES: dict[str, tuple[str, bytes | Callable[[], bytes], str | None]] = {
     # Nothing, and what the name does not say.
     "empty": ("a.ply", b"", "0 bytes"),
     "one byte": ("a.ply", b"p", "begins with"),
@@ -362,7 +364,7 @@ BAD_FILES: dict[str, tuple[str, bytes, str | None]] = {
         ),
         "promises",
     ),
-    "npz of 100 MB of zeros": ("a.npz", archive(points_dot_npy=npy(np.zeros((4_200_000, 3)))), "unpack"),
+    "npz of 100 MB of zeros": ("a.npz", lambda: archive(points_dot_npy=npy(np.zeros((4_200_000, 3)))), "unpack"),
     "npz of other normals": (
         "a.npz",
         archive(points_dot_npy=npy(POINTS), normals_dot_npy=npy(POINTS[:5])),
@@ -472,6 +474,16 @@ BAD_FILES: dict[str, tuple[str, bytes, str | None]] = {
         model(body().replace('x="1.5"', 'x="wide"'), '<item objectid="1"/>'),
         "",
     ),
-    "3mf of 100 MB of spaces": ("a.3mf", archive(**{"3D__3dmodel_dot_model": MODEL + " " * 10**8}), "unpack"),
+    "3mf of 100 MB of spaces": (
+        "a.3mf",
+        lambda: archive(**{"3D__3dmodel_dot_model": MODEL + " " * 10**8}),
+        "unpack",
+    ),
 }
 assert len(text_of(POINTS))
+
+
+@cache
+def bytes_of(name: str) -> bytes:
+    content = BAD_FILES[name][1]
+    return content() if callable(content) else content

@@ -10,7 +10,7 @@ import pytest
 
 from dqreg.cli.main import main
 from dqreg.files import write_cloud
-from tests.hostile.bad_files import BAD_FILES
+from tests.hostile.bad_files import BAD_FILES, bytes_of
 from tests.hostile.scenes import PART, SCAN, START
 from tests.registration.test_result import failed, good
 
@@ -90,7 +90,7 @@ def test_every_command_refuses_a_file_from_a_stranger(
     command: str, name: str, places: dict[str, str], tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     bad = tmp_path / BAD_FILES[name][0]
-    bad.write_bytes(BAD_FILES[name][1])
+    bad.write_bytes(bytes_of(name))
     assert_refused([word.format(bad=bad, **places) for word in COMMANDS[command]], capfd)
 
 

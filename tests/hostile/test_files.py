@@ -15,7 +15,7 @@ import pytest
 from dqreg.errors import InputError
 from dqreg.files import CloudData, MeshData, read_geometry
 from dqreg.registration.result import Registration
-from tests.hostile.bad_files import BAD_FILES
+from tests.hostile.bad_files import BAD_FILES, bytes_of
 from tests.hostile.good_files import good_files
 
 OPENED: list[str] | None = None
@@ -72,9 +72,9 @@ def test_the_good_files_are_good(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", BAD_FILES)
 def test_a_bad_file_is_refused_by_name_or_read_soundly(name: str, tmp_path: Path) -> None:
-    file, content, words = BAD_FILES[name]
+    file, _, words = BAD_FILES[name]
     path = tmp_path / file
-    path.write_bytes(content)
+    path.write_bytes(bytes_of(name))
     if words is not None:
         with pytest.raises(InputError, match=rf"(?s)cannot read .*{file}.*({words})"):
             read_geometry(path)
@@ -126,7 +126,7 @@ def test_a_file_with_changed_bytes_is_refused_or_sound(name: str, tmp_path: Path
                                   "npy of code", "3mf with a file for an entity"])  # fmt: skip
 def test_nothing_outside_the_folder_is_opened_and_nothing_is_run(name: str, tmp_path: Path, opened: list[str]) -> None:
     if name in BAD_FILES:
-        file, content, _ = BAD_FILES[name]
+        file, content = BAD_FILES[name][0], bytes_of(name)
     else:
         file, content = f"a{good_files()[name][0]}", good_files()[name][1]
     folder = tmp_path / "inner"
@@ -152,7 +152,7 @@ def test_a_link_out_of_the_folder_is_not_followed_from_inside_a_file(tmp_path: P
     (tmp_path / "secret.bin").write_bytes(bytes(4096))
     (folder / "buffer.bin").symlink_to(tmp_path / "secret.bin")
     path = folder / "a.gltf"
-    path.write_bytes(BAD_FILES["gltf that names a missing file"][1].replace(b"gone.bin", b"buffer.bin"))
+    path.write_bytes(bytes_of("gltf that names a missing file").replace(b"gone.bin", b"buffer.bin"))
     with pytest.raises(InputError, match="own folder"):
         read_geometry(path)
 

@@ -58,7 +58,7 @@ def bead(around: int = 40, across: int = 24) -> Mesh:
     return Mesh(corners, np.vstack([np.column_stack([a, b, c]), np.column_stack([a, c, d])]))
 
 
-@pytest.mark.parametrize("size", [1.0, 1e-3])
+@pytest.mark.parametrize("size", [pytest.param(1.0, marks=pytest.mark.soak), 1e-3])
 def test_a_ring_is_a_torus_of_its_radii_and_its_corners_in_single_precision_too(size: float) -> None:
     ring = bead()
     for corners, exact in ((size * ring.vertices, 1e-9), ((size * ring.vertices).astype(np.float32), 1e-6)):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -50,9 +52,15 @@ def knowledge(kind: str, points: FloatArray, side: float, unit: float) -> Facing
     return Facing.by_normals(np.tile(up, (len(points), 1)), np.eye(3))
 
 
-@pytest.mark.parametrize("unit", [1.0, 1e-3])
+def dents(deepest: float) -> list[Any]:
+    """Depth of a dent, whether it is sharp, and the unit in mm; each in the other unit with the long tests."""
+    kinds = [(0.7, False, 1.0), (1.0, False, 1e-3), (1.0, True, 1.0), (deepest, False, 1e-3)]
+    others = (pytest.param(depth, sharp, 1e-3 / unit, marks=pytest.mark.soak) for depth, sharp, unit in kinds)
+    return [*kinds, *others]
+
+
 @pytest.mark.parametrize("kind", ["normals", "viewpoint"])
-@pytest.mark.parametrize(("depth", "sharp"), [(0.7, False), (1.0, False), (1.0, True), (1.6, False)])
+@pytest.mark.parametrize(("depth", "sharp", "unit"), dents(1.6))
 def test_a_dent_is_as_deep_as_it_is_where_the_scan_has_sides(unit: float, kind: str, depth: float, sharp: bool) -> None:
     for side in (1.0, -1.0):
         points, truth = scan(depth, side, sharp, 20_000)
@@ -66,8 +74,7 @@ def test_a_dent_is_as_deep_as_it_is_where_the_scan_has_sides(unit: float, kind: 
         np.testing.assert_allclose(after.values, found.values, rtol=0.0, atol=1e-12 * unit)
 
 
-@pytest.mark.parametrize("unit", [1.0, 1e-3])
-@pytest.mark.parametrize(("depth", "sharp"), [(0.7, False), (1.0, False), (1.0, True), (1.3, False)])
+@pytest.mark.parametrize(("depth", "sharp", "unit"), dents(1.3))
 def test_without_sides_such_a_dent_is_undecided(unit: float, depth: float, sharp: bool) -> None:
     for side, seed in ((1.0, 20_000), (-1.0, 20_001), (1.0, 20_002)):
         points, truth = scan(depth, side, sharp, seed)
@@ -107,8 +114,14 @@ def test_a_registered_scan_is_measured_on_its_side_where_it_tells(known: str) ->
     assert not decision.codes
 
 
-@pytest.mark.parametrize("both", [False, True])
-@pytest.mark.parametrize("depth", [0.0, 0.35])
+@pytest.mark.parametrize(
+    ("depth", "both"),
+    [
+        (0.0, False),
+        (0.35, True),
+        *(pytest.param(*case, marks=pytest.mark.soak) for case in ((0.0, True), (0.35, False))),
+    ],
+)
 def test_sheets_without_such_a_dent_pass(depth: float, both: bool) -> None:
     for seed in range(20_000, 20_010):
         points, _ = scan(depth, 1.0, False, seed, both=both)

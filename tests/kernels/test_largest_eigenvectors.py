@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -23,6 +25,7 @@ def with_singular_values(rng: np.random.Generator, values: list[float], count: i
     return sides[0] * np.array(values) @ sides[1]
 
 
+@cache
 def cases() -> dict[str, FloatArray]:
     rng = np.random.default_rng(0)
     return {

@@ -30,7 +30,7 @@ def test_right_edges_are_used_and_their_loops_close() -> None:
     np.testing.assert_allclose(selection.T_world_scan[:8], T, atol=10 * SIGMA)
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.soak)])
 def test_a_third_of_wrong_edges_changes_nothing_beyond_the_covariance(seed: int) -> None:
     T = world(10, seed=seed)
     pairs = list(combinations(range(10), 2))
@@ -161,7 +161,10 @@ def ring(count: int, reach: int) -> list[tuple[int, int]]:
     )
 
 
-@pytest.mark.parametrize(("count", "reach", "seed"), [(20, 2, 0), (24, 3, 1), (24, 3, 2), (12, 5, 3)])
+@pytest.mark.parametrize(
+    ("count", "reach", "seed"),
+    [*(pytest.param(*case, marks=pytest.mark.soak) for case in ((20, 2, 0), (24, 3, 2))), (24, 3, 1), (12, 5, 3)],
+)
 def test_what_confirmed_edges_hold_together_is_right_however_dense_the_graph(count: int, reach: int, seed: int) -> None:
     # The truth is what the edges were made of; errors are drawn from their covariances.
     T, pairs, rng = world(count, seed), ring(count, reach), np.random.default_rng(seed)

@@ -182,14 +182,14 @@ def test_what_cannot_be_used_is_left_out_and_the_rest_is_placed() -> None:
 
 
 def test_a_scan_of_something_else_is_left_out_and_named() -> None:
-    scans, truth = views_of_a_part(3)
+    scans, truth = views_of_a_part(2)
     ball = np.random.default_rng(0).normal(size=(500, 3))
     ball *= 0.3 * np.ptp(scans[0]) / np.linalg.norm(ball, axis=1, keepdims=True)
-    pairs = [(0, 1), (1, 2), (0, 2), (0, 3)]
+    pairs = [(0, 1), (0, 2)]
     result = dqreg.register_many([*scans, ball], starts=[*truth, None], effort="fast", workers=1, edges=pairs)
-    assert result.placed == (0, 1, 2)
+    assert result.placed == (0, 1)
     assert "scan_left_out" in result.verdict.codes
-    assert any("scan 3" in reason for reason in result.verdict.reasons)
+    assert any("scan 2" in reason for reason in result.verdict.reasons)
 
 
 def test_finished_pairs_are_taken_from_the_folder_and_others_are_not(tmp_path: Path) -> None:

@@ -41,7 +41,7 @@ def test_a_hint_finds_no_farther_than_its_tolerance(size: int) -> None:
         hint = queries, found
 
 
-@pytest.mark.parametrize("most", [1, 12, 40])
+@pytest.mark.parametrize("most", [1, 12, pytest.param(40, marks=pytest.mark.soak)])
 def test_what_is_found_is_nearest_among_the_points_so_far(most: int) -> None:
     cloud, queries = points(4_000), points(300) + np.array([0.02, 0.03, 0.0])
     queries[:40] += [0.0, 0.0, 1.5]

@@ -47,7 +47,7 @@ def test_a_corridor_is_followed_with_wheels_and_told_without():
     assert deviations[1:].max() < 0.01
 
 
-@pytest.mark.parametrize("seed", [3, 6, 9, 15, 19])
+@pytest.mark.parametrize("seed", [3, 9, 19, *(pytest.param(seed, marks=pytest.mark.soak) for seed in (6, 15))])
 def test_a_frame_comes_to_rest_along_a_corridor(seed):
     # Truth: the noise of the map's normals tells nothing of x, where a frame would slide for ever; wheels do.
     sigma = np.diag([1e-3, 1e-3, 1e-3, 0.02, 0.02, 0.02]) ** 2

@@ -49,7 +49,7 @@ def test_a_furnished_hall_is_like_itself_nowhere():
     assert [result.verdict.level for result in results] == ["accepted"] * 3
 
 
-@pytest.mark.parametrize("step", [1.9, 2.3])
+@pytest.mark.parametrize("step", [1.9, pytest.param(2.3, marks=pytest.mark.soak)])
 def test_a_frame_that_slid_along_equal_pilasters_is_never_accepted(step):
     results, poses = driven(step)
     for result, T in zip(results[1:], poses[1:], strict=True):

@@ -127,8 +127,10 @@ def test_a_damaged_file_is_a_frame_that_failed(tmp_path, jerky):
     assert "1.ply" in trip.results[1].verdict.reasons[0]
 
 
-@pytest.mark.parametrize("timed", [False, True])
-@pytest.mark.parametrize("cores", [1, 2])
+@pytest.mark.parametrize(
+    ("cores", "timed"),
+    [(1, True), (2, False), *(pytest.param(*case, marks=pytest.mark.soak) for case in ((1, False), (2, True)))],
+)
 def test_frames_are_read_in_turn_by_one_thread_and_prepared_ahead_to_the_same_bits(monkeypatch, smooth, timed, cores):
     monkeypatch.setattr(threads, "thread_count", lambda: cores)
     reads, frames = [], [*smooth.frames[:3], np.zeros((0, 3)), *smooth.frames[3:]]

@@ -27,7 +27,7 @@ def rows(points: np.ndarray) -> set[tuple[float, ...]]:
     return set(map(tuple, points.round(9).tolist()))
 
 
-@pytest.mark.parametrize("most", [1, 3, 12])
+@pytest.mark.parametrize("most", [1, 3, pytest.param(12, marks=pytest.mark.soak)])
 def test_it_takes_the_points_that_the_map_of_kiss_icp_takes(most: int) -> None:
     rng, given = np.random.default_rng(most), lengths(1e3, most=most)
     ours, theirs = VoxelMap(given), load_kiss("mapping").VoxelHashMap(given.voxel_size, given.max_range, most)

@@ -24,16 +24,22 @@ PARTS = {
 
 
 def soaked(*cases: tuple[str, int, float]) -> list[Any]:
-    """Cases that say the same and are run with the long tests."""
-    return [pytest.param(*case, marks=pytest.mark.soak) for case in cases]
+    """Cases that say the same, of four times as many points, are run with the long tests."""
+    return [pytest.param(*case, 2 * PIXELS, marks=pytest.mark.soak) for case in cases]
 
 
-# Part, seed and degrees between two views.
-STARTED = [("plate", 8, 110.0), ("block", 10, 90.0), *soaked(("plate", 13, 110.0), ("plate", 18, 110.0))]
-FROM_NOTHING = [("plate", 5, 110.0), ("plate", 8, 110.0), ("block", 20, 70.0)]
-FROM_NOTHING += soaked(("plate", 13, 110.0), ("plate", 18, 110.0), ("block", 10, 90.0), ("block", 5, 110.0))
+# The width of what is seen is a share of its depth.
+NOISE_DIAGONALS, WIDTH_DEPTHS = 3e-4, 0.55
+PIXELS, AWAY_DIAGONALS = 110, 3.0
+# Part, seed, degrees between two views and pixels of each along a side.
+STARTED = [("plate", 8, 110.0, PIXELS), ("block", 10, 90.0, PIXELS)]
+STARTED += soaked(("plate", 8, 110.0), ("plate", 13, 110.0), ("plate", 18, 110.0), ("block", 10, 90.0))
+FROM_NOTHING = [("plate", 13, 110.0, PIXELS), ("block", 10, 90.0, PIXELS)]
+FROM_NOTHING += soaked(("plate", 5, 110.0), ("plate", 8, 110.0), ("plate", 13, 110.0), ("plate", 18, 110.0))
+FROM_NOTHING += soaked(("block", 5, 110.0), ("block", 10, 90.0), ("block", 20, 70.0))
 ACCEPTED = 115
-NOISE_DIAGONALS, PIXELS, FOCAL_PIXELS, AWAY_DIAGONALS = 3e-4, 220, 400.0, 3.0
+# What an accepted pose is off at most, and a kept start, in sizes.
+RIGHT, KEPT = 0.03, 0.2
 
 
 def mesh(name: str) -> tuple[np.ndarray, np.ndarray]:
@@ -47,7 +53,7 @@ def mesh(name: str) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate(vertices), np.concatenate(faces)
 
 
-def view(name: str, towards: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def view(name: str, towards: np.ndarray, pixels: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Points of a depth camera in its frame, (n, 3), and the pose of that in the part's, (4, 4)."""
     vertices, faces = mesh(name)
     size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
@@ -55,22 +61,22 @@ def view(name: str, towards: np.ndarray, rng: np.random.Generator) -> tuple[np.n
     right /= np.linalg.norm(right)
     R = np.stack([right, np.cross(-towards, right), -towards], axis=1)
     eye = vertices.mean(axis=0) + AWAY_DIAGONALS * size * towards
-    u, v = np.meshgrid(*2 * [np.arange(PIXELS) - 0.5 * (PIXELS - 1)])
-    rays = np.stack([u / FOCAL_PIXELS, v / FOCAL_PIXELS, np.ones_like(u)], axis=-1).reshape(-1, 3)
+    u, v = np.meshgrid(*2 * [WIDTH_DEPTHS * ((np.arange(pixels) + 0.5) / pixels - 0.5)])
+    rays = np.stack([u, v, np.ones_like(u)], axis=-1).reshape(-1, 3)
     points = (first_hits(vertices, faces, np.tile(eye, (len(rays), 1)), rays @ R.T)[1] - eye) @ R
     depths = points[:, 2] + NOISE_DIAGONALS * size * rng.normal(size=len(points))
     return (rays * depths[:, None])[np.isfinite(depths)], pose.from_parts(R, eye)
 
 
 @functools.cache
-def views(name: str, seed: int, degrees: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+def views(name: str, seed: int, degrees: float, pixels: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     """Points of two views so far apart, the pose from the second to the first, (4, 4), and the size of the part."""
     rng = np.random.default_rng(seed)
     one = rng.normal(size=3)
     one /= np.linalg.norm(one)
     across = np.cross(one, rng.normal(size=3))
     turn = pose.exp(np.r_[np.deg2rad(degrees) * across / np.linalg.norm(across), np.zeros(3)])[:3, :3]
-    (target, A), (source, B) = view(name, one, rng), view(name, turn @ one, rng)
+    (target, A), (source, B) = (view(name, towards, pixels, rng) for towards in (one, turn @ one))
     return source, target, pose.inverse(A) @ B, float(np.linalg.norm(np.ptp(mesh(name)[0], axis=0)))
 
 
@@ -79,31 +85,36 @@ def off(T: np.ndarray, truth: np.ndarray, source: np.ndarray, size: float) -> fl
     return float(np.linalg.norm(pose.apply(T, source) - pose.apply(truth, source), axis=1).max()) / size
 
 
+# The frame of the source is another one each time, so that the motion is.
+@pytest.mark.parametrize("frame", [pytest.param(0, marks=pytest.mark.soak), 1])
 @pytest.mark.parametrize("search", ["never", "doubt"])
-@pytest.mark.parametrize(("name", "seed", "degrees"), STARTED)
-def test_a_true_start_is_never_left_for_a_twin(name: str, seed: int, degrees: float, search: str) -> None:
-    source, target, truth, size = views(name, seed, degrees)
-    for frame in range(2):
-        # The frame of the source is another one each time, so that the motion is.
-        F = random_pose(np.random.default_rng(frame), size, np.zeros(3)) if frame else np.eye(4)
-        moved, start = PointCloud(pose.apply(F, source), viewpoint=F[:3, 3]), truth @ pose.inverse(F)
-        found = register(moved, PointCloud(target, viewpoint=np.zeros(3)), start, search=search, effort="fast")
-        away = off(found.T_target_source, start, moved.points, size)
-        assert away < 0.2
-        assert found.verdict.level != "accepted" or away < 0.03
+@pytest.mark.parametrize(("name", "seed", "degrees", "pixels"), STARTED)
+def test_a_true_start_is_never_left_for_a_twin(
+    name: str, seed: int, degrees: float, pixels: int, search: str, frame: int
+) -> None:
+    source, target, truth, size = views(name, seed, degrees, pixels)
+    F = random_pose(np.random.default_rng(frame), size, np.zeros(3)) if frame else np.eye(4)
+    moved, start = PointCloud(pose.apply(F, source), viewpoint=F[:3, 3]), truth @ pose.inverse(F)
+    found = register(moved, PointCloud(target, viewpoint=np.zeros(3)), start, search=search, effort="fast")
+    away = off(found.T_target_source, start, moved.points, size)
+    assert away < KEPT
+    assert found.verdict.level != "accepted" or away < RIGHT
 
 
-@pytest.mark.parametrize(("name", "seed", "degrees"), FROM_NOTHING)
-def test_from_nothing_no_twin_is_accepted_for_what_it_has_in_common(name: str, seed: int, degrees: float) -> None:
-    source, target, truth, size = views(name, seed, degrees)
+@pytest.mark.parametrize(("name", "seed", "degrees", "pixels"), FROM_NOTHING)
+def test_from_nothing_no_twin_is_accepted_for_what_it_has_in_common(
+    name: str, seed: int, degrees: float, pixels: int
+) -> None:
+    """The answer is the right pose, or one beside which others are named."""
+    source, target, truth, size = views(name, seed, degrees, pixels)
     found = register(source, target, effort="fast")
-    assert off(found.T_target_source, truth, source, size) > 0.3
-    assert "alternative_poses" in found.verdict.codes
+    is_right = off(found.T_target_source, truth, source, size) < RIGHT
+    assert is_right or (found.verdict.level, "alternative_poses" in found.verdict.codes) == ("suspect", True)
 
 
 def test_a_start_beside_the_pose_is_accepted_as_before() -> None:
     """Nothing is asked of a pose that the initial one meant, at which the views have much in common."""
-    source, target, truth, size = views("block", ACCEPTED, 15.0)
+    source, target, truth, size = views("block", ACCEPTED, 15.0, 2 * PIXELS)
     start = truth @ pose.exp(np.array([0.03, -0.02, 0.03, 0.01, 0.02, -0.01]) * np.r_[1.0, 1.0, 1.0, size, size, size])
     found = register(source, target, start, effort="fast")
     assert found.verdict.level == "accepted"

@@ -66,7 +66,7 @@ def test_a_bracket_has_no_turns() -> None:
     assert not len(ring_turns(cloud, TangentPlanes(cloud)))
 
 
-@pytest.mark.parametrize("lobes", [1.0, 2.0, 4.0])
+@pytest.mark.parametrize("lobes", [1.0, pytest.param(2.0, marks=pytest.mark.soak), 4.0])
 def test_from_a_start_some_lobes_off_the_right_pose_is_the_answer_or_named(lobes: float) -> None:
     scan, target = pair(HOLES)
     start = turned_by(lobes) @ pose.exp(np.r_[0.0, 0.35, 0.0, 0.0, 0.0, 0.0])

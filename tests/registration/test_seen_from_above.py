@@ -45,8 +45,17 @@ def from_above(name: str, trial: int, prior_sigma: float | None, verdict: bool) 
     return error / np.sqrt(np.diag(result.covariance))[2:5], error / [1.0, size, size]
 
 
-@pytest.mark.parametrize("prior_sigma", [None, 5e-3, 5e-4])
-@pytest.mark.parametrize(("name", "verdict"), [("plate", True), ("bracket", False)])
+@pytest.mark.parametrize(
+    ("name", "verdict", "prior_sigma"),
+    [
+        ("plate", True, None),
+        ("plate", True, 5e-3),
+        pytest.param("plate", True, 5e-4, marks=pytest.mark.soak),
+        ("bracket", False, None),
+        pytest.param("bracket", False, 5e-3, marks=pytest.mark.soak),
+        ("bracket", False, 5e-4),
+    ],
+)
 def test_the_covariance_says_how_far_off_the_pose_is(name: str, verdict: bool, prior_sigma: float | None) -> None:
     found = [from_above(name, trial, prior_sigma, verdict) for trial in range(TRIALS)]
     z = np.sqrt(np.mean([z**2 for z, _ in found], axis=0))

@@ -47,7 +47,7 @@ def normalised_square(result: dqreg.Registration, truth: FloatArray) -> float:
     return float(error @ np.linalg.solve(result.covariance, error))
 
 
-@pytest.mark.parametrize(("rings", "columns"), [(16, 900), (32, 700), (32, 2_000)])
+@pytest.mark.parametrize(("rings", "columns"), [(16, 900), pytest.param(32, 700, marks=pytest.mark.soak), (32, 2_000)])
 def test_rings_are_not_drawn_onto_rings(rings: int, columns: int) -> None:
     # Planes along single rings put these poses 7 to 100 mm off, by 11 to 97 in the mean of the normalised squares.
     squares, errors = [], []
@@ -65,7 +65,13 @@ def test_rings_are_not_drawn_onto_rings(rings: int, columns: int) -> None:
 
 @pytest.mark.parametrize(
     ("rings", "columns", "noise", "worst"),
-    [(16, 900, 0.005, 2.0), (16, 900, NOISE, 2.0), (16, 900, 0.03, 3.0), (16, 600, NOISE, 2.0), (32, 900, NOISE, 2.0)],
+    [
+        pytest.param(16, 900, 0.005, 2.0, marks=pytest.mark.soak),
+        pytest.param(16, 900, NOISE, 2.0, marks=pytest.mark.soak),
+        (16, 900, 0.03, 3.0),
+        (16, 600, NOISE, 2.0),
+        pytest.param(32, 900, NOISE, 2.0, marks=pytest.mark.soak),
+    ],
 )
 def test_the_few_rings_that_meet_the_floor_hold_the_height(
     rings: int, columns: int, noise: float, worst: float
@@ -89,7 +95,9 @@ def test_the_few_rings_that_meet_the_floor_hold_the_height(
 
 
 @pytest.mark.parametrize("effort", ["fast", pytest.param("normal", marks=pytest.mark.soak)])
-@pytest.mark.parametrize(("rings", "columns"), [(16, 1_800), (16, 3_600), (32, 900)])
+@pytest.mark.parametrize(
+    ("rings", "columns"), [pytest.param(16, 1_800, marks=pytest.mark.soak), (16, 3_600), (32, 900)]
+)
 def test_the_denser_the_points_on_each_ring_the_better(effort: Effort, rings: int, columns: int) -> None:
     # Cells of as many points as the effort asks for held points of one ring each, or three rings on a floor made planes
     # with the wall: 18 to 64 mm in the median and 220 at worst by "fast", with all that a verdict asks refused.

@@ -75,9 +75,9 @@ def test_oriented_normals_are_kept_and_inside_out_is_a_doubt() -> None:
     points, planes = scanned(0)
     T = pose.inverse(TURN)
     out, inward = (dqreg.PointCloud(pose.apply(T, points), sign * planes @ T[:3, :3].T) for sign in (1.0, -1.0))
-    found = dqreg.register(out, part(), np.eye(4))
+    found = dqreg.register(out, part(), np.eye(4), effort="fast")
     assert (found.verdict.level, found.settings["normals_oriented"]) == ("accepted", True)
-    doubted = dqreg.register(inward, part(), np.eye(4))
+    doubted = dqreg.register(inward, part(), np.eye(4), effort="fast")
     assert doubted.verdict.level == "suspect"
     assert "disagreeing_normals" in doubted.verdict.codes
 

@@ -17,7 +17,7 @@ from tests.report.scenes import T_START, bumpy, failed
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium to open the report with")
 DESK, PHONE = (1280, 900), (390, 844)
 # Of the same layout, for what no size changes: Chromium draws without a graphics card, pixel by pixel, on every core.
-SMALL = (800, 600)
+SMALL = (660, 440)
 
 
 @pytest.fixture(scope="module")
@@ -116,7 +116,7 @@ def test_copy_hands_over_the_matrix(browser, report):
 
 
 def test_prints_on_few_pages(browser, report):
-    browser.open(report, *DESK, dark=True)
+    browser.open(report, *SMALL, dark=True)
     pdf = browser.pdf()
     assert pdf.startswith(b"%PDF")
     assert 2 <= pdf.count(b"/Type /Page\n") + pdf.count(b"/Type /Page ") <= 8

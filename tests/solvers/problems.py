@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from hypothesis import settings
@@ -34,8 +35,19 @@ class Problem:
         return (*self.points[::-1], *self.directions[::-1], self.beta, self.alpha)
 
 
+@cache
 def blocks(rows: int, bound: float) -> st.SearchStrategy[FloatArray]:
     return arrays(np.float64, (rows, 3), elements=floats(-bound, bound))
+
+
+@cache
+def _numbers(count: int, low: float, high: float) -> st.SearchStrategy[FloatArray]:
+    return arrays(np.float64, count, elements=floats(low, high))
+
+
+@cache
+def _counts(low: int, high: int) -> st.SearchStrategy[int]:
+    return st.integers(low, high)
 
 
 @st.composite
@@ -45,19 +57,19 @@ def problems(
     """Four fixed points and up to six drawn ones, up to four directions, noise on each target coordinate."""
     T = draw(poses())
     if not far:
-        T[:3, :3], T[:3, 3] = draw(rotations()), draw(arrays(np.float64, 3, elements=floats(-5, 5)))
-    p = np.vstack([TETRAHEDRON, draw(blocks(draw(st.integers(0, 6)), 5.0))])
+        T[:3, :3], T[:3, 3] = draw(rotations()), draw(_numbers(3, -5.0, 5.0))
+    p = np.vstack([TETRAHEDRON, draw(blocks(draw(_counts(0, 6)), 5.0))])
     q = p @ T[:3, :3].T + T[:3, 3] + draw(blocks(len(p), noise))
     problem = Problem(T, (p, q))
-    m = draw(st.integers(1, 4)) if directions else 0
+    m = draw(_counts(1, 4)) if directions else 0
     if m:
         a = np.vstack([TETRAHEDRON[:1], np.add(draw(blocks(m, 1.0)), [0.0, 0.0, 3.0])])
         b = a @ T[:3, :3].T + draw(blocks(len(a), noise))
         unit = tuple(side / np.linalg.norm(side, axis=1, keepdims=True) for side in (a, b))
         problem.directions = (unit[0], unit[1])
     if weights:
-        problem.beta = draw(arrays(np.float64, len(p), elements=floats(0.5, 4.0)))
-        problem.alpha = draw(arrays(np.float64, m + 1, elements=floats(0.5, 4.0))) if m else None
+        problem.beta = draw(_numbers(len(p), 0.5, 4.0))
+        problem.alpha = draw(_numbers(m + 1, 0.5, 4.0)) if m else None
     return problem
 
 

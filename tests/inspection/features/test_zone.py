@@ -56,7 +56,7 @@ def test_what_reaches_round_by_little_is_held_or_refused(degrees: float) -> None
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("kind", ROUND)
-@pytest.mark.parametrize("degrees", [240.0, 360.0])
+@pytest.mark.parametrize("degrees", [240.0, pytest.param(360.0, marks=pytest.mark.soak)])
 def test_a_shape_that_points_surround_is_answered(kind: FeatureKind, method: Any, degrees: float) -> None:
     # The extremes of sixty points lie two to four standard deviations off, and the stated sigma is below the noise.
     found = fit_feature(opened(kind, degrees), kind, method=method)

@@ -140,7 +140,7 @@ def test_a_scheduler_that_stops_answering_is_gone(monkeypatch):
 
 
 def test_no_scheduler_and_no_dask_are_said_in_words(monkeypatch, tmp_path):
-    monkeypatch.setattr(door, "CONNECT_SECONDS", 1)
+    monkeypatch.setattr(door, "CONNECT_SECONDS", 0.2)
     for address in ("tcp://127.0.0.1:9", "nonsense://x"):
         with pytest.raises(InputError, match=f"no Dask scheduler answers at {address}"), door.connected(address):
             pass
