@@ -30,7 +30,7 @@ AS_GOOD_SHARE = 0.94
 # The same where constant velocity leads: right poses in streets came to 0.91 after four frames, a half-turn to 0.84.
 MET_SHARE = 0.9
 # A frame that fits less well than so, and looked through more of the map, may have turned within one step: half-turns
-# of furnished halls came to 0.98 and 0.003 and beyond; so did one of 80 right frames (a street, a hand-held sensor).
+# of furnished halls came to 0.98 and 0.003 and beyond; so did 2 of 137 right frames (of a hand-held sensor).
 FITS_LESS_SHARE, LOOKED_THROUGH_SHARE = 0.98, 0.002
 # Frames since the last trusted one from which on there was a gap: stamps jitter.
 GAP_STEPS = 1.5
