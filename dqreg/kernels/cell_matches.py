@@ -32,6 +32,7 @@ def planes_in_cells(
     feet: FloatArray,
     normals: FloatArray,
     variances: FloatArray,
+    roughness: FloatArray,
 ) -> None:
     """Write the planes of the cells in which queries first to last lie, (m, 3), or of the nearest beside. O(1) each.
 
@@ -39,7 +40,7 @@ def planes_in_cells(
     Where nothing stands, the row is -1 and the distance ``far``; where what stands there fixes no plane, the normal is
     zero and the distance 0.
     """
-    plane, half, around = np.zeros(6), 0.5 * size, np.zeros((ROOM, COLUMNS), np.int64)
+    plane, half, around = np.zeros(7), 0.5 * size, np.zeros((ROOM, COLUMNS), np.int64)
     # Of the type of other numbers: for a plain one what it is given to would be compiled once more.
     beside = int(np.int64(1))
     for i in range(first, last):
@@ -53,11 +54,11 @@ def planes_in_cells(
                 k = _nearest_of(count, around, x / half - a - 0.5, y / half - b - 0.5, z / half - c - 0.5, half, sums)
                 if k >= 0:
                     cell, a, b, c = around[k, 0], a + around[k, 1], b + around[k, 2], c + around[k, 3]
-            rows[i], variances[i] = cell, np.inf
+            rows[i], variances[i], roughness[i] = cell, np.inf, 0.0
             if cell >= 0:
                 if planes[cell, 4] <= state:
                     fit_cell(cell, a, b, c, size, table, keys, cells, sums, planes, state, plane, around)
-                variances[i] = planes[cell, 3]
+                variances[i], roughness[i] = planes[cell, 3], planes[cell, 8]
             if variances[i] < np.inf:
                 for k in range(3):
                     feet[i, k], normals[i, k] = planes[cell, 5 + k], planes[cell, k]

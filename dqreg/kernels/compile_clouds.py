@@ -89,16 +89,16 @@ def keep_maps() -> None:
     held = flat.copy(), many, table, keys, cells, many.copy(), slots, members
     admit_points(flat, 1.0, 1.0, 1, *held, sums, first.repeat(3))
     distances_in_voxels(0, 0, flat, 1.0, 1.0, *held, one)
-    kept, before = np.zeros((3 * CELLS, 8)), np.zeros((0, 3))
+    kept, before = np.zeros((3 * CELLS, 9)), np.zeros((0, 3))
     found = first.repeat(3), one, one, flat, flat, one
     closest_in_voxels(0, 0, flat, 1.0, 1.0, *held, sums, kept, 1, before, before[:, 0], 1.0, 1.0, *found)
     planes_in_cells(
-        0, 0, flat, 1.0, table, keys, cells, sums, kept, 1, 1.0, keys, first.repeat(3), one, flat, flat, one
+        0, 0, flat, 1.0, table, keys, cells, sums, kept, 1, 1.0, keys, first.repeat(3), one, flat, flat, one, one
     )
     grid, steps = np.zeros((1, 2), dtype=np.int32), np.zeros((0, 2), dtype=np.int64)
     runs_around(np.zeros((1, 1), dtype=np.bool_))
     count_on_runs(steps, keys, first, grid)
     count_at_shifts(0, 0, steps, steps, np.zeros((1, 1), dtype=np.bool_), grid[0])
-    figures, planes = np.zeros(FIGURES), (flat, flat, one, one)
+    figures, planes = np.zeros(FIGURES), (flat, flat, one, one, one)
     step_on_planes(flat, flat, *planes, np.ones(11), 0, np.eye(4), np.zeros(3), figures)
     step_on_planes_of_sweep(flat, one, *planes, np.ones(10), 0, np.eye(4), np.zeros(6), np.zeros(3), figures)

@@ -41,6 +41,7 @@ def step_on_planes(
     normals: FloatArray,
     distances: FloatArray,
     variances: FloatArray,
+    roughness: FloatArray,
     limits: FloatArray,
     steps: int,
     T: FloatArray,
@@ -94,6 +95,7 @@ def step_on_planes(
             total, squares, used = total + w, squares + w * square, used + (1.0 if w > 0.0 else 0.0)
             if not known:
                 continue
+            w *= by_roughness(scale, roughness[i])
             noise += w * min(variances[i], 1.0)
             rows[0, waiting], rows[1, waiting], rows[2, waiting] = y * nz - z * ny, z * nx - x * nz, x * ny - y * nx
             rows[3, waiting], rows[4, waiting], rows[5, waiting] = nx, ny, nz
@@ -115,6 +117,16 @@ def step_on_planes(
         if figures[MOTION] <= limits[ENOUGH]:
             return
         scale, fraction = figures[SCALE], figures[FRACTION]
+
+
+@inside_kernels
+def by_roughness(scale: float, roughness: float) -> float:
+    """What a plane counts from which its points lie off so much, mean square, beside a kernel of a scale.
+
+    Squared: a plane across an edge errs to one side for all that meet it, and to the same at each frame.
+    """
+    share = scale * scale / (scale * scale + roughness)
+    return share * share
 
 
 @inside_kernels

@@ -17,6 +17,7 @@ from dqreg.kernels.plane_steps import (
     LEVER,
     MOTION,
     SCALE,
+    by_roughness,
     learn,
     put_figures,
     solve_in_place,
@@ -37,6 +38,7 @@ def step_on_planes_of_sweep(
     normals: FloatArray,
     distances: FloatArray,
     variances: FloatArray,
+    roughness: FloatArray,
     limits: FloatArray,
     steps: int,
     T: FloatArray,
@@ -58,7 +60,8 @@ def step_on_planes_of_sweep(
     for _ in range(steps):
         odds = (1.0 - fraction) / farthest * scale * math.sqrt(0.5 * math.pi) / fraction
         sums[:], waiting = 0.0, 0
-        total, squares, used, near, first, second, noise = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        total, squares, used, near = 0.0, 0.0, 0.0, 0.0
+        whole, first, second, noise = 0.0, 0.0, 0.0, 0.0
         for i in range(count):
             weights[i] = 0.0
             if not distances[i] <= farthest:
@@ -76,7 +79,8 @@ def step_on_planes_of_sweep(
             w = density / (density + odds)
             weights[i] = w
             total, squares, used = total + w, squares + w * h * h, used + (1.0 if w > 0.0 else 0.0)
-            first, second = first + w * s, second + w * s * s
+            w *= by_roughness(scale, roughness[i])
+            whole, first, second = whole + w, first + w * s, second + w * s * s
             noise += w * min(variances[i], 1.0)
             rows[0, waiting], rows[1, waiting] = (y * nz - z * ny) / lever, (z * nx - x * nz) / lever
             rows[2, waiting], rows[3, waiting], rows[4, waiting] = (x * ny - y * nx) / lever, nx, ny
@@ -95,11 +99,11 @@ def step_on_planes_of_sweep(
             for j in range(k):
                 A[UNKNOWNS + j, k] = A[UNKNOWNS + k, j]
         put_figures(figures, scale, fraction, total, squares, used)
-        if used < unknowns or not total > 0.0:
+        if used < unknowns or not whole > 0.0:
             return
         hold_free_shifts(A, shift, limits[LEAST_INFORMATION] * noise)
-        hold_free_shifts(A, twist + shift, limits[LEAST_INFORMATION] * noise * second / total)
-        damping = limits[HELD] * max(second - first * first / total, 0.0) + 1e-9 * total
+        hold_free_shifts(A, twist + shift, limits[LEAST_INFORMATION] * noise * second / whole)
+        damping = limits[HELD] * max(second - first * first / whole, 0.0) + 1e-9 * whole
         for k in range(unknowns):
             A[k, k] += damping
         solve_in_place(A, g)

@@ -44,7 +44,7 @@ def fit_cell(
 ) -> None:
     """Write the plane of the points in the cells around one: normal, zero where they fix none, variance.
 
-    Then their middle, through which it goes.
+    Then their middle, through which it goes, and their mean squared distance from it.
 
     As far around as it takes for enough of them that are no line: one cell where frames came before, more where there
     is one sweep. And the state of the map until which it stands: the more points, the less the next frames change it.
@@ -67,13 +67,13 @@ def fit_cell(
     # No other than what threads that meet here write, and the state last.
     planes[cell, 0], planes[cell, 1], planes[cell, 2], planes[cell, 3] = normal[0], normal[1], normal[2], variance
     planes[cell, 5], planes[cell, 6] = (a + 0.5) * half + normal[3], (b + 0.5) * half + normal[4]
-    planes[cell, 7] = (c + 0.5) * half + normal[5]
+    planes[cell, 7], planes[cell, 8] = (c + 0.5) * half + normal[5], normal[6]
     planes[cell, 4] = state + 1.0 + min(np.floor(full / KEPT), LONGEST)
 
 
 @inside_kernels
 def _plane_of(count: int, around: IntArray, reach: int, half: float, sums: Slots, normal: FloatArray) -> float:
-    """Write normal and middle, from that of the cell, of the points in the cells around it; variance of the normal.
+    """Write normal, middle from that of the cell, and roughness of the points in the cells around it; variance of it.
 
     What is there is seen best by its own cell: those of others count half as much for as many steps from it as
     there are to the farthest cell along an axis.
@@ -104,7 +104,7 @@ def _plane_of(count: int, around: IntArray, reach: int, half: float, sums: Slots
 def _thinnest(
     xx: float, yy: float, zz: float, xy: float, xz: float, yz: float, count: float, normal: FloatArray
 ) -> float:
-    """Write the axis of the least eigenvalue of a covariance, zero where it is a line's; variance of the normal.
+    """Write the axis of the least eigenvalue of a covariance, and that; zero where it is a line's. Its variance.
 
     The eigenvalue by Newton's method on the characteristic polynomial from below, where it is convex and falls: each
     step stays below the root. The axis is a row of the adjugate of what is left.
@@ -139,7 +139,7 @@ def _thinnest(
     length = np.sqrt(x * x + y * y + z * z)
     if not small > LINE * large or not length > 0.0:
         return np.inf
-    normal[0], normal[1], normal[2] = x / length, y / length, z / length
+    normal[0], normal[1], normal[2], normal[6] = x / length, y / length, z / length, root
     variance: float = root / count * (1.0 / small + 1.0 / large)
     return variance
 
@@ -176,11 +176,11 @@ def closest_in_voxels(
     """Write nearest points of queries first to last, (m, 3), and normals there with their variances. O(1) each.
 
     Where none is nearer than ``within``, the row is -1, the distance that, the point the query and the normal zero.
-    Planes are kept by cells, (8 v, 5): normal, variance, and the state of the map from which on it is fitted anew. Rows
+    Planes are kept by cells, (8 v, 9), as `fit_cell` writes them. Rows
     that were the nearest at other places, (m, 3) or (0, 3), are kept where no other can be nearer by more than a
     tolerance.
     """
-    best, normal, half = np.zeros(2), np.zeros(6), 0.5 * size
+    best, normal, half = np.zeros(2), np.zeros(7), 0.5 * size
     around = np.zeros((ROOM, COLUMNS), np.int64)
     for i in range(first, last):
         x, y, z = queries[i, 0], queries[i, 1], queries[i, 2]

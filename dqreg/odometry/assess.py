@@ -13,6 +13,7 @@ from dqreg.icp import NO_POSE, Alignment
 from dqreg.odometry.follow import SPURIOUS_INFORMATION_RATIO
 from dqreg.odometry.frame import DownsampledFrame
 from dqreg.odometry.kiss import rigid
+from dqreg.odometry.map_surface import CellPlanes
 from dqreg.odometry.prediction import Prediction, contradiction, held_directions, held_notes
 from dqreg.odometry.rivals import ComparedFrame
 from dqreg.registration.assess import Uncertainty
@@ -125,6 +126,10 @@ def information_at(run: Alignment, reach: float, free_axis: FloatArray | None = 
     points, normals = single_pose.apply(T, pairs.scan.points), pairs.closest.normals
     along = row_dots(points - pairs.closest.points, normals)
     weights = np.where(nonzero_rows(normals), run.weights, 0.0)
+    if isinstance(pairs.closest, CellPlanes):
+        # As in the steps.
+        square = run.mixture.scale**2
+        weights *= (square / (square + pairs.closest.roughness)) ** 2
     centre = T[:3, 3]
     matches = points, normals, along, weights, reach, centre
     variances = pairs.closest.variances

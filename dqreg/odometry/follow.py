@@ -139,10 +139,12 @@ def _limits(mixture: InlierMixture, ends: tuple[float, float, float, float], *ow
     return np.array([*learned, ends[0], MIN_SCALE_RATIO, *ends[1:], *own])
 
 
-def _planes(found: Closest) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Feet, normals, distances, and variances of the normals: the map knows all."""
+def _planes(found: Closest) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Feet, normals, distances, variances of the normals: the map knows all. And how rough the planes of cells are."""
     assert found.variances is not None
-    return as_plain(found.points), as_plain(found.normals), as_plain(found.distances), as_plain(found.variances)
+    rough = found.roughness if isinstance(found, CellPlanes) else np.zeros(len(found.points))
+    places = as_plain(found.points), as_plain(found.normals), as_plain(found.distances)
+    return *places, as_plain(found.variances), as_plain(rough)
 
 
 def is_in_cells(run: Run) -> bool:

@@ -40,7 +40,7 @@ KNOWN_PLANE_CHUNK_QUERIES = 8_192
 # Number, voxels and blocks; sums of a voxel: see the kernels.
 COUNTERS, VOXEL_SUMS = 3, (8, 10)
 # Numbers of the plane of a point.
-PLANE_NUMBERS = 8
+PLANE_NUMBERS = 9
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,19 +48,22 @@ class CellPlanes(Closest):
     """What `MapSurface.planes_at` finds; the element is a cell, -1 where nothing stands."""
 
     variances: FloatArray = dataclasses.field(kw_only=True)
+    roughness: FloatArray = dataclasses.field(kw_only=True)  # (n,): Mean squared distance of its points from each plane
     asked: IntArray = dataclasses.field(kw_only=True)  # (n, 3): Cells of the queries
 
     @staticmethod
     def none(count: int) -> CellPlanes:
         """Of so many queries that were never asked."""
         (points, normals), rows = np.zeros((2, count, 3)), np.full(count, -1)
-        asked, variances = np.full((count, 3), np.iinfo(np.int64).min), np.full(count, np.inf)
-        return CellPlanes(points, normals, np.zeros(count), rows, variances=variances, asked=asked)
+        asked, (distances, roughness) = np.full((count, 3), np.iinfo(np.int64).min), np.zeros((2, count))
+        unknown = np.full(count, np.inf)
+        return CellPlanes(points, normals, distances, rows, variances=unknown, roughness=roughness, asked=asked)
 
     def copied(self) -> CellPlanes:
         """The same, to be written over."""
         places = self.points.copy(), self.normals.copy(), self.distances.copy(), self.elements.copy()
-        return CellPlanes(*places, variances=self.variances.copy(), asked=self.asked.copy())
+        variances, roughness = self.variances.copy(), self.roughness.copy()
+        return CellPlanes(*places, variances=variances, roughness=roughness, asked=self.asked.copy())
 
 
 class MapSurface:
@@ -207,7 +210,8 @@ class MapSurface:
         from dqreg.kernels.threads import as_plain, over_chunks
 
         found = CellPlanes.none(len(points)) if before is None else before.copied()
-        columns = found.asked, found.elements, found.distances, found.points, found.normals, found.variances
+        places = found.asked, found.elements, found.distances, found.points
+        columns = *places, found.normals, found.variances, found.roughness
         held = self._size, self._table, self._keys, self._cells, self._sums.reshape(-1, VOXEL_SUMS[1])
         planes = self._planes.reshape(-1, PLANE_NUMBERS), self._state, self._reach
         # Of those that were asked before few lie elsewhere: less than it costs to hand them over.

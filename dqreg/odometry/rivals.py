@@ -80,10 +80,13 @@ def looked_through(place: ComparedFrame, view: FrameView, standing: FloatArray) 
     """The same with how much of some points of the map, (n, 3), stands where the frame looked through."""
     if not place.aligned.found:
         return place
-    nearer, alike = view.compared(standing, pose.inverse(place.aligned.T_target_source))
-    if nearer + alike < MIN_TELLING_POINTS:
-        return place
-    return dataclasses.replace(place, looked_through=nearer / (nearer + alike))
+    return dataclasses.replace(place, looked_through=share_looked_through(place.aligned, view, standing))
+
+
+def share_looked_through(run: Alignment, view: FrameView, standing: FloatArray) -> float:
+    """How much of some points of the map, (n, 3), stands where a frame looked through; NaN where few are in view."""
+    nearer, alike = view.compared(standing, pose.inverse(run.T_target_source))
+    return nearer / (nearer + alike) if nearer + alike >= MIN_TELLING_POINTS else np.nan
 
 
 def placed(

@@ -39,8 +39,8 @@ class Timeline:
 
     @property
     def is_timed(self) -> bool:
-        """Whether it is known how long it is since the last trusted frame."""
-        return self._gap > 0.0
+        """Whether the time since the last trusted frame is known, and constant velocity tells what came in it."""
+        return self._gap > 0.0 and self.span <= MAX_PREDICTED_STEPS
 
     @property
     def poses(self) -> FloatArray:

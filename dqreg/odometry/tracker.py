@@ -17,7 +17,7 @@ from dqreg.odometry.frame import DownsampledFrame, RawFrame, downsample_frame
 from dqreg.odometry.kiss import KissParts, rigid
 from dqreg.odometry.prediction import Prediction
 from dqreg.odometry.repeats import like_itself, similar_shifts, with_met_normals
-from dqreg.odometry.rivals import ComparedFrame, looked_through, map_sample, placed
+from dqreg.odometry.rivals import ComparedFrame, looked_through, map_sample, placed, share_looked_through
 from dqreg.odometry.self_similarity import FrameView
 from dqreg.odometry.settings import OdometrySettings, Resolved
 from dqreg.odometry.starts import Pace, predict
@@ -141,7 +141,7 @@ class Tracker:
         # With times it is deskewed once more, and seen then.
         seen = self._seen(frame, lengths) if frame.back is None else None
         deskewed = self._deskewed(search, frame, trusted=expected is not None or kiss.deviation <= lengths.voxel_size)
-        turned = self._turned(search, deskewed, expected)
+        turned = self._turned(search, deskewed, expected, seen)
         frame, aligned, notes = turned.deskewed.frame, turned.deskewed.aligned, raw.notes + turned.deskewed.notes
         seen = seen or self._seen(frame, lengths)
         # After a frame that was not trusted constant velocity is worth nothing, and before any motion is known, little.
@@ -191,22 +191,32 @@ class Tracker:
         found = Deskewed(frame, search.find(frame, trust_motion=trusted, near=near))
         return found if frame.back is None else found.repeated(search, worthwhile)
 
-    def _turned(self, search: FrameSearch, deskewed: Deskewed, expected: Prediction | None) -> TurnedFrame:
+    def _turned(
+        self, search: FrameSearch, deskewed: Deskewed, expected: Prediction | None, seen: Later[FrameView] | None
+    ) -> TurnedFrame:
         """A frame after all turns that may have happened since the last trusted one, unless others tell the motion."""
         if expected is not None:
             return TurnedFrame(deskewed)
         steps = self._timeline.span
         since = Since(steps, rigid(predict(self._T_last, self._motion, steps)))
-        return compared_turns(search, deskewed, since, REPEATED_MISFIT_VOXELS * search.lengths.voxel_size)
+        # Rarely asked for.
+        view = seen or self._seen(deskewed.frame, search.lengths, beside=False)
+        return compared_turns(
+            search,
+            deskewed,
+            since,
+            REPEATED_MISFIT_VOXELS * search.lengths.voxel_size,
+            lambda run: share_looked_through(run, view.result(), map_sample(search.surface)),
+        )
 
     def _is_unlike(self, frame: DownsampledFrame, T: FloatArray, reach: float) -> bool:
         """Whether a frame of all but the same place was like itself nowhere: what it saw is what this one sees."""
         before = None if self._timeline.missed else self._unlike
         return before is not None and frame.scan._spread.motion(before, T) <= reach
 
-    def _seen(self, frame: DownsampledFrame, lengths: Resolved) -> Later[FrameView]:
+    def _seen(self, frame: DownsampledFrame, lengths: Resolved, *, beside: bool = True) -> Later[FrameView]:
         before = self._view
-        return Later(lambda: FrameView.of(frame.dense, lengths.near, before))
+        return Later(lambda: FrameView.of(frame.dense, lengths.near, before), beside=beside)
 
     def _is_absorbed(self, place: ComparedFrame) -> bool:
         """Whether a frame is absorbed: one that has a pose, and fits as usual, or the last ones did not either."""

@@ -214,7 +214,7 @@ def _alternative_poses(evidence: Evidence) -> Iterator[str]:
     if others:
         some = "another pose is" if len(others) == 1 else f"{len(others)} other poses are"
         where = f"; the scan fits as well {others[0].words}" if others[0].words else ""
-        remedy = "; with stamp= or prediction= the motion decides" if counts_all(evidence) else ""
+        remedy = "; with prediction=, or stamp= and no long gap, the motion decides" if counts_all(evidence) else ""
         yield f"{some} equally likely: see alternatives{where}{remedy}"
 
 

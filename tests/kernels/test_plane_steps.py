@@ -20,7 +20,7 @@ def test_steps_on_planes_find_the_pose_among_outliers(outliers: int) -> None:
     own[-50:], points[-50:] = own[:50], points[-50:] + 0.3
     distances = np.linalg.norm(points - feet, axis=1)
     limits = np.array([0.5, 0.5, 2.0, 1e-3, 1e-3, 0.5, 8.0, 0.0, 0.0, 0.5, 0.0])
-    step_on_planes(points, own, feet, normals, distances, np.zeros(900), limits, 60, T, weights, figures)
+    step_on_planes(points, own, feet, normals, distances, *np.zeros((2, 900)), limits, 60, T, weights, figures)
     assert not weights[-50:].any()
     # Points that slide on their planes stay as far aside as they were: the kernel's width is of that size.
     assert np.linalg.norm(twist.log(T @ pose.inverse(true))) < (0.03 if outliers else 1e-6)
@@ -33,8 +33,25 @@ def test_what_nothing_holds_stays() -> None:
     points, T = feet + np.array([0.0, 0.0, 0.1]), np.eye(4)
     distances, weights, figures = np.full(400, 0.1), np.zeros(400), np.zeros(FIGURES)
     limits = np.array([0.5, 0.5, 2.0, 1e-3, 1e-3, 0.5, 5.0, 0.0, 0.0, 0.5, 0.0])
-    step_on_planes(points, normals, feet, normals, distances, np.zeros(400), limits, 10, T, weights, figures)
+    step_on_planes(points, normals, feet, normals, distances, *np.zeros((2, 400)), limits, 10, T, weights, figures)
     np.testing.assert_allclose(T[:3, 3], [0.0, 0.0, -0.1], atol=1e-6)
+
+
+@pytest.mark.parametrize("is_known", [True, False])
+def test_planes_across_an_edge_do_not_pull(is_known: bool) -> None:
+    # Law: a floor whose planes beside the walls lie too high is met where the others are, once it is known how far the
+    # points of each plane lie off it; weights and scale, which tell how well a frame fits, stay the same.
+    rng = np.random.default_rng(3)
+    feet, normals = rng.uniform(-5, 5, (900, 3)), np.repeat(np.eye(3), 300, axis=0)
+    points, rough = feet + 0.002 * rng.normal(size=(900, 1)) * normals, np.zeros(900)
+    points[600:660, 2] -= 0.02
+    rough[600:660] = 0.04**2 if is_known else 0.0
+    T, weights, figures = np.eye(4), np.zeros(900), np.zeros(FIGURES)
+    limits = np.array([0.012, 0.9, 0.25, 1e-3, 0.012, 0.5, 8.0, 0.0, 0.0, 0.5, 1.0])
+    none = np.zeros(900)
+    step_on_planes(points, np.zeros((900, 3)), feet, normals, none, none, rough, limits, 20, T, weights, figures)
+    assert weights[600:660].mean() > 0.2
+    assert (abs(T[2, 3]) < 3e-4) == is_known
 
 
 @pytest.mark.parametrize("silent", [0.0, 1.0])
@@ -49,7 +66,7 @@ def test_points_without_a_plane_may_say_nothing(silent: float) -> None:
     T, weights, figures = np.eye(4), np.zeros(400), np.zeros(FIGURES)
     limits = np.array([0.1, 0.9, 1.0, 1e-3, 1e-3, 0.5, 5.0, 0.0, 0.0, 0.5, silent])
     none = np.zeros(400)
-    step_on_planes(points, np.zeros((400, 3)), feet, normals, none, none, limits, 20, T, weights, figures)
+    step_on_planes(points, np.zeros((400, 3)), feet, normals, none, none, none, limits, 20, T, weights, figures)
     if silent:
         assert 0.005 < figures[0] < 0.015
         np.testing.assert_allclose(weights[::2], weights[1::2].mean(), rtol=0.02)
@@ -71,7 +88,7 @@ def test_what_the_noise_of_the_normals_alone_holds_stays(free: list[int], facing
     heights = 0.01 * rng.normal(size=(1200, 1)) * normals
     T, figures, variances = np.eye(4), np.zeros(FIGURES), np.full(1200, 2.0 * 0.03**2)
     limits = np.array([0.3, 0.9, 2.0, 1e-3, 1e-3, 0.5, 5.0, 0.0, 1.5, 0.5, 0.0])
-    none, planes = np.zeros((1200, 3)), (feet, normals, np.zeros(1200), variances)
+    none, planes = np.zeros((1200, 3)), (feet, normals, np.zeros(1200), variances, np.zeros(1200))
     step_on_planes(feet - shift + heights, none, *planes, limits, 200, T, np.zeros(1200), figures)
     found = turn.T @ T[:3, 3]
     np.testing.assert_allclose(found[held], 0.05, atol=5e-3)

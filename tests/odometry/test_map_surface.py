@@ -108,6 +108,7 @@ def test_planes_of_cells_are_near_and_those_of_their_points() -> None:
     # A twentieth of the noise of the points: a plane has some hundreds.
     np.testing.assert_allclose(found.distances, 0.1, atol=0.015)
     assert (np.linalg.norm(found.points - asked @ R.T, axis=1) < 1.5 * SIZE).all()
+    np.testing.assert_allclose(np.sqrt(found.roughness), 0.02, rtol=0.25)
     far = surface.planes_at(np.array([[40.0, 0.0, 0.0]]))
     assert (far.elements[0], far.distances[0], far.normals.any()) == (-1, REACH, False)
 
@@ -119,7 +120,7 @@ def test_what_was_asked_before_stays_in_its_cell() -> None:
     found, expected = surface.planes_at(moved, before), surface.planes_at(moved)
     # Law: within the same cell the same plane; in another one that of the other.
     same = (np.floor(queries / (0.5 * SIZE)) == np.floor(moved / (0.5 * SIZE))).all(axis=1)
-    for name in ("points", "normals", "distances", "elements", "variances"):
+    for name in ("points", "normals", "distances", "elements", "variances", "roughness"):
         assert np.array_equal(getattr(found, name)[~same], getattr(expected, name)[~same]), name
     assert np.array_equal(found.normals[same], before.normals[same])
     assert not np.array_equal(before.distances, found.distances)

@@ -42,6 +42,20 @@ def test_without_times_a_place_one_period_on_is_named():
         assert np.linalg.norm(step[1:]) < 0.1 * abs(step[0])
 
 
+@pytest.mark.parametrize("seed", [20_020, 20_021])
+def test_after_a_gap_in_time_the_motion_before_decides_between_like_places_no_more(seed):
+    # A hall of equal columns, and a way of one period while no frame came, as the stamps say: a dozen steps.
+    drive = KINDS["drive-jump"].task(seed)
+    half = len(drive.frames) // 2
+    way = np.linalg.norm(np.diff(drive.poses[:, :3, 3], axis=0), axis=1)
+    stamps, odometry = 0.1 * np.concatenate([[0.0], np.cumsum(way / np.median(way))]), Odometry()
+    results = [odometry.register_frame(p, stamp=t) for p, t in zip(drive.frames, stamps, strict=True)]
+    assert results[half].verdict.level == "suspect"
+    assert "alternative_poses" in results[half].verdict.codes
+    # What hangs on it is in doubt.
+    assert "accepted" not in [result.verdict.level for result in results[half:]]
+
+
 def test_a_furnished_hall_is_like_itself_nowhere():
     drive = KINDS["drive-hall"].task(1)
     odometry = Odometry()

@@ -45,6 +45,14 @@ def test_a_turn_in_an_outage_is_found_whatever_it_is(yaw_deg):
     assert max(off) < 0.3
 
 
+@pytest.mark.parametrize("cabinet", CABINETS)
+def test_a_half_turn_within_one_step_is_found_where_the_frame_looked_through_the_map(cabinet):
+    # Without a gap in time nothing asks for it but a cabinet that is not there.
+    results, off = drive([*HALL, cabinet], [0, 2, 4, 6, 186, 188], 0.1 * np.arange(6), MIDDLE)
+    assert [result.verdict.level for result in results] == ["accepted"] * 6
+    assert max(off) < 0.3
+
+
 def test_a_half_turn_that_nothing_tells_from_none_is_named():
     results, _ = drive(HALL, [0, 2, 4, 184], [0.0, 0.1, 0.2, 3.2], MIDDLE)
     assert results[-1].verdict.level == "suspect"
