@@ -81,11 +81,19 @@ def on_common_faces(fit: Fit) -> Fit:
         other = fit.beside(T @ fit.T_target_source)
         found = overlap_at(other)
         after = 0 if found[2] is None else len(found[2].points)
-        # A step that leaves less in common has left the place.
-        if not other.found or after < len(overlap.points) - np.sqrt(len(overlap.points)):
+        # A step that leaves less in common has left the place, and so has one after which what held the pose lies
+        # apart: of a plate seen from both sides more lies on the other side than on what both show.
+        if not other.found or _is_fewer(after, len(overlap.points)):
+            break
+        if _is_fewer(float(other.run.weights.sum()), float(fit.run.weights.sum())):
             break
         fit = _recorded(fit, other, found, overlap.residuals, began)
     return fit
+
+
+def _is_fewer(after: float, before: float) -> bool:
+    """Whether some numbers of points differ by more than chance."""
+    return after < before - math.sqrt(before)
 
 
 def _recorded(before: Fit, fit: Fit, found: Compared, residuals: FloatArray, began: float) -> Fit:
