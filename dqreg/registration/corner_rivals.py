@@ -1,8 +1,9 @@
 """Between two clouds that have a corner in common alone: other corners on which a scan may be laid as well.
 
 Three planes fix a pose and leave nothing to check it by but where their faces end; of a part that is nearly symmetric
-these end alike after a quarter or half of a turn. So do more planes of a prism after a step of it. From nothing such a pose is found by how much of both it lays on each
-other. One that lays less there, where nothing speaks against it, may be the right one.
+these end alike after a quarter or half of a turn. So do more planes of a prism after one of its steps. From nothing
+such a pose is found by how much of both it lays on each other. One that lays less there, where nothing speaks against
+it, may be the right one.
 """
 
 from __future__ import annotations
