@@ -8,7 +8,7 @@ import time
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, median
 from dqreg.geometry import CloudSurface, PointCloud, Surface
 from dqreg.geometry.cells import CellSurface
 from dqreg.geometry.normals import NEIGHBOURS, PlaneFits, sample_rows
@@ -20,6 +20,7 @@ from dqreg.registration.problem import Problem
 from dqreg.registration.target_index import TargetIndex
 from dqreg.rigid import pose
 from dqreg.trust.overlap import IndexedPoints, Overlap
+from dqreg.trust.patch_tests import INLIER_SIGMAS
 
 # Points of two clouds of which what is left between them is asked.
 COMPARED = 30_000
@@ -75,25 +76,20 @@ def on_common_faces(fit: Fit) -> Fit:
         moves, _, overlap = overlap_of(fit)
         if overlap is None or len(overlap.points) < MIN_COMMON_SHARE * len(moves.some[0]):
             break
+        # Where most of that lies farther apart than what holds the pose, it is another face: the other side of a plate.
+        if median(np.abs(overlap.residuals)) > INLIER_SIGMAS * fit.run.mixture.scale:
+            break
         T, gain = overlap.best_step()
         if gain <= (MIN_LOG_GAIN_OF_SAMPLE if moves.is_sampled else MIN_LOG_GAIN):
             break
         other = fit.beside(T @ fit.T_target_source)
         found = overlap_at(other)
         after = 0 if found[2] is None else len(found[2].points)
-        # A step that leaves less in common has left the place, and so has one after which what held the pose lies
-        # apart: of a plate seen from both sides more lies on the other side than on what both show.
-        if not other.found or _is_fewer(after, len(overlap.points)):
-            break
-        if _is_fewer(float(other.run.weights.sum()), float(fit.run.weights.sum())):
+        # A step that leaves less in common has left the place.
+        if not other.found or after < len(overlap.points) - np.sqrt(len(overlap.points)):
             break
         fit = _recorded(fit, other, found, overlap.residuals, began)
     return fit
-
-
-def _is_fewer(after: float, before: float) -> bool:
-    """Whether some numbers of points differ by more than chance."""
-    return after < before - math.sqrt(before)
 
 
 def _recorded(before: Fit, fit: Fit, found: Compared, residuals: FloatArray, began: float) -> Fit:

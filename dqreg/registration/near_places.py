@@ -162,7 +162,7 @@ def is_scene(fit: Fit) -> bool:
 
 
 def rows_beside(fit: Fit, poses: FloatArray, reach: float) -> IntArray:
-    """Points of the scan that tell poses, (k, 4, 4), apart: all, of a scene those that one puts about into the part.
+    """Points that tell poses of the scan, (k, 4, 4), apart: all, or of a scene those that one puts into the part.
 
     Among those of a table few would be of a notch, and the pose to which it speaks would be as likely as the others.
     """
@@ -173,7 +173,7 @@ def rows_beside(fit: Fit, poses: FloatArray, reach: float) -> IntArray:
     for T in poses:
         moved = pose.apply(T, scan.points)
         inside |= ((moved >= part.bounds[0] - reach) & (moved <= part.bounds[1] + reach)).all(axis=1)
-    return np.flatnonzero(inside)
+    return np.flatnonzero(inside) if inside.any() else np.arange(len(scan))
 
 
 def is_same_place(fit: Fit, T: FloatArray) -> bool:

@@ -151,8 +151,6 @@ def _as_likely(fit: Fit) -> tuple[FloatArray, FloatArray]:
         return none
     asked, in_scene = None, is_scene(fit)
     rows = rows_beside(fit, np.concatenate([fit.T_target_source[None], maps @ fit.T_target_source]), limit_of(fit))
-    if not len(rows):
-        return none
     if in_scene:
         scan = scan.taken(rows)
     elif isinstance(surface, MeshSurface):
