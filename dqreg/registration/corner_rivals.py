@@ -80,7 +80,7 @@ def corner_rivals(fit: Fit) -> FloatArray:
         return NO_POSES
     normals = np.array([plane.normal for plane in planes.planes])
     turns, is_refused = prism_turns(normals), not is_sound(fit)
-    if is_refused or sum(planes.shares[:CORNER_PLANES]) >= CORNER_SHARE:
+    if sum(planes.shares[:CORNER_PLANES]) >= CORNER_SHARE:
         turns += _cube_turns(normals)
     if not turns:
         return NO_POSES
@@ -116,17 +116,16 @@ def _cube_turns(normals: FloatArray) -> list[FloatArray]:
 
 
 def prism_turns(normals: FloatArray) -> list[FloatArray]:
-    """Rotations of prisms that have an end and sides along normals, (n, 3), but for those of a cube.
+    """Rotations of the prism that has an end and sides along normals, (n, 3), but for a cube's.
 
     A prism shows more faces at once than a corner has, and its turns lay all of them on each other.
     """
-    found = []
     for axis in normals:
         sides = normals[np.abs(normals @ axis) < ACROSS_COS]
         if order := _order(sides):
             steps, flip = about_axis(axis, 2.0 * np.pi / order * np.arange(order)), about_axis(sides[0], np.pi)
-            found += [*steps[1:], *(steps @ flip)]
-    return found
+            return [*steps[1:], *(steps @ flip)]
+    return []
 
 
 def _order(sides: FloatArray) -> int:
