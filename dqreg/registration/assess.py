@@ -21,9 +21,10 @@ from dqreg.registration.fit import Fit
 from dqreg.registration.free_space import begin_free_space, looked_through_at, viewpoint_behind
 from dqreg.registration.held_motions import own_normals
 from dqreg.registration.loop_status import status_of
+from dqreg.registration.near_places import is_scene
 from dqreg.registration.prepared import Prepared
 from dqreg.registration.problem import Problem
-from dqreg.registration.rivals import gain_if_freed, is_scene
+from dqreg.registration.rivals import gain_if_freed
 from dqreg.registration.slides import SLIDE, slide_of
 from dqreg.registration.wall_sides import may_confuse_sides
 from dqreg.rigid import pose

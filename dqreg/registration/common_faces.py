@@ -8,7 +8,7 @@ import time
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, median
 from dqreg.geometry import CloudSurface, PointCloud, Surface
 from dqreg.geometry.cells import CellSurface
 from dqreg.geometry.normals import NEIGHBOURS, PlaneFits, sample_rows
@@ -20,6 +20,7 @@ from dqreg.registration.problem import Problem
 from dqreg.registration.target_index import TargetIndex
 from dqreg.rigid import pose
 from dqreg.trust.overlap import IndexedPoints, Overlap
+from dqreg.trust.patch_tests import INLIER_SIGMAS
 
 # Points of two clouds of which what is left between them is asked.
 COMPARED = 30_000
@@ -74,6 +75,9 @@ def on_common_faces(fit: Fit) -> Fit:
             break
         moves, _, overlap = overlap_of(fit)
         if overlap is None or len(overlap.points) < MIN_COMMON_SHARE * len(moves.some[0]):
+            break
+        # Where most of that lies farther apart than what holds the pose, it is another face: the other side of a plate.
+        if median(np.abs(overlap.residuals)) > INLIER_SIGMAS * fit.run.mixture.scale:
             break
         T, gain = overlap.best_step()
         if gain <= (MIN_LOG_GAIN_OF_SAMPLE if moves.is_sampled else MIN_LOG_GAIN):

@@ -1,12 +1,14 @@
 """Between two clouds that have a corner in common alone: other corners on which a scan may be laid as well.
 
 Three planes fix a pose and leave nothing to check it by but where their faces end; of a part that is nearly symmetric
-these end alike after a quarter or half of a turn. From nothing such a pose is found by how much of both it lays on each
-other. One that lays less there, where nothing speaks against it, may be the right one.
+these end alike after a quarter or half of a turn. So do more planes of a prism after one of its steps. From nothing
+such a pose is found by how much of both it lays on each other. One that lays less there, where nothing speaks against
+it, may be the right one.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence, Set
 from contextlib import suppress
 
 import numpy as np
@@ -14,6 +16,7 @@ import numpy as np
 from dqreg._arrays import FloatArray, product, quantile
 from dqreg._records import replaced
 from dqreg.geometry import PointCloud
+from dqreg.geometry.normals import sample_rows
 from dqreg.kernels.threads import TimeUpError, until
 from dqreg.registration.assess import evidence_of, uncertainty_of, verdict_on
 from dqreg.registration.between_clouds import have_planes_alone, planes_of
@@ -24,18 +27,27 @@ from dqreg.registration.free_space import looked_through_at
 from dqreg.registration.kept_start import LEFT_DIAGONALS
 from dqreg.registration.rivals import NO_POSES, but_symmetric
 from dqreg.rigid import pose
+from dqreg.rigid.rotations import about_axis
 from dqreg.search.axes import cube_rotations
 from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
 from dqreg.search.refine import refine
 from dqreg.trust.common_planes import CORNER_PLANES
 from dqreg.trust.limits import DEPTH_CONFLICT_SHARE
-from dqreg.trust.records import Code
+from dqreg.trust.records import Code, Verdict
 
 # What a verdict says of a pose that too little speaks for, and nothing against.
 TOO_LITTLE: frozenset[Code] = frozenset({"unconstrained", "large_uncertainty", "weakly_constrained", "not_converged"})
+# And of one beside a pose that the verdict refuses.
+TOO_LITTLE_IF_REFUSED: frozenset[Code] = frozenset({"one_plane"})
 # Share of the points beyond either end of what both show that is left out.
 OUTER_SHARE = 1e-3
+# Points that tell how far both reach.
+END_POINTS = 5_000
+# Sides of a prism are across its axis within this cosine; steps between them are at least so large, and whole parts of
+# a turn within that angle.
+ACROSS_COS, MIN_STEP_RAD = 0.1, np.deg2rad(28.0)
+SAME_STEP_RAD = np.deg2rad(3.0)
 # Share of the common places that three planes hold, where others hold hardly more than chance.
 CORNER_SHARE = 0.9
 # Refinement of the poses, on a sample.
@@ -53,8 +65,7 @@ def beside_corners(known: BestPoses, start: FloatArray | None) -> BestPoses:
     if start is not None and not is_elsewhere(fit, fit.T_target_source, start):
         return known
     with suppress(TimeUpError), until(fit.problem.watch.deadline):
-        # What the verdict refuses needs no other reason.
-        if have_planes_alone(fit) and is_sound(fit):
+        if have_planes_alone(fit):
             others = corner_rivals(fit)
     return replaced(known, turned=np.concatenate([known.turned, others]))
 
@@ -65,9 +76,21 @@ def corner_rivals(fit: Fit) -> FloatArray:
     planes, target = planes_of(fit), fit.target.geometry
     if options.method != "auto" or fit.constraints.any or not isinstance(target, PointCloud):
         return NO_POSES
-    if planes is None or not planes.are_all or sum(planes.shares[:CORNER_PLANES]) < CORNER_SHARE:
+    if planes is None or not planes.are_all:
         return NO_POSES
-    begun = _turned(fit, target.points, np.array([plane.normal for plane in planes.planes]))
+    normals = np.array([plane.normal for plane in planes.planes])
+    turns, is_refused = prism_turns(normals), not is_sound(fit)
+    if sum(planes.shares[:CORNER_PLANES]) >= CORNER_SHARE:
+        turns += _cube_turns(normals)
+    if not turns:
+        return NO_POSES
+    # What speaks against the pose that was found leaves the others as likely.
+    but = TOO_LITTLE | set(_verdict(fit).codes) | (TOO_LITTLE_IF_REFUSED if is_refused else set())
+    return _open_ones(fit, _turned(fit, target.points, normals, turns), but)
+
+
+def _open_ones(fit: Fit, begun: FloatArray, but: Set[str]) -> FloatArray:
+    """Those of some poses, (k, 4, 4), refined or as they are, that nothing speaks against but some reasons."""
     size, points = fit.prepared.surface.diagonal, fit.prepared.scan.thinned(REFINING_POINTS).points
     widths = np.geomspace(FIRST_SCALE_DIAGONALS, LAST_SCALE_DIAGONALS, REFINEMENT_STEPS) * size
     ended = refine(Poses.of(begun), OrientedPoints.on_faces(points), fit.prepared.surface, widths).matrices
@@ -76,38 +99,84 @@ def corner_rivals(fit: Fit) -> FloatArray:
         # What little holds slides off in the refinement, and a corner whose faces end elsewhere is off before it.
         both = [T, refined] if displacement_between(fit, T, refined) <= LEFT_DIAGONALS else [T]
         for each in but_symmetric(fit, np.stack(both)):
-            if _is_open(fit.at(each)):
+            if _is_open(fit.at(each), but):
                 found.append(each)
                 break
     return np.array(found).reshape(-1, 4, 4)
 
 
-def _turned(fit: Fit, target: FloatArray, normals: FloatArray) -> FloatArray:
-    """The pose after the turns of a cube that has faces along normals, (n, 3), about the middle of what both show.
-
-    Shapes: returns (23, 4, 4).
-    """
+def _cube_turns(normals: FloatArray) -> list[FloatArray]:
+    """Rotations of a cube that has faces along normals, (n, 3)."""
     one = normals[0]
     other = normals[1] if len(normals) > 1 else np.eye(3)[np.abs(one).argmin()]
     other = other - (one @ other) * one
     other /= np.linalg.norm(other)
     axes = np.stack([one, other, np.cross(one, other)])
+    return [axes.T @ R @ axes for R in cube_rotations() if not np.array_equal(R, np.eye(3))]
+
+
+def prism_turns(normals: FloatArray) -> list[FloatArray]:
+    """Rotations of the prism that has an end and sides along normals, (n, 3), but for a cube's.
+
+    A prism shows more faces at once than a corner has, and its turns lay all of them on each other.
+    """
+    for axis in normals:
+        sides = normals[np.abs(normals @ axis) < ACROSS_COS]
+        if order := _order(sides):
+            steps, flip = about_axis(axis, 2.0 * np.pi / order * np.arange(order)), about_axis(sides[0], np.pi)
+            return [*steps[1:], *(steps @ flip)]
+    return []
+
+
+def _order(sides: FloatArray) -> int:
+    """Number of sides of a prism that has some of them along normals, (n, 3); 0 for none, and for a cube's."""
+    angles = np.arccos(np.clip(np.abs(sides @ sides.T)[np.triu_indices(len(sides), 1)], 0.0, 1.0))
+    angles = np.concatenate([angles, np.pi - angles])
+    orders = np.round(2.0 * np.pi / angles[angles > MIN_STEP_RAD])
+    fits = np.abs(angles[angles > MIN_STEP_RAD] - 2.0 * np.pi / orders) < SAME_STEP_RAD
+    return int(orders[fits & (orders != 2.0) & (orders != 4.0)].max(initial=0.0))
+
+
+def _turned(fit: Fit, target: FloatArray, normals: FloatArray, turns: Sequence[FloatArray]) -> FloatArray:
+    """The pose after turns, (3, 3) each, with shifts that lay the ends of what both clouds show on each other.
+
+    Shapes: returns (k, 4, 4).
+    """
     placed = pose.apply(fit.T_target_source, fit.prepared.scan.points)
-    points = product(np.concatenate([placed, target]), axes.T)
-    middle = np.array([0.5 * (quantile(x, OUTER_SHARE) + quantile(x, 1.0 - OUTER_SHARE)) for x in points.T]) @ axes
-    turns = [axes.T @ R @ axes for R in cube_rotations() if not np.array_equal(R, np.eye(3))]
-    return np.array([pose.from_parts(R, middle - R @ middle) @ fit.T_target_source for R in turns])
+    points = np.concatenate([placed, target])
+    points = points[sample_rows(len(points), END_POINTS)]
+    if len(normals) < CORNER_PLANES:
+        one = normals[0]
+        other = normals[1] if len(normals) > 1 else np.eye(3)[np.abs(one).argmin()]
+        normals = np.stack([one, other, np.cross(one, other)])
+    sides = np.concatenate([normals, -normals])
+    ends = _ends(points, sides)
+    found = []
+    for R in turns:
+        turned = sides @ R.T
+        shift = np.linalg.lstsq(turned, _ends(points, turned) - ends, rcond=1e-6)[0]
+        found.append(pose.from_parts(R, shift) @ fit.T_target_source)
+    return np.array(found).reshape(-1, 4, 4)
 
 
-def _is_open(fit: Fit) -> bool:
-    """Whether nothing speaks against a pose, though little may speak for it."""
+def _ends(points: FloatArray, directions: FloatArray) -> FloatArray:
+    """How far points, (n, 3), reach along directions, (k, 3), but for a few, (k,)."""
+    return np.array([quantile(heights, 1.0 - OUTER_SHARE) for heights in product(points, directions.T).T])
+
+
+def _is_open(fit: Fit, but: Set[str]) -> bool:
+    """Whether nothing speaks against a pose but some reasons, though little may speak for it."""
     agreement = fit.agreement
     if agreement.share_on < MIN_SHARE_ON or agreement.share_near < MIN_SHARE_NEAR:
         return False
     through = looked_through_at(fit)[0]
     if through > DEPTH_CONFLICT_SHARE:
         return False
-    verdict = verdict_on(fit, evidence_of(fit, uncertainty_of(fit)))
+    verdict = _verdict(fit)
     # Both sides of a wall are faces apart that are none: where nothing was looked through, that tells.
-    none: set[Code] = {"faces_apart"} if np.isfinite(through) else set()
-    return verdict.level == "accepted" or (TOO_LITTLE | none).issuperset(verdict.codes)
+    none = {"faces_apart"} if np.isfinite(through) else set()
+    return verdict.level == "accepted" or set(verdict.codes) <= but | none
+
+
+def _verdict(fit: Fit) -> Verdict:
+    return verdict_on(fit, evidence_of(fit, uncertainty_of(fit)))

@@ -16,13 +16,12 @@ from dqreg.registration.fit import Fit
 from dqreg.registration.free_space import looked_through_at
 from dqreg.registration.initial_pose import GlobalSearch, InitialPose
 from dqreg.registration.local_evidence import MISFIT
-from dqreg.registration.near_places import near_maps
+from dqreg.registration.near_places import is_scene, near_maps
 from dqreg.registration.rivals import (
     MIN_GAIN_SIGMAS,
     MIN_LOG_GAIN,
     NO_POSES,
     down_to_noise,
-    is_scene,
     mirror_gain,
     scores_of,
 )

@@ -15,6 +15,7 @@ from dqreg.registration.assess import evidence_of, uncertainty_of
 from dqreg.registration.displacement import displacement_between, is_elsewhere, offset_from_start
 from dqreg.registration.fallback import BestPoses, is_doubtful
 from dqreg.registration.fit import Fit
+from dqreg.registration.initial_pose import FOUND
 from dqreg.registration.near_places import near_maps
 from dqreg.registration.rivals import MIN_LOG_GAIN, NO_POSES, but_symmetric, scores_of
 from dqreg.search.search import RAY_CONFLICT_MARGIN
@@ -24,11 +25,12 @@ from dqreg.trust.limits import DISAGREEING_NORMAL_SHARE, MIN_INLIER_FRACTION, lo
 LEFT_DIAGONALS = 0.2
 
 
-def but_start_kept(begun: Fit, known: BestPoses, start: FloatArray) -> BestPoses:
+def but_start_kept(begun: Fit, known: BestPoses, start: FloatArray, kernel_scale: float) -> BestPoses:
     """What is known of two clouds; or, where that is far from the initial pose, the fit to which this led.
 
-    The pose that was left stands beside it. Where the loop itself went far, what was found is the answer, and the
-    initial pose stands beside that. Nothing is kept that is contradicted.
+    The pose that was left stands beside it. Where the loop itself went far, a kernel too narrow to leave the initial
+    pose is asked; where the surfaces agree less there, what was found is the answer, and the initial pose stands beside
+    that. Nothing is kept that is contradicted.
     """
     found = known.fit
     if begun.target.kind != "cloud" or not begun.found or not found.found:
@@ -37,11 +39,27 @@ def but_start_kept(begun: Fit, known: BestPoses, start: FloatArray) -> BestPoses
         return known
     has_stayed = displacement_between(begun, start, begun.T_target_source) <= LEFT_DIAGONALS
     if has_stayed and not _is_contradicted(begun, found):
-        others = np.concatenate([found.T_target_source[None], known.others])
-        return replaced(known, fit=begun, others=others, turned=np.concatenate([others[:1], known.turned]))
+        return _beside_found(begun, known)
     if _is_contradicted(begun.at(start), found):
         return known
+    near = begun.resumed(start, kernel_scale)
+    if _is_as_sound(near, found, start):
+        return _beside_found(near, known)
     return replaced(known, turned=np.concatenate([known.turned, start[None]]))
+
+
+def _beside_found(fit: Fit, known: BestPoses) -> BestPoses:
+    """A fit as the answer, with the best of what is known named beside it, and no pose that is the fit's own."""
+    turned = np.concatenate([known.fit.T_target_source[None], known.turned])
+    apart = [displacement_between(fit, fit.T_target_source, T) > FOUND for T in turned]
+    return replaced(known, fit=fit, turned=turned[apart])
+
+
+def _is_as_sound(near: Fit, found: Fit, start: FloatArray) -> bool:
+    """Whether a fit is beside the initial pose, and no more speaks against it than against the one found elsewhere."""
+    if not near.found or near.is_late or displacement_between(near, start, near.T_target_source) > LEFT_DIAGONALS:
+        return False
+    return not _is_contradicted(near, found) and (not is_doubtful(near) or is_doubtful(found))
 
 
 def _is_contradicted(fit: Fit, found: Fit) -> bool:

@@ -6,20 +6,21 @@ import dataclasses
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, bounds
+from dqreg._arrays import FloatArray, IntArray, bounds
 from dqreg.geometry import CloudSurface, Mesh, Surface
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.sampling import places_on
 from dqreg.kernels.threads import unlocked_property
 from dqreg.registration.derived import Key
 from dqreg.registration.fit import Fit
-from dqreg.rigid import twist
+from dqreg.rigid import pose, twist
 from dqreg.search.cloud_rings import ring_turns
 from dqreg.search.near_symmetry import is_symmetry, near_flips
 from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.periods import MIN_PERIOD_DIAGONALS, near_periods
 from dqreg.search.plane_maps import MAX_LOST_SHARE, MIN_FLAT_SHARE, PLANE_POINTS, Planes, plane_maps
 from dqreg.search.poses import Poses
+from dqreg.search.problem import SCENE
 from dqreg.search.refine import refine
 from dqreg.search.tangent_planes import TangentPlanes
 from dqreg.trust.information import scaling_by
@@ -153,6 +154,26 @@ def _reaches_over(fit: Fit, whole: FloatArray) -> bool:
 
 def _extent(points: FloatArray) -> FloatArray:
     return np.subtract(*bounds(points)[::-1]) if len(points) else np.zeros(3)
+
+
+def is_scene(fit: Fit) -> bool:
+    """Whether the scan is so large that it shows more than the target, which is closed."""
+    return not fit.has_border and fit.prepared.scan.diagonal > SCENE * fit.prepared.surface.diagonal
+
+
+def rows_beside(fit: Fit, poses: FloatArray, reach: float) -> IntArray:
+    """Points that tell poses of the scan, (k, 4, 4), apart: all, or of a scene those that one puts into the part.
+
+    Among those of a table few would be of a notch, and the pose to which it speaks would be as likely as the others.
+    """
+    scan, part = fit.prepared.scan, fit.problem.target.geometry
+    if not is_scene(fit) or not isinstance(part, Mesh):
+        return np.arange(len(scan))
+    inside = np.zeros(len(scan), dtype=bool)
+    for T in poses:
+        moved = pose.apply(T, scan.points)
+        inside |= ((moved >= part.bounds[0] - reach) & (moved <= part.bounds[1] + reach)).all(axis=1)
+    return np.flatnonzero(inside) if inside.any() else np.arange(len(scan))
 
 
 def is_same_place(fit: Fit, T: FloatArray) -> bool:

@@ -186,7 +186,7 @@ def second_try(fit: Fit, start: InitialPose, search: GlobalSearch) -> BestPoses:
         equals = but_on_the_way(known.fit, equals, kernel_scale if fit.problem.options.method == "auto" else None)
     known = replaced(known, others=np.concatenate([known.others, equals]))
     if T_given is not None:
-        known = but_start_kept(begun, replaced(known, fit=without_drift(known.fit, T_given)), T_given)
+        known = but_start_kept(begun, replaced(known, fit=without_drift(known.fit, T_given)), T_given, kernel_scale)
     return beside_corners(known, T_given)
 
 

@@ -13,13 +13,12 @@ from dqreg.registration.displacement import is_elsewhere
 from dqreg.registration.evidence import near_limit
 from dqreg.registration.fit import Fit
 from dqreg.registration.free_space import both_rays, met_at, met_by
-from dqreg.registration.near_places import is_same_place, near_maps
+from dqreg.registration.near_places import is_same_place, is_scene, near_maps, rows_beside
 from dqreg.rigid import pose
 from dqreg.search.flipped_poses import far_mirrors, flipped_poses, gain_of_mirror
 from dqreg.search.near_symmetry import mirrors_about
 from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
-from dqreg.search.problem import SCENE
 from dqreg.search.refine import refine
 from dqreg.search.scoring import PoseScores, distances_at, scored
 from dqreg.search.search import RAY_CONFLICT_MARGIN
@@ -72,7 +71,8 @@ def scores_of(fit: Fit, poses: FloatArray, count: int = JUDGING_POINTS) -> PoseS
 
 def scores_and_rows(fit: Fit, poses: FloatArray, count: int = JUDGING_POINTS) -> tuple[PoseScores, IntArray]:
     """The same, and which points of the scan they are of."""
-    rows = sample_rows(len(fit.prepared.scan), count)
+    rows = rows_beside(fit, poses, limit_of(fit))
+    rows = rows[sample_rows(len(rows), count)]
     scores, on = of_those_on(fit, _distances(fit, poses, rows))
     return scores, rows[on]
 
@@ -149,18 +149,21 @@ def _as_likely(fit: Fit) -> tuple[FloatArray, FloatArray]:
     maps = near_maps(fit)
     if not len(maps):
         return none
-    asked = None
-    if isinstance(surface, MeshSurface):
+    asked, in_scene = None, is_scene(fit)
+    rows = rows_beside(fit, np.concatenate([fit.T_target_source[None], maps @ fit.T_target_source]), limit_of(fit))
+    if in_scene:
+        scan = scan.taken(rows)
+    elif isinstance(surface, MeshSurface):
         pairs = fit.evenly_asked()
         asked = pairs.scan.points, pairs.distances
     # Of few points amid a scene none is refined that far.
-    scale = np.inf if is_scene(fit) else fit.run.mixture.scale
+    scale = np.inf if in_scene else fit.run.mixture.scale
     found = flipped_poses(fit.T_target_source, maps, scan, surface, limit_of(fit), fit.floor, asked, scale)
     others = np.array([T for T, _ in found]).reshape(-1, 4, 4)
     if not len(others):
         return none
     poses = np.concatenate([fit.T_target_source[None], others])
-    distances = _distances(fit, poses, sample_rows(len(scan), JUDGING_POINTS))
+    distances = _distances(fit, poses, rows[sample_rows(len(rows), JUDGING_POINTS)])
     # Few points may tell them apart where their mean does not.
     scores, _ = of_those_on(fit, distances)
     likely = np.flatnonzero(scores.as_likely(0, MIN_LOG_GAIN) & ~scores.distinguishable(0))
@@ -264,11 +267,6 @@ def gain_if_freed(fit: Fit) -> tuple[float, float, float]:
 def _much_is_off(fit: Fit) -> bool:
     """Whether more of a scan that is no scene lies off the part than a near mirror image leaves."""
     return fit.agreement.share_on < 1.0 - MIRROR_OFF_PART_SHARE and not is_scene(fit)
-
-
-def is_scene(fit: Fit) -> bool:
-    """Whether the scan is so large that it shows more than the target, which is closed."""
-    return not fit.has_border and fit.prepared.scan.diagonal > SCENE * fit.prepared.surface.diagonal
 
 
 def _some_apart(fit: Fit) -> bool:

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 import dqreg
-from dqreg.geometry import PointCloud
+from dqreg._records import replaced
+from dqreg.geometry import Mesh, PointCloud, sample_mesh
 from dqreg.registration.common_faces import on_common_faces, overlap_of
 from dqreg.registration.fit import Fit, coarse_to_fine
 from dqreg.rigid import pose, twist
 from dqreg.synth.many_views import street_drive
+from dqreg.synth.parts import box as solid
 from tests.registration.scenes import problem_of
 from tests.strategies import FloatArray
 from tests.trust.shapes import box
@@ -88,3 +90,26 @@ def test_clouds_without_common_faces_keep_their_pose() -> None:
     fit = coarse_to_fine(problem, prepared, start, settings, constraints)
     assert overlap_of(fit)[2] is None
     assert on_common_faces(fit) is fit
+
+
+@pytest.mark.parametrize("share", [0.6, 1.0])
+def test_a_plate_seen_from_both_sides_is_not_stepped_through(share: float) -> None:
+    # Both show two of its sides, which hold the pose, and most of the rest of each lies opposite the other's: one
+    # thickness of 10 off, to which a step led.
+    plate = Mesh(*solid((80.0, 80.0, 10.0)))
+
+    def seen(seed: int, height: float) -> PointCloud:
+        rng = np.random.default_rng(seed)
+        points = sample_mesh(plate, 8_000, rng).points
+        away = np.abs(points - plate.bounds[0])
+        sides = (away[:, :2].min(axis=1) < 1e-9) & (rng.random(len(points)) < share)
+        points = points[(np.abs(points[:, 2] - height) < 1e-9) | sides]
+        return PointCloud(points + 0.01 * rng.normal(size=points.shape))
+
+    problem = problem_of(seen(1, plate.bounds[1, 2]), seen(2, plate.bounds[0, 2]), np.eye(4))
+    prepared, start = problem.prepare(), problem.to_centred(np.eye(4))
+    constraints = problem.constraints(start)
+    settings = problem.options.icp_settings(problem.max_distance(prepared), constraints)
+    fit = coarse_to_fine(problem, prepared, start, replaced(settings, first_kernel_scale=0.1), constraints)
+    moved = pose.apply(on_common_faces(fit).T_target_source, plate.vertices)
+    assert np.abs(moved - pose.apply(fit.T_target_source, plate.vertices)).max() < 1.0
