@@ -77,14 +77,24 @@ def median(values: Iterable[float]) -> float:
 
 
 def largest_reliable(rows: Sequence[SummaryRow], engine: str, axis: str, setting: str) -> float:
-    """Largest value of an axis up to which every run of an engine was successful; NaN for none."""
-    largest = math.nan
+    """Value of an axis, by size, up to which every run of an engine was successful; NaN for none.
+
+    Tasks are harder the larger the value is, but for the overlap: there it is the smallest.
+    """
+    found: dict[float, bool] = {}
     for row in rows:
-        if (row.engine, row.place.axis, row.place.setting) == (engine, axis, setting):
-            if not row.all_found or not isinstance(row.place.value, (int, float)):
-                break
-            largest = float(row.place.value)
-    return largest
+        value = row.place.value
+        if (row.engine, row.place.axis, row.place.setting) == (engine, axis, setting) and isinstance(
+            value, int | float
+        ):
+            found[float(value)] = row.all_found and found.get(float(value), True)
+    hardest = math.nan
+    # Not as the runs come: a comparison that went on later has its easy tasks last.
+    for value in sorted(found, reverse=axis == "overlap"):
+        if not found[value]:
+            break
+        hardest = value
+    return hardest
 
 
 def time_exponent(rows: Sequence[SummaryRow], engine: str) -> float:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import FloatArray, as_float, require_finite
+from dqreg._arrays import FloatArray, as_float, as_place, require_finite
 from dqreg._records import one_line
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.rigid._matrices import from_matrix, to_matrix
@@ -20,13 +20,15 @@ from dqreg.rigid.twist import adjoint, exp, left_jacobian_inverse, log
 _MOST, _STEP = 100, 1e-13
 # The same for fused poses, in sigmas of the answer.
 _STEP_SIGMAS = 1e-10
+# Smallest eigenvalue of correlations that is no rounding.
+_SINGULAR = 1e-15
 
 
 class PoseMean(NamedTuple):
     """Mean of poses and how sure it is.
 
     Covariances are (6, 6), rotation first, of left increments: ``T_true = exp(x) @ T_target_source``, about the origin
-    of the target frame.
+    of the target frame, or ``T_true = pose.about(exp(x), centre) @ T_target_source`` where a centre was given.
 
     Parameters
     ----------
@@ -52,7 +54,13 @@ class PoseMean(NamedTuple):
         return one_line(self)
 
 
-def mean(T: ArrayLike, weights: ArrayLike | None = None, *, covariances: ArrayLike | None = None) -> PoseMean:
+def mean(
+    T: ArrayLike,
+    weights: ArrayLike | None = None,
+    *,
+    covariances: ArrayLike | None = None,
+    centre: ArrayLike | None = None,
+) -> PoseMean:
     """Mean pose (Karcher): the one about which the twists add up to zero, ``sum w log(T_i mean^-1) = 0``.
 
     It does not depend on either frame: ``mean(A T B) = A mean(T) B``. With covariances it is the most likely pose of
@@ -65,7 +73,12 @@ def mean(T: ArrayLike, weights: ArrayLike | None = None, *, covariances: ArrayLi
     weights : array_like, (n,), optional
         Weights, not negative; equal ones if not given.
     covariances : array_like, (n, 6, 6), optional
-        Covariance of each pose, of left increments about the origin of the target frame, in place of weights.
+        Covariance of each pose, of left increments about ``centre``, in place of weights.
+    centre : array_like, (3,), optional
+        Point of the target frame that the increments turn about, those of ``covariances`` and of the answer:
+        ``T_true = pose.about(exp(x), centre) @ T``. Default: the frame's origin. Give a point near the poses where
+        these lie far away, as in UTM coordinates; for covariances of registrations to one target it is their
+        ``settings["centre"]``.
 
     Returns
     -------
@@ -76,7 +89,8 @@ def mean(T: ArrayLike, weights: ArrayLike | None = None, *, covariances: ArrayLi
     Raises
     ------
     InputError
-        If there are no poses, one is not rigid, a weight negative, a covariance not positive, or both are given.
+        If there are no poses, one is not rigid, a weight negative, a covariance not positive (as those about a far
+        origin are, by rounding), or both are given.
     DegenerateGeometryError
         If the rotations lie too far apart to have a mean.
 
@@ -91,11 +105,12 @@ def mean(T: ArrayLike, weights: ArrayLike | None = None, *, covariances: ArrayLi
         raise InputError(f"T must hold at least one pose, (n, 4, 4); got shape {poses.shape}")
     if weights is not None and covariances is not None:
         raise InputError("give weights or covariances, not both: a covariance is a weight")
+    c = np.zeros(3) if centre is None else as_place(centre, "centre")
     w = shares(weights, len(poses))
     if w.ndim != 1:
         raise InputError(f"weights must be {len(poses)} numbers; got shape {w.shape}")
     found, twists = _karcher(poses, w)
-    about = adjoint(found)
+    about = adjoint(_less(found, c))
     # Weights are shares, so this is the sample covariance with n - 1 where all are equal.
     rest = 1.0 - np.sum(w * w)
     scatter = (
@@ -103,7 +118,10 @@ def mean(T: ArrayLike, weights: ArrayLike | None = None, *, covariances: ArrayLi
     )
     if covariances is None:
         return PoseMean(found, scatter * np.sum(w * w), scatter)
-    return PoseMean(*_fused(poses, found, _as_information(covariances, len(poses))), scatter)
+    # About the centre the poses are near zero, and turns carry no far lever.
+    fused, covariance = _fused(_less(poses, c), _less(found, c), _as_information(covariances, len(poses)))
+    fused[:3, 3] += c
+    return PoseMean(fused, covariance, scatter)
 
 
 def _karcher(poses: FloatArray, w: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -132,12 +150,18 @@ def _fused(poses: FloatArray, T: FloatArray, information: FloatArray) -> tuple[F
         J = left_jacobian_inverse(residuals)
         JI = np.swapaxes(J, -1, -2) @ information
         normal = np.sum(JI @ J, axis=0)
-        step = -np.linalg.solve(normal, np.einsum("nij,nj->i", JI, residuals))
+        step = -_inverse_of(normal) @ np.einsum("nij,nj->i", JI, residuals)
         T = exp(step) @ T
         if step @ normal @ step <= _STEP_SIGMAS**2:
             break
-    covariance = np.linalg.inv(normal)
-    return T, (covariance + covariance.T) / 2.0
+    return T, _inverse_of(normal)
+
+
+def _less(T: FloatArray, centre: FloatArray) -> FloatArray:
+    """Poses with their translations less the centre. Shapes: T (..., 4, 4)."""
+    near = T.copy()
+    near[..., :3, 3] -= centre
+    return near
 
 
 def _inverse(T: FloatArray) -> FloatArray:
@@ -151,8 +175,20 @@ def _as_information(covariances: ArrayLike, count: int) -> FloatArray:
     if C.shape != (count, 6, 6):
         raise InputError(f"covariances must have shape ({count}, 6, 6), one each; got {C.shape}")
     require_finite(C, "covariances")
-    try:
-        np.linalg.cholesky(C)
-    except np.linalg.LinAlgError:
-        raise InputError("covariances must be positive definite; what is not known has a large variance") from None
-    return np.asarray(np.linalg.inv(C))
+    return _inverse_of(C)
+
+
+def _inverse_of(C: FloatArray) -> FloatArray:
+    """Inverses, (..., 6, 6), in units of the standard deviations: radians and metres lie far apart."""
+    variances = np.diagonal(C, axis1=-2, axis2=-1)
+    size = np.sqrt(np.where(variances > 0.0, variances, 1.0))
+    values, vectors = np.linalg.eigh(C / size[..., :, None] / size[..., None, :])
+    if not (variances > 0.0).all() or not (values > _SINGULAR).all():
+        raise InputError(
+            f"covariances must be positive definite; the smallest variance is {variances.min():.3g}, and the smallest "
+            f"eigenvalue of correlations {values.min():.3g}, where more than {_SINGULAR:g} is no rounding. What is not "
+            "known has a large variance; about an origin far from the poses turns and shifts are one but for rounding: "
+            "give covariances about a point near the poses, and that point as centre="
+        )
+    half = vectors / np.sqrt(values)[..., None, :] / size[..., :, None]
+    return np.asarray(half @ np.swapaxes(half, -1, -2))

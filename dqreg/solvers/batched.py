@@ -13,8 +13,8 @@ from dqreg.errors import InputError
 from dqreg.kernels.threads import as_plain
 from dqreg.solvers.batched_input import FeatureSet, Sides, read_features
 from dqreg.solvers.batched_sums import BatchSums, residual_sums, sum_block
-from dqreg.solvers.closed_form import SMALLEST_DIFFERENCE, narrow_floor
 from dqreg.solvers.narrow import NARROW, long_axes
+from dqreg.solvers.rounding import SAME_POINT, SMALLEST_DIFFERENCE, SMALLEST_GAP, across_floor
 from dqreg.solvers.uncertainty import FitUncertainty
 
 # Numbers a block of problems holds a side: its temporaries stay in the cache.
@@ -184,8 +184,8 @@ def _solve_block(
         # lambda_1 + lambda_3 is 2 s2 and lambda_1 + lambda_2 is 2 s1: see `closed_form`.
         narrow = np.flatnonzero((lambda_1 + lambda_3 <= NARROW * (lambda_1 + lambda_2)) & tame)
         if narrow.size:
-            R[:, :, narrow], lambda_1[narrow], difference[narrow] = _narrow_rotations(sums, sides, beta, narrow)
-            floor[narrow] = sums.floor[narrow] + narrow_floor(sums.reach[narrow], lambda_1[narrow])
+            found = _narrow_rotations(sums, sides, beta, narrow)
+            R[:, :, narrow], lambda_1[narrow], difference[narrow], floor[narrow] = found
         good = tame & (sums.weight > 0.0) & (difference > floor)
         gap = np.where(lambda_1 > 0.0, difference / lambda_1, 0.0)
         point_cost, direction_cost = residual_sums(R, sums, beta, sides)
@@ -205,20 +205,24 @@ def _solve_block(
 
 def _narrow_rotations(
     sums: BatchSums, directions: Sides | None, beta: FloatArray, rows: NDArray[np.intp]
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Rotations (3, 3, r), lambda_1 and its gap to lambda_2 of the problems whose matches are narrow: see `narrow`."""
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Rotations (3, 3, r), lambda_1, its gap to lambda_2 and its least value, of narrow problems: see `narrow`."""
     A, B = (np.moveaxis(axes, 0, -1) for axes in long_axes(np.moveaxis(sums.H[:, :, rows], -1, 0)))
     H = np.zeros(A.shape)
-    kinds = [(sums.p, sums.q, np.where(sums.wide, beta, 0.0))] + ([directions] if directions is not None else [])
-    for a, b, weights in kinds:
+    floor, points = SMALLEST_GAP * sums.reach[rows], (sums.p, sums.q, np.where(sums.wide, beta, 0.0))
+    for a, b, weights in [points] if directions is None else [points, directions]:
         source, target = (np.einsum("jkr,jir->kir", axes, x[:, :, rows]) for axes, x in ((A, a), (B, b)))
-        H += np.einsum("iar,jar->ijr", target * weights[:, rows], source)
+        heavy = weights[:, rows]
+        H += np.einsum("iar,jar->ijr", target * heavy, source)
+        squares = np.array([(side**2 * heavy).sum(axis=1) for side in (source, target)])
+        grains = sums.grains[:, rows] * sums.wide[rows] if a is sums.p else SAME_POINT * np.sqrt(squares.sum(axis=1))
+        floor += across_floor(grains, np.sqrt(squares[:, 1:].sum(axis=1)))
     across, turned = H[1, 1] + H[2, 2], H[2, 1] - H[1, 2]
     held = np.hypot(across, turned)
     c, s = np.where(held > 0.0, np.array((across, turned)) / held, [[1.0], [0.0]])
     nothing = np.zeros(len(rows))
     roll = np.array([[nothing + 1.0, nothing, nothing], [nothing, c, -s], [nothing, s, c]])
-    return np.einsum("ijr,jkr,lkr->ilr", B, roll, A), H[0, 0] + held, 2.0 * held
+    return np.einsum("ijr,jkr,lkr->ilr", B, roll, A), H[0, 0] + held, 2.0 * held, floor
 
 
 def _eigenvectors(H: FloatArray) -> tuple[FloatArray, FloatArray]:

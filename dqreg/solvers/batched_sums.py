@@ -8,8 +8,8 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
 from dqreg.solvers.batched_input import Sides
-from dqreg.solvers.closed_form import SAME_POINT
 from dqreg.solvers.least_squares import SMALLEST_SQUARE
+from dqreg.solvers.rounding import SAME_POINT, grain_of, rounding_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,6 +27,7 @@ class BatchSums:
     # reach, floor: (c,): Largest lambda_1 such data could have, and gap that the rounding of coordinates could make
     reach: FloatArray
     floor: FloatArray
+    grains: FloatArray  # (2, c): How far rounding may move the points of either side, see `rounding`
     # wide, faint: (c,): Whether the points count, as those in one place do not; whether their squares lose digits
     wide: BoolArray
     faint: BoolArray
@@ -39,19 +40,22 @@ def sum_block(source: FloatArray, target: FloatArray, beta: FloatArray, directio
     mean_source, p = _about_mean(source, share)
     mean_target, q = _about_mean(target, share)
     H, spread_source, spread_target = _products(p, q, beta)
-    grain_source = SAME_POINT**2 * weight * (mean_source**2).sum(axis=0)
-    grain_target = SAME_POINT**2 * weight * (mean_target**2).sum(axis=0)
-    wide = (spread_source > grain_source) & (spread_target > grain_target)
+    sizes = np.sqrt(spread_source), np.sqrt(spread_target)
+    squares = (mean_source**2).sum(axis=0), (mean_target**2).sum(axis=0)
+    # That of the mean alone: what the spread has rounds with the sums.
+    far = [SAME_POINT * np.sqrt(weight) * np.sqrt(square) for square in squares]
+    wide = (sizes[0] > far[0]) & (sizes[1] > far[1])
     least = np.minimum(spread_source, spread_target)
     faint = (least > 0.0) & (least < SMALLEST_SQUARE * weight)
     H = np.where(wide, H, 0.0)
-    reach = np.where(wide, np.sqrt(spread_source) * np.sqrt(spread_target), 0.0)
-    floor = np.where(wide, np.sqrt(grain_source) * np.sqrt(grain_target), 0.0)
+    reach = np.where(wide, sizes[0] * sizes[1], 0.0)
+    floor = np.where(wide, rounding_of((far[0], far[1]), sizes), 0.0)
+    grains = np.array([grain_of(weight, square, size**2) for square, size in zip(squares, sizes, strict=True)])
     if directions is not None:
         more, length_source, length_target = _products(*directions)
         H = H + more
         reach = reach + np.sqrt(length_source) * np.sqrt(length_target)
-    return BatchSums(weight, mean_source, mean_target, p, q, H, reach, floor, wide, faint)
+    return BatchSums(weight, mean_source, mean_target, p, q, H, reach, floor, grains, wide, faint)
 
 
 def residual_sums(

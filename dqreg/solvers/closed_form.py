@@ -36,19 +36,11 @@ from dqreg.solvers.fit import Fit
 from dqreg.solvers.matches import Matches
 from dqreg.solvers.moments import Moments
 from dqreg.solvers.narrow import is_narrow, long_axes, rotation_of
+from dqreg.solvers.rounding import SAME_POINT, SMALLEST_DIFFERENCE, SMALLEST_GAP, rounding_of
 from dqreg.solvers.uncertainty import FitUncertainty
 from dqreg.solvers.undetermined import no_weight_message, undetermined
 
 Why = Callable[[str], DegenerateGeometryError]
-
-# Gap lambda_1 - lambda_2, in units of the largest lambda_1 such data could have, below which the rotation is taken as
-# undetermined. Points on a line leave some 1e-31, a strip 1e-7 as wide as long 1e-14; at this one the rotation is good
-# to some 1e-6.
-SMALLEST_GAP = 1e-20
-# The same for a gap that is a difference of the eigenvalues: their rounding leaves 1e-16 and more.
-SMALLEST_DIFFERENCE = 1e-12
-# Points that lie within this of each other, measured in their distance from the origin, are one point.
-SAME_POINT = 8.0 * float(np.finfo(np.float64).eps)
 
 
 def solve_moments(moments: Moments) -> Fit:
@@ -109,35 +101,34 @@ def best_rotation(moments: Moments, matches: Matches | None = None) -> tuple[Flo
         r, floor = vectors[:, 3], floor + SMALLEST_DIFFERENCE * reach
     else:
         axes = long_axes(H)
-        across, directed = moments.aligned.turned(*axes)
-        R, lambda_1, gap = rotation_of(across + directed if placed else directed, axes)
-        r, floor = quaternion.from_matrix(R), floor + float(narrow_floor(reach, lambda_1))
+        held = moments.aligned.turned(*axes)
+        R, lambda_1, gap = rotation_of(held.points + held.directions if placed else held.directions, axes)
+        r, floor = quaternion.from_matrix(R), SMALLEST_GAP * reach + held.floor(placed=placed)
     why: Why = lambda words: undetermined(words, moments, matches)  # noqa: E731
     return r, lambda_1, require_determined(lambda_1, gap, reach, floor, why), H
 
 
 def rotation_sums(moments: Moments) -> tuple[FloatArray, float, float, bool]:
-    """What decides the rotation: H, the largest lambda_1 it could have, and the part of it that may be rounding.
+    """What decides the rotation: H, the largest lambda_1 it could have, and the part of H that may be rounding.
 
     The last says whether the points count: where they lie in one place, only the directions do. Shapes: H (3, 3).
     """
     m = moments
-    grain_source = SAME_POINT**2 * m.point_weight * float(m.mean_source @ m.mean_source)
-    grain_target = SAME_POINT**2 * m.point_weight * float(m.mean_target @ m.mean_target)
+    root = math.sqrt(m.point_weight)
+    grains = tuple(SAME_POINT * root * math.sqrt(float(mean @ mean)) for mean in (m.mean_source, m.mean_target))
+    sizes = math.sqrt(m.spread_source), math.sqrt(m.spread_target)
     reach = math.sqrt(m.length_source) * math.sqrt(m.length_target)
-    if m.spread_source <= grain_source or m.spread_target <= grain_target:
+    if sizes[0] <= grains[0] or sizes[1] <= grains[1]:
         return m.direction_cross, reach, 0.0, False
-    reach += math.sqrt(m.spread_source) * math.sqrt(m.spread_target)
-    return m.point_cross + m.direction_cross, reach, math.sqrt(grain_source) * math.sqrt(grain_target), True
+    return m.point_cross + m.direction_cross, reach + sizes[0] * sizes[1], float(rounding_of(grains, sizes)), True
 
 
-def narrow_floor(reach: FloatArray | float, along: FloatArray | float) -> FloatArray | float:
-    """Gap of narrow data below which the rotation is undetermined; ``along`` is what they reach along their length.
-
-    What either side has across and the products have not is noise, as in points drawn about a line on both sides; it
-    is at most the rest of the reach.
-    """
-    return SMALLEST_GAP * reach + SMALLEST_DIFFERENCE * np.maximum(reach - along, 0.0)
+def rounding_gap(moments: Moments) -> float:
+    """Gap that the rounding of the coordinates could make."""
+    H, _, floor, placed = rotation_sums(moments)
+    if moments.aligned is None or not is_narrow(H):
+        return floor
+    return moments.aligned.turned(*long_axes(H)).floor(placed=placed)
 
 
 def require_determined(

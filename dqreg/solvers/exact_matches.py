@@ -17,12 +17,13 @@ from numpy.typing import ArrayLike
 from dqreg._arrays import BoolArray, FloatArray, as_float
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.rigid import quaternion
-from dqreg.solvers.closed_form import SAME_POINT, SMALLEST_DIFFERENCE, best_rotation
+from dqreg.solvers.closed_form import best_rotation
 from dqreg.solvers.exact_cost import cost_of_pose
 from dqreg.solvers.fit import Fit
 from dqreg.solvers.matches import Matches, refuse_bad_values
 from dqreg.solvers.moments import moments_of
-from dqreg.solvers.narrow import cross_in_axes, is_narrow, long_axes, rotation_of
+from dqreg.solvers.narrow import is_narrow, long_axes, products_in_axes, rotation_of
+from dqreg.solvers.rounding import SAME_POINT, SMALLEST_DIFFERENCE
 from dqreg.solvers.uncertainty import FitUncertainty, counted, residual_variance, rotation_covariance
 from dqreg.solvers.undetermined import no_weight_message, undetermined
 
@@ -84,7 +85,7 @@ def rotation_beside(exact: Pair, others: Pair, weights: FloatArray | None, least
 
 def _about_axis(axes: Pair, others: Pair, weights: FloatArray | None) -> RotationBeside:
     nowhere = (np.zeros(3), np.zeros(3))
-    R, _, gap = rotation_of(cross_in_axes(others, weights, nowhere, axes), axes)
+    R, _, gap = rotation_of(products_in_axes(others, weights, nowhere, axes), axes)
     w = np.ones(len(others[0])) if weights is None else weights
     reach = math.prod(math.sqrt(w @ (side * side).sum(axis=1)) for side in others)
     if not gap > SMALLEST_DIFFERENCE * reach:

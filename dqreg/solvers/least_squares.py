@@ -11,13 +11,14 @@ from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray, require_workable
 from dqreg.errors import DegenerateGeometryError, InputError
-from dqreg.solvers.closed_form import SAME_POINT, fit_of_moments, require_determined
+from dqreg.solvers.closed_form import fit_of_moments, require_determined, rounding_gap
 from dqreg.solvers.exact_cost import cost_of_pose
 from dqreg.solvers.exact_matches import solve_beside, split_weights
 from dqreg.solvers.feature_sums import BLOCK
 from dqreg.solvers.fit import Fit
 from dqreg.solvers.matches import Matches, read_matches, refuse_bad_values
-from dqreg.solvers.moments import Moments, moments_of
+from dqreg.solvers.moments import Moments, sums_of
+from dqreg.solvers.rounding import SAME_POINT, SMALLEST_DIFFERENCE
 from dqreg.solvers.uncertainty import FitUncertainty, counted, residual_variance
 from dqreg.solvers.undetermined import no_weight_message, undetermined
 
@@ -98,14 +99,7 @@ def solve(
         return solve_beside(matches, exact_points, exact_directions, absolute_weights=absolute_weights)
     # What is not finite shows in the sums, and only then is looked for: the check costs no pass of its own.
     with np.errstate(over="ignore", invalid="ignore"):
-        moments = moments_of(
-            matches.points_source,
-            matches.points_target,
-            matches.point_weights,
-            matches.directions_source,
-            matches.directions_target,
-            matches.direction_weights,
-        )
+        moments = sums_of(matches)
     _check_sums(moments, matches)
     fit = fit_of_moments(moments, matches)
     if _needs_residuals(fit, moments, matches):
@@ -116,15 +110,7 @@ def solve(
 
 def with_uncertainty(fit: F, matches: Matches, *, absolute_weights: bool) -> F:
     """The fit of a reference solver with the sums that its covariance follows from."""
-    m = matches
-    moments = moments_of(
-        m.points_source,
-        m.points_target,
-        m.point_weights,
-        m.directions_source,
-        m.directions_target,
-        m.direction_weights,
-    )
+    moments = sums_of(matches)
     H = moments.point_cross + moments.direction_cross
     fit = replace(fit, uncertainty=FitUncertainty(H, moments.point_weight, moments.mean_target, 1.0))
     return fit if absolute_weights else _scaled(fit, matches)
@@ -215,8 +201,9 @@ def fit_of_rotation(
     R: FloatArray, lambda_1: float, lambda_2: float, matches: Matches, centred: Centred, *, absolute_weights: bool
 ) -> Fit:
     """Fit with this rotation, the translation that belongs to it, and the cost of its residuals. Shapes: R (3, 3)."""
+    floor = SMALLEST_DIFFERENCE * centred.reach + rounding_gap(sums_of(matches))
     gap = require_determined(
-        lambda_1, lambda_1 - lambda_2, centred.reach, why=lambda words: undetermined(words, matches=matches)
+        lambda_1, lambda_1 - lambda_2, centred.reach, floor, lambda words: undetermined(words, matches=matches)
     )
     T = np.eye(4)
     T[:3, :3] = R

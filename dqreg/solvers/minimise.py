@@ -17,7 +17,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.errors import DegenerateGeometryError
 from dqreg.rigid import pose, quaternion, rotations
-from dqreg.solvers.closed_form import quaternion_form, solve_moments
+from dqreg.solvers.closed_form import quaternion_form, rounding_gap, solve_moments
 from dqreg.solvers.dof import Freedom
 from dqreg.solvers.dof_chart import Flags, FrameMotion, LockedChart, relative, turned
 from dqreg.solvers.fit import PoseFit
@@ -211,8 +211,11 @@ def free_motions(form: QuadraticForm, chart: LockedChart) -> tuple[str, ...]:
     # At a minimum the Hessian decides: where all points belong to one place every rotation has the same cost, although
     # each residual changes.
     values, vectors = np.linalg.eigh(hessian * unit[:, None] * unit)
-    largest = np.abs(squares * unit[:, None] * unit).max(initial=0.0)
-    free = vectors[:, values <= FREE * largest]
+    least = FREE * np.abs(squares * unit[:, None] * unit).max(initial=0.0)
+    if form.moments is not None and chart.turns:
+        # Of points and directions alone the gap is the curvature of the weakest rotation.
+        least += rounding_gap(form.moments) * unit[0] ** 2
+    free = vectors[:, values <= least]
     if not free.shape[1]:
         return ()
     # Equal eigenvalues mix their motions; the basis with the largest rotations separates rotations from translations.

@@ -9,7 +9,9 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.solvers.feature_sums import BLOCK, FeatureSums, Pair, feature_sums
-from dqreg.solvers.narrow import Aligned, cross_in_axes, is_narrow, long_axes
+from dqreg.solvers.matches import Matches
+from dqreg.solvers.narrow import Aligned, is_narrow, long_axes, products_in_axes
+from dqreg.solvers.rounding import grain_of
 
 # Rows looked at to guess the means of a large set.
 SAMPLE = 64
@@ -41,8 +43,8 @@ class Moments:
     length_source, length_target : float
         ``sum alpha |m|^2`` and the same of n.
     aligned : Aligned or None
-        The two cross sums again, in axes along and across the matches, where these are narrow: in the axes of the
-        coordinates the small entries would drown in the rounding of the large ones.
+        The sums again, in axes along and across the matches, where these are narrow: in the axes of the coordinates
+        the small entries would drown in the rounding of the large ones.
 
     Examples
     --------
@@ -85,9 +87,11 @@ class Moments:
         if not is_narrow(H):
             return total
         axes = long_axes(H)
-        parts = [_cross_in(part, axes) for part in (self, other)]
-        between = lever * np.outer(step_target @ axes[1], step_source @ axes[0])
-        return replace(total, aligned=Aligned(*axes, parts[0][0] + parts[1][0] + between, parts[0][1] + parts[1][1]))
+        one, two = (_in_axes(part, axes) for part in (self, other))
+        step = np.concatenate([step_source @ axes[0], step_target @ axes[1]])
+        points = one.points + two.points + lever * np.outer(step, step)
+        grains = np.hypot(one.grains, two.grains)
+        return replace(total, aligned=Aligned(*axes, points, one.directions + two.directions, grains))
 
     @property
     def is_finite(self) -> bool:
@@ -118,11 +122,27 @@ def scaled(moments: Moments, factor: float) -> Moments:
     )
 
 
-def _cross_in(moments: Moments, axes: Pair) -> Pair:
-    """The cross sums of points and of directions in axes of either side, (3, 3) each."""
-    if moments.aligned is not None:
-        return moments.aligned.turned(*axes)
-    return axes[1].T @ moments.point_cross @ axes[0], axes[1].T @ moments.direction_cross @ axes[0]
+def _in_axes(moments: Moments, axes: Pair) -> Aligned:
+    """The sums in axes of either side; of matches that are not narrow each square is the most that it can be."""
+    m = moments
+    if m.aligned is not None:
+        return m.aligned.turned(*axes)
+    points, directions = np.eye(6), np.eye(6)
+    for products, cross, *squares in (
+        (points, m.point_cross, m.spread_source, m.spread_target),
+        (directions, m.direction_cross, m.length_source, m.length_target),
+    ):
+        products *= np.repeat(squares, 3)
+        products[3:, :3] = axes[1].T @ cross @ axes[0]
+        products[:3, 3:] = products[3:, :3].T
+    return Aligned(*axes, points, directions, _grains(m))
+
+
+def _grains(moments: Moments) -> FloatArray:
+    """How far the rounding of coordinates may move the points of either side. Shapes: returns (2,)."""
+    m = moments
+    squares = np.array([m.mean_source @ m.mean_source, m.mean_target @ m.mean_target])
+    return np.asarray(grain_of(m.point_weight, squares, np.array([m.spread_source, m.spread_target])))
 
 
 def moments_of(
@@ -170,10 +190,24 @@ def moments_of(
     nowhere = (np.zeros(3), np.zeros(3))
     aligned = Aligned(
         *axes,
-        cross_in_axes((points_source, points_target), point_weights, origins, axes),
-        cross_in_axes((directions_source, directions_target), direction_weights, nowhere, axes),
+        products_in_axes((points_source, points_target), point_weights, origins, axes),
+        products_in_axes((directions_source, directions_target), direction_weights, nowhere, axes),
+        _grains(moments),
     )
     return replace(moments, aligned=aligned)
+
+
+def sums_of(matches: Matches) -> Moments:
+    """`moments_of` for matches."""
+    m = matches
+    return moments_of(
+        m.points_source,
+        m.points_target,
+        m.point_weights,
+        m.directions_source,
+        m.directions_target,
+        m.direction_weights,
+    )
 
 
 def _central_sums(source: FloatArray, target: FloatArray, weights: FloatArray | None) -> Central:

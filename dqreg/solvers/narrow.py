@@ -18,32 +18,49 @@ from dataclasses import dataclass
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg.solvers.rounding import SAME_POINT, across_floor
 
 # Second singular value of H, in units of the first, from which on the matches are not narrow: 7 times as long as wide.
 NARROW = 2e-2
 # Rows taken at once: they stay in the cache.
 CHUNK = 4096
+# Rows and columns of source and target in their products.
+SIDES = slice(0, 3), slice(3, 6)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Aligned:
-    """Cross sums of `Moments` in axes whose first is the length of the matches, on either side."""
+    """Sums of `Moments` in axes whose first is the length of the matches, on either side."""
 
     # axes_source, axes_target: (3, 3): Columns A and B, rotations
     axes_source: FloatArray
     axes_target: FloatArray
-    # points, directions: (3, 3): The two parts of H'
+    # points, directions: (6, 6): Products of the rows (a, b), in those axes: squares of either side and, below, H'
     points: FloatArray
     directions: FloatArray
+    grains: FloatArray  # (2,): How far rounding may move the points of either side, see `rounding`
 
-    def turned(self, axes_source: FloatArray, axes_target: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Both parts in other axes, (3, 3) each."""
-        left, right = axes_target.T @ self.axes_target, self.axes_source.T @ axes_source
-        return left @ self.points @ right, left @ self.directions @ right
+    def turned(self, axes_source: FloatArray, axes_target: FloatArray) -> Aligned:
+        """The same in other axes."""
+        turn = np.zeros((6, 6))
+        turn[:3, :3], turn[3:, 3:] = axes_source.T @ self.axes_source, axes_target.T @ self.axes_target
+        parts = (turn @ part @ turn.T for part in (self.points, self.directions))
+        return Aligned(axes_source, axes_target, *parts, self.grains)
 
     def scaled(self, factor: float) -> Aligned:
         """The sums of weights that are ``factor`` times as large."""
-        return Aligned(self.axes_source, self.axes_target, factor * self.points, factor * self.directions)
+        grains = np.sqrt(factor) * self.grains
+        return Aligned(self.axes_source, self.axes_target, factor * self.points, factor * self.directions, grains)
+
+    def floor(self, *, placed: bool) -> float:
+        """Gap across the length that is none; without the points where they lie in one place."""
+        own = SAME_POINT * np.sqrt([np.trace(self.directions[s, s]) for s in SIDES])
+        kinds = [(self.directions, own), *([(self.points, self.grains)] if placed else [])]
+        total = 0.0
+        for products, grains in kinds:
+            across = np.sqrt([np.trace(products[s, s][1:, 1:]) for s in SIDES])
+            total += float(across_floor(grains, across))
+        return total
 
 
 def is_narrow(H: FloatArray) -> bool:
@@ -73,25 +90,29 @@ def long_axes(H: FloatArray) -> tuple[FloatArray, FloatArray]:
     return A, B
 
 
-def cross_in_axes(
+def products_in_axes(
     sides: tuple[FloatArray, FloatArray],
     weights: FloatArray | None,
     origins: tuple[FloatArray, FloatArray],
     axes: tuple[FloatArray, FloatArray],
 ) -> FloatArray:
-    """``sum w b a^T`` of matched rows about the origins, in the axes of either side. Shapes: sides (n, 3) each."""
-    total = np.zeros((3, 3))
+    """Products of matched rows (a, b) about the origins, in the axes of either side, as `Aligned` has them.
+
+    Shapes: sides (n, 3) each, returns (6, 6).
+    """
+    total = np.zeros((6, 6))
     for i in range(0, len(sides[0]), CHUNK):
-        a, b = ((side[i : i + CHUNK] - origins[k]) @ axes[k] for k, side in enumerate(sides))
-        total += (b if weights is None else b * weights[i : i + CHUNK, None]).T @ a
+        rows = np.hstack([(side[i : i + CHUNK] - origins[k]) @ axes[k] for k, side in enumerate(sides)])
+        total += (rows if weights is None else rows * weights[i : i + CHUNK, None]).T @ rows
     return total
 
 
-def rotation_of(H: FloatArray, axes: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, float, float]:
-    """Best rotation for sums H' in axes A and B, with lambda_1 and its gap to lambda_2, which rounds for itself.
+def rotation_of(products: FloatArray, axes: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, float, float]:
+    """Best rotation for products in axes A and B, with lambda_1 and its gap to lambda_2, which rounds for itself.
 
-    Shapes: H (3, 3), returns R (3, 3).
+    Shapes: products (6, 6), returns R (3, 3).
     """
+    H = products[3:, :3]
     across, turned = float(H[1, 1] + H[2, 2]), float(H[2, 1] - H[1, 2])
     held = math.hypot(across, turned)
     c, s = (across / held, turned / held) if held > 0.0 else (1.0, 0.0)

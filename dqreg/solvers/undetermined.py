@@ -10,7 +10,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.errors import DegenerateGeometryError
 from dqreg.solvers.matches import Matches
-from dqreg.solvers.moments import Moments, moments_of
+from dqreg.solvers.moments import Moments, sums_of
 from dqreg.solvers.narrow import NARROW
 
 # Distance from the origin, in extents of the points, from which on rounding of the coordinates is the cause. Sums that
@@ -34,7 +34,7 @@ def undetermined(
 ) -> DegenerateGeometryError:
     """Error with the measured gap, the cause and the remedy."""
     if matches is not None:
-        moments = _moments(matches)
+        moments = sums_of(matches)
     cause = "" if moments is None else f". {_cause(moments, matches, FAR if centred else FAR_UNCENTRED)}"
     return DegenerateGeometryError(f"the matches do not determine the rotation: {words}{cause}")
 
@@ -66,18 +66,6 @@ def _cause(moments: Moments, matches: Matches | None, far: float) -> str:
             "All points lie on one line, and no direction across it: add a point off that line or a direction across it"
         )
     return "Points and directions of both sides are not correlated: does row i of one side match row i of the other?"
-
-
-def _moments(matches: Matches) -> Moments:
-    m = matches
-    return moments_of(
-        m.points_source,
-        m.points_target,
-        m.point_weights,
-        m.directions_source,
-        m.directions_target,
-        m.direction_weights,
-    )
 
 
 def _placement(moments: Moments, matches: Matches | None) -> tuple[float, float]:
@@ -116,7 +104,7 @@ def _too_few(matches: Matches) -> str:
 
 def _too_light(matches: Matches) -> str:
     ones = [None if w is None else (w > 0.0).astype(np.float64) for w in _weights(matches)]
-    alike = _moments(replace(matches, point_weights=ones[0], direction_weights=ones[1]))
+    alike = sums_of(replace(matches, point_weights=ones[0], direction_weights=ones[1]))
     H = np.zeros((3, 3))
     for cross, source, target in (
         (alike.point_cross, alike.spread_source, alike.spread_target),

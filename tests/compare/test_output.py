@@ -70,6 +70,18 @@ def test_reach_ends_at_the_first_failure():
     assert math.isnan(largest_reliable(lines, "b", "start_angle_deg", "manual"))
 
 
+def test_reach_goes_by_value_and_not_by_the_order_of_the_runs():
+    sweep = {5: [True], 20: [True], 45: [False], 10: [True]}
+    assert largest_reliable(summarise(sweep_of("start_angle_deg", sweep)), "a", "start_angle_deg", "manual") == 20.0
+    gap = {5: [True], 20: [True], 10: [True, False]}
+    assert largest_reliable(summarise(sweep_of("start_angle_deg", gap)), "a", "start_angle_deg", "manual") == 5.0
+    later = {5: [True], 20: [True], 10: [True]}
+    assert largest_reliable(summarise(sweep_of("start_angle_deg", later)), "a", "start_angle_deg", "manual") == 20.0
+    # Less overlap is harder.
+    overlap = {0.4: [False], 1.0: [True], 0.6: [True]}
+    assert largest_reliable(summarise(sweep_of("overlap", overlap)), "a", "overlap", "manual") == 0.6
+
+
 def test_growth_is_the_exponent():
     runs = [run(axis="points", value=n, points=n, seconds=1e-6 * n**1.2) for n in (1000, 10_000, 100_000)]
     assert time_exponent(summarise(runs), "a") == pytest.approx(1.2)

@@ -133,6 +133,65 @@ def test_fusion_agrees_with_pytransform3d_and_with_equal_weights():
     np.testing.assert_allclose(found.covariance, covariance, rtol=1e-3, atol=1e-7)
 
 
+def fused_at(place, near_zero, C):
+    return pose.mean(pose.from_parts(np.eye(3), place) @ near_zero, covariances=C, centre=place)
+
+
+def test_far_away_poses_are_fused_about_a_centre_as_at_home():
+    # At 5e6, as UTM coordinates are, doubles hold 1e-9 of the translations.
+    rng = np.random.default_rng(5)
+    for _ in range(30):
+        roots = np.diag(10.0 ** rng.uniform(-3, -1, 6)) @ (np.eye(6) + 0.3 * rng.standard_normal((4, 6, 6)))
+        C = roots @ np.swapaxes(roots, 1, 2)
+        poses = pose.exp(np.einsum("nij,nj->ni", roots, rng.standard_normal((4, 6)))) @ pose.random(rng, reach=3)
+        place = 5e6 * np.array([1, 0.3, -0.2])
+        home, there = pose.mean(poses, covariances=C), fused_at(place, poses, C)
+        back = there.T_target_source - home.T_target_source
+        np.testing.assert_allclose(back[:3, 3], place, rtol=0, atol=2e-7)
+        np.testing.assert_allclose(back[:3, :3], 0, atol=1e-7)
+        for name in ("covariance", "scatter"):
+            here = getattr(home, name)
+            size = np.sqrt(here.diagonal())
+            np.testing.assert_allclose((getattr(there, name) - here) / size / size[:, None], 0, atol=1e-5)
+
+
+def test_the_centre_is_a_change_of_words_only():
+    rng = np.random.default_rng(6)
+    poses, c = near(pose.random(rng, reach=2), 0.1, 5, rng), np.array([3.0, -1, 2])
+    A, plain = pose.adjoint(pose.from_parts(np.eye(3), -c)), pose.mean(poses)
+    about = pose.mean(poses, centre=c)
+    np.testing.assert_array_equal(about.T_target_source, plain.T_target_source)
+    np.testing.assert_allclose(about.scatter, A @ plain.scatter @ A.T, atol=1e-14)
+    roots = 0.1 * rng.standard_normal((5, 6, 6))
+    C = roots @ np.swapaxes(roots, 1, 2) + 1e-3 * np.eye(6)
+    fused, same = pose.mean(poses, covariances=C), pose.mean(poses, covariances=A @ C @ A.T, centre=c)
+    np.testing.assert_allclose(same.T_target_source, fused.T_target_source, atol=1e-10)
+    np.testing.assert_allclose(same.covariance, A @ fused.covariance @ A.T, rtol=1e-8, atol=1e-12)
+    with pytest.raises(InputError, match="centre must be three"):
+        pose.mean(poses, centre=[1, 2])
+
+
+@pytest.mark.parametrize("far", [1e5, 1e6, 5e6, 1e9])
+def test_covariances_that_rounding_has_spoilt_are_refused_with_the_remedy(far):
+    rng, refused = np.random.default_rng(7), 0
+    c = far * np.array([1, 0.3, -0.2])
+    A = pose.adjoint(pose.from_parts(np.eye(3), c))
+    for _ in range(40):
+        roots = np.einsum("ni,ij->nij", 10.0 ** rng.uniform(-3, -1, (4, 6)), np.eye(6))
+        draws = np.einsum("nij,nj->ni", roots, rng.standard_normal((4, 6)))
+        C = A @ roots @ np.swapaxes(roots, 1, 2) @ A.T
+        try:
+            found = pose.mean(pose.from_parts(np.eye(3), c) @ pose.exp(draws), covariances=C)
+        except InputError as error:
+            assert "centre=" in str(error)
+            refused += 1
+        else:
+            home = pose.adjoint(pose.from_parts(np.eye(3), -c))
+            assert np.linalg.eigvalsh(home @ found.covariance @ home.T)[0] > 0.0
+    assert refused == (0 if far < 1e6 else refused)
+    assert refused == (40 if far > 1e8 else refused)
+
+
 def test_errors_of_the_mean_pose():
     two = pose.exp([[0, 0, 0, 1, 2, 3], [0.1, 0, 0, 1, 2, 3]])
     C = np.tile(np.eye(6), (2, 1, 1))
