@@ -43,6 +43,14 @@ def cube_rotations() -> tuple[FloatArray, ...]:
     return tuple(found)
 
 
+def half_sphere(count: int) -> FloatArray:
+    """Unit directions evenly over half a sphere, by the golden angle, (n, 3)."""
+    rows = np.arange(count) + 0.5
+    heights, angles = rows / count, np.pi * (1.0 + np.sqrt(5.0)) * rows
+    radii = np.sqrt(1.0 - heights**2)
+    return np.column_stack([radii * np.cos(angles), radii * np.sin(angles), heights])
+
+
 def principal_axes(mean: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Mean and right-handed principal axes, one a column, of a distribution. Shapes: covariance (3, 3), axes (3, 3)."""
     _, axes = np.linalg.eigh(covariance)

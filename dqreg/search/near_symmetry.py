@@ -14,13 +14,16 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.geometry import Mesh, Surface
+from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.sampling import places_on
 from dqreg.rigid import pose
 from dqreg.rigid.rotations import angle_of
-from dqreg.search.axes import cube_rotations, face_axes, moments, principal_axes
+from dqreg.search.axes import cube_rotations, face_axes, half_sphere, moments, principal_axes
+from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
+from dqreg.search.refine import refine
 from dqreg.search.rings import Ring, ring_flips, ring_steps
-from dqreg.search.scoring import distances_at
+from dqreg.search.scoring import distances_at, mean_gains
 from dqreg.search.symmetry import NEAR_SYMMETRY_DIAGONALS, NEAR_SYMMETRY_FRACTION, ON_PART_DIAGONALS
 
 # A motion that leaves this fraction of the part in place is a symmetry, which no scan can decide; in place to so much
@@ -38,6 +41,13 @@ SAME_FRAME_RAD = np.deg2rad(1.0)
 SAME_MAP_RAD = np.deg2rad(5.0)
 # Shifts of a rotation that differ by less, in sizes, are one.
 SAME_SHIFT_DIAGONALS = 0.5 * NEAR_SYMMETRY_DIAGONALS
+# Planes through the centre, evenly in all directions, in which a part is mirrored; points that screen these, with the
+# reach of their gain in sizes; and how many are kept, refined by so many points, steps and from that kernel scale on.
+MIRROR_PLANES = 200
+SCREENING_POINTS, SCREENING_REACH_DIAGONALS = 100, 0.1
+MIRRORS_KEPT = 12
+REFINING_POINTS, REFINEMENT_STEPS = 300, 10
+FIRST_SCALE_DIAGONALS, LAST_SCALE_DIAGONALS = 5e-2, 1e-3
 # Points and edge of the bins of heights that find them.
 PROFILE_POINTS, BIN_DIAGONALS = 1_000, 0.5 * NEAR_SYMMETRY_DIAGONALS
 
@@ -50,18 +60,19 @@ def near_flips(mesh: Mesh, surface: Surface) -> FloatArray:
     """
     ring = Ring.of(mesh, surface)
     turns = _about(mesh, cube_rotations(), [*ring_steps(ring), *ring_flips(ring)])
-    points = places_on(mesh, PROFILE_POINTS, np.random.default_rng(0))[0]
-    laid = [T for axes in _frames(mesh) for T in _laid_into_itself(mesh, points, axes, surface.diagonal)]
+    laid = _laid_into_itself(mesh, cube_rotations(), surface.diagonal)
     return _near_maps(mesh, surface, [*_about_centre(mesh, turns), *laid], EXACT_DIAGONALS)
 
 
 def near_mirrors(mesh: Mesh, surface: Surface) -> FloatArray:
-    """Improper rotations about the principal axes that leave most of a part in place, but not all of it.
+    """Improper rotations that leave most of a part in place, but not all of it, (k, 4, 4).
 
-    Shapes: returns (k, 4, 4).
+    About the principal axes through the centre, or where they lay its ends or its largest planes into each other; and
+    in planes near the centre, whatever their direction: that of two holes is no axis of the part.
     """
-    mirrors = _about(mesh, [-R for R in cube_rotations()])
-    return _near_maps(mesh, surface, _about_centre(mesh, mirrors), ON_PART_DIAGONALS)
+    mirrors = [-R for R in cube_rotations()]
+    found = [*_about_centre(mesh, _about(mesh, mirrors)), *_laid_into_itself(mesh, mirrors, surface.diagonal)]
+    return _near_maps(mesh, surface, [*found, *_in_any_plane(mesh, surface)], ON_PART_DIAGONALS)
 
 
 def mirrors_about(mesh: Mesh) -> FloatArray:
@@ -100,17 +111,32 @@ def _about_centre(mesh: Mesh, turns: Sequence[FloatArray]) -> list[FloatArray]:
     return [pose.from_parts(R, centre - R @ centre) for R in turns]
 
 
-def _laid_into_itself(mesh: Mesh, points: FloatArray, axes: FloatArray, size: float) -> list[FloatArray]:
-    """Rotations along some axes with shifts that lay most of a part into itself, where they are not about its centre.
+def _in_any_plane(mesh: Mesh, surface: Surface) -> FloatArray:
+    """Reflections that may leave most of a part in place, (k, 4, 4), refined on it from planes through its centre."""
+    points = places_on(mesh, REFINING_POINTS, np.random.default_rng(0))[0]
+    normals = half_sphere(MIRROR_PLANES)
+    turns = list(np.eye(3) - 2.0 * normals[:, :, None] * normals[:, None])
+    mirrors = Poses.of(np.array(_about_centre(mesh, turns)))
+    some = points[sample_rows(len(points), SCREENING_POINTS)]
+    gains = mean_gains(mirrors, some, surface, SCREENING_REACH_DIAGONALS)
+    kept = mirrors[np.argsort(-gains, kind="stable")[:MIRRORS_KEPT]]
+    widths = np.geomspace(FIRST_SCALE_DIAGONALS, LAST_SCALE_DIAGONALS, REFINEMENT_STEPS) * surface.diagonal
+    return refine(kept, OrientedPoints.on_faces(points), surface, widths).matrices
 
-    Along each axis the shift is that of its centre, of its ends or of its planes.
+
+def _laid_into_itself(mesh: Mesh, turns: Sequence[FloatArray], size: float) -> list[FloatArray]:
+    """Turns along a part's axes with shifts that lay most of it into itself, where they are not about its centre.
+
+    Along each axis the shift is that of its centre, of its ends or of its planes. Turns are signed permutations, proper
+    or not.
     """
-    profile, centre = _Profile(mesh, points, axes, BIN_DIAGONALS * size), moments(mesh)[0] @ axes
-    laid = []
-    for turn in cube_rotations():
-        shift = np.array([profile.shift(int(k), j, turn[j, k]) for j, k in enumerate(np.abs(turn).argmax(axis=1))])
-        if np.abs(shift - (centre - turn @ centre)).max() > SAME_SHIFT_DIAGONALS * size:
-            laid.append(pose.from_parts(axes @ turn @ axes.T, axes @ shift))
+    points, laid = places_on(mesh, PROFILE_POINTS, np.random.default_rng(0))[0], []
+    for axes in _frames(mesh):
+        profile, centre = _Profile(mesh, points, axes, BIN_DIAGONALS * size), moments(mesh)[0] @ axes
+        for turn in turns:
+            shift = np.array([profile.shift(int(k), j, turn[j, k]) for j, k in enumerate(np.abs(turn).argmax(axis=1))])
+            if np.abs(shift - (centre - turn @ centre)).max() > SAME_SHIFT_DIAGONALS * size:
+                laid.append(pose.from_parts(axes @ turn @ axes.T, axes @ shift))
     return laid
 
 

@@ -59,6 +59,34 @@ def test_a_near_mirror_has_determinant_minus_one_and_moves_little():
     assert 0.7 < np.mean(off < 5e-3 * PART.diagonal) < 0.998
 
 
+def test_a_plate_with_a_boss_has_the_mirror_of_the_plate() -> None:
+    # The boss draws the centre off the middle of the plate, by more than a near symmetry may leave.
+    x, y, z = np.array([0.0, 7.0, 8.5, 10.0]), np.array([0.0, 4.0, 5.0, 6.0]), np.array([0.0, 1.0, 2.2])
+    filled = np.zeros((3, 3, 2), dtype=bool)
+    filled[:, :, 0] = True
+    filled[1, 1, 1] = True
+    mesh = Mesh(*weld(cells([x, y, z], filled)))
+    mirrors = near_mirrors(mesh, MeshSurface(mesh))
+    upside_down = np.diag([1.0, 1.0, -1.0, 1.0])
+    upside_down[2, 3] = 1.0
+    assert min(np.abs(T - upside_down).max() for T in mirrors) < 0.05
+
+
+@pytest.mark.parametrize("angle_deg", [20.0, 35.0])
+def test_a_near_mirror_may_lie_in_any_plane(angle_deg: float) -> None:
+    # Two equal arms, one on either side of the plane; the block aside turns the principal axes by a degree and more.
+    half = np.deg2rad(angle_deg)
+    arm = box((8.0, 1.0, 0.8))
+    arm = arm[0] + np.array([2.0, -0.5, -0.4]) - arm[0].min(axis=0), arm[1]
+    corners, faces = box((1.4, 1.4, 1.4))
+    corners = corners - corners.min(axis=0) + np.array([4.0, 0.2, 1.0])
+    arms = [arm[0] @ about_axis(UP, angle).T for angle in (half, -half)]
+    count = len(arm[0])
+    mesh = Mesh(np.concatenate([*arms, corners]), np.concatenate([arm[1], arm[1] + count, faces + 2 * count]))
+    mirrors = near_mirrors(mesh, MeshSurface(mesh))
+    assert min(np.abs(T - np.diag([1.0, -1.0, 1.0, 1.0])).max() for T in mirrors) < 0.05
+
+
 @pytest.mark.parametrize("shape", [box((3.0, 2.0, 1.0)), box((2.0, 2.0, 2.0))])
 def test_what_is_its_own_mirror_image_has_no_twin(shape):
     mesh = Mesh(*shape)
