@@ -163,6 +163,7 @@ def _kept(folder: Path | None) -> Iterator[None]:
 
 def _check(files: list[Path], options: dict[str, Any]) -> None:
     from dqreg.files.atomic import require_writable
+    from dqreg.files.write import require_cloud_suffix
     from dqreg.report.page_file import page_path
 
     names = ("out", "fused", "report", "graph")
@@ -170,8 +171,8 @@ def _check(files: list[Path], options: dict[str, Any]) -> None:
     for name in names:
         if options[name] is not None:
             (page_path if name == "report" else require_writable)(options[name])
-    if options["fused"] is not None and options["fused"].suffix.lower() != ".ply":
-        raise InputError(f"--fused writes PLY; give a name that ends in .ply, not {options['fused'].name!r}")
+    if options["fused"] is not None:
+        require_cloud_suffix(options["fused"])
     if options["graph"] is not None and options["graph"].suffix.lower() != ".g2o":
         raise InputError(f"--graph writes g2o; give a name that ends in .g2o, not {options['graph'].name!r}")
     if options["voxel"] is not None and not options["voxel"] >= 0.0:

@@ -188,11 +188,14 @@ def _check(
     lengths: dict[str, float | None],
 ) -> None:
     from dqreg.files.atomic import require_writable
+    from dqreg.files.write import require_cloud_suffix
     from dqreg.inspection.deviation_files import require_suffix
     from dqreg.report.page_file import page_path
 
     if out is not None:
         require_result_name(out)
+    if aligned is not None:
+        require_cloud_suffix(aligned)
     for path in (out, aligned, deviations):
         if path is not None:
             require_writable(path)

@@ -84,3 +84,20 @@ def test_what_is_refused_costs_no_pairs_of_an_earlier_run(folder: Path):
     kept.write_text("{}")
     assert run("multiway", "scan.ply", "other.ply", "--out", "poses.json", "--graph", "graph.txt") == 2
     assert kept.exists()
+
+
+# Names that promise another kind of file than the option writes, and what is said of each before anything is read.
+PROMISES = [
+    ("register scan.ply part.stl --report r.html --aligned a.pcd", "clouds are written as PLY"),
+    ("multiway scan.ply other.ply --fused a.pcd", "clouds are written as PLY"),
+]
+
+
+@pytest.mark.parametrize(("words", "message"), PROMISES)
+def test_a_name_that_promises_another_format_is_refused_before_the_work(
+    words: str, message: str, folder: Path, capsys: pytest.CaptureFixture[str]
+):
+    before = sorted(folder.iterdir())
+    assert run(*words.split()) == 2
+    assert message in capsys.readouterr().err
+    assert sorted(folder.iterdir()) == before
