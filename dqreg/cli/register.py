@@ -148,7 +148,7 @@ def register_command(
     share = share_of_percent(required, "--required")
     console, shown = consoles(quiet=quiet, as_json=as_json, apart=True)
     wanted = options.pop("display_units")
-    unit = shown_target(target, options["target_units"], wanted, asked=True)
+    unit = shown_target(target, options["target_units"], wanted)
     options["target_units"], began = unit.units, unit.start(read_start(start))
     shows = make_progress(shown, quiet=shown.quiet, unit=unit.units, searching=began is None)
     options["viewpoint"] = places_of(options["viewpoint"])
