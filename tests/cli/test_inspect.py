@@ -147,7 +147,8 @@ def test_the_lengths_of_a_plan_are_shown_in_the_unit_that_is_asked_for(
     row = '[[characteristic]]\nkind = "distance"\nfaces = [[60, 40, 0], [100, 40, 10]]\nnominal = 10\ntolerance = 0.1\n'
     (tmp_path / "plan.toml").write_text(f'units = "mm"\n{row}' if "plan" in named else row)
     assert run("inspect", tmp_path / "scan.ply", tmp_path / "part.off", "--plan", tmp_path / "plan.toml", "--start",
-               "identity", "--json", "--display-units", shown, *(["--target-units", "mm"] * ("option" in named))) == 0  # fmt: skip
+               "identity", "--json", "--display-units", shown,
+               *(["--target-units", "mm"] * ("option" in named))) == 0  # fmt: skip
     found = json.loads(capsys.readouterr().out)
     (line,) = found["characteristics"]
     assert found["units"] == shown
