@@ -12,7 +12,7 @@ import click
 
 from dqreg.cli.lazy_group import Choice, SectionedCommand
 from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, say
-from dqreg.cli.overwriting import require_apart
+from dqreg.cli.overwriting import require_apart, require_ending
 from dqreg.cli.values import FILE
 from dqreg.errors import InputError
 
@@ -168,6 +168,8 @@ def _check(files: list[Path], options: dict[str, Any]) -> None:
 
     names = ("out", "fused", "report", "graph")
     require_apart((*files, options["target"]), {f"--{name}": options[name] for name in names})
+    words = "the result as JSON, or poses alone"
+    require_ending("--out", options["out"], words, (".json", ".txt", ".tum", ".kitti", ".g2o"))
     for name in names:
         if options[name] is not None:
             (page_path if name == "report" else require_writable)(options[name])

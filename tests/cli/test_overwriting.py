@@ -90,6 +90,12 @@ def test_what_is_refused_costs_no_pairs_of_an_earlier_run(folder: Path):
 PROMISES = [
     ("register scan.ply part.stl --report r.html --aligned a.pcd", "clouds are written as PLY"),
     ("multiway scan.ply other.ply --fused a.pcd", "clouds are written as PLY"),
+    ("multiway scan.ply other.ply --out p.foo", "--out writes the result as JSON, or poses alone; give a name"),
+    ("evaluate poses.txt --truth truth.json --out ev.txt", "--out writes JSON; give a name that ends in .json, not"),
+    ("inspect scan.ply part.stl --tolerance 1 --csv s.xlsx", "--csv writes a table of comma-separated values"),
+    ("inspect scan.ply part.stl --tolerance 1 --sections s.png", "--sections writes a table of comma-separated"),
+    ("inspect scan.ply part.stl --tolerance 1 --out r.txt", "--out writes the registration as JSON; give a name"),
+    ("odometry . --frames f.xlsx", "--frames writes a table of comma-separated values"),
 ]
 
 
