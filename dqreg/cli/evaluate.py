@@ -136,10 +136,10 @@ def _ground_truth(truth: Path, target: Path | None, scan: Path | None) -> tuple[
 
 def _unit_of_result(path: Path) -> str | None:
     """The unit in which a result of `dqreg register` gives its lengths; None for a pose from elsewhere."""
-    if path.suffix.lower() != ".json":
-        return None
-    from dqreg.files.poses import read_json
+    from dqreg.files.poses import holds_object, read_json
 
+    if not holds_object(path):
+        return None
     settings = read_json(path).get("settings")
     named = settings.get("target_units") if isinstance(settings, dict) else None
     return named if isinstance(named, str) else None
