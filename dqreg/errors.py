@@ -78,13 +78,17 @@ def moved_name(room: str, name: str) -> object:
     return MOVED[room, name](room, name)
 
 
+# Share of letters that a typing error leaves in their order: "diamter" is near diameter, "flatness" not straightness.
+TYPED = 0.7
+
+
 def did_you_mean(word: str, known: Iterable[str], prefix: str = "") -> str:
     """The end of a message about a word that is not known: the nearest one that is, or nothing.
 
     >>> did_you_mean("nose", ["noise", "points"]), did_you_mean("x", ["noise"])
     ('; did you mean noise?', '')
     """
-    found = nearest(word, known)
+    found = nearest(word, known, like=TYPED)
     return f"; did you mean {prefix}{found[0]}?" if found else ""
 
 
@@ -97,8 +101,8 @@ def printable(text: str) -> str:
     return "".join(char if char.isprintable() else char.encode("unicode_escape").decode() for char in text)
 
 
-def nearest(word: str, known: Iterable[str], count: int = 1) -> list[str]:
+def nearest(word: str, known: Iterable[str], count: int = 1, like: float = 0.6) -> list[str]:
     """The known words that are most like a word, if any are."""
     import difflib
 
-    return difflib.get_close_matches(word.lower(), list(known), n=count)
+    return difflib.get_close_matches(word.lower(), list(known), n=count, cutoff=like)

@@ -58,7 +58,8 @@ PICTURE_POINTS = 20_000
 @click.option("--required", type=float, metavar="PERCENT", help="Points that must be within the tolerance  [default: "
               "the plan's, else 95].")  # fmt: skip
 @click.option("--display-units", type=UNITS, help="Length unit of values, trends and reports, and of --tolerance; "
-              "results/*.json stay in the target's  [default: the plan's, else the target's].")  # fmt: skip
+              "lengths of a plan are converted; results/*.json stay in the target's  "
+              "[default: the plan's, else the target's].")  # fmt: skip
 @click.option("--head", multiple=True, metavar="NAME=VALUE", help="Field of the head of all reports, such as "
               "operator='M. Muster'.")  # fmt: skip
 @click.option("--no-reports", "reports", flag_value=False, default=True, help="No report for each row, where parts are "

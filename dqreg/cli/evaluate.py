@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, say
-from dqreg.cli.overwriting import require_apart
+from dqreg.cli.overwriting import require_apart, require_ending
 from dqreg.cli.values import FILE
 from dqreg.errors import InputError, printable
 
@@ -58,6 +58,9 @@ def evaluate(
     from dqreg.files.strict_json import plain
 
     require_apart((result, truth, target, scan), {"--out": out})
+    require_ending("--out", out, "JSON", (".json",))
+    if within is not None and not within > 0.0:
+        raise InputError(f"--within must be a length above 0, in target units; got {within!r}")
     if out is not None:
         require_writable(out)
     T = read_pose(result)
@@ -133,10 +136,10 @@ def _ground_truth(truth: Path, target: Path | None, scan: Path | None) -> tuple[
 
 def _unit_of_result(path: Path) -> str | None:
     """The unit in which a result of `dqreg register` gives its lengths; None for a pose from elsewhere."""
-    if path.suffix.lower() != ".json":
-        return None
-    from dqreg.files.poses import read_json
+    from dqreg.files.poses import holds_object, read_json
 
+    if not holds_object(path):
+        return None
     settings = read_json(path).get("settings")
     named = settings.get("target_units") if isinstance(settings, dict) else None
     return named if isinstance(named, str) else None

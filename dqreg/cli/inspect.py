@@ -95,8 +95,8 @@ class InspectCommand(PlaceCommand):
 @click.option("--source-units", type=UNITS, help="Length unit of SCAN, where its file does not say.")
 @click.option("--target-units", type=UNITS, help="Length unit of PART, where its file does not say  [default: the "
               "plan's].")  # fmt: skip
-@click.option("--display-units", type=UNITS, help="Length unit of the sheet, and of all lengths given here  [default: "
-              "the plan's, else PART's].")  # fmt: skip
+@click.option("--display-units", type=UNITS, help="Length unit of the sheet, and of all lengths given here; those of "
+              "the plan are converted  [default: the plan's, else PART's].")  # fmt: skip
 @click.option("--seed", type=int, metavar="N", default=0, show_default=True, help="Seed of all random draws.")
 @click.option("--json", "as_json", type=FILE, metavar="[FILE.json]",
               help="All that was measured as JSON: in a file, or alone on standard output.")  # fmt: skip
@@ -145,15 +145,14 @@ def inspect_command(
     if goals["sections"] is not None and (asked is None or not asked.sections):
         raise InputError("--sections: there is no plan with a [[section]], so there is nothing to write")
     wanted = options.pop("display_units")
-    unit = shown_target(
-        part, options["target_units"], wanted or (None if asked is None else asked.units), asked=wanted is not None
-    )
+    unit = shown_target(part, options["target_units"], wanted, None if asked is None else asked.units)
     to_screen = goals["as_json"] == Path("-")
     console, shown = consoles(quiet=quiet, as_json=to_screen, apart=True, width=WIDTH)
     result = unit.named(_registered(scan, unit, shown, options), part)
     refuse_swapped(result, scan, part)
     try:
-        found = inspect_registration(result, asked, allowed, required_share=share, **taken)
+        planned = None if asked is None else unit.planned(asked)
+        found = inspect_registration(result, planned, allowed, required_share=share, **taken)
     except InputError:
         if result.verdict.level == "failed":
             _tell_failed(console, result)
@@ -205,7 +204,7 @@ def _suggest(part: Path, scan: Path | None, options: dict[str, Any]) -> int:
         return 0
     from dqreg.inspection.scanned_part import ScannedPart
 
-    unit = shown_target(part, options["target_units"], wanted, asked=wanted is not None)
+    unit = shown_target(part, options["target_units"], wanted)
     result = _registered(scan, unit, consoles(quiet=True, as_json=True)[1], options)
     scanned = ScannedPart.of(result.deviations())
     shares = dict(enumerate(scanned.coverage().tolist()))

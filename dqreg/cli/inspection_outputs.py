@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dqreg.cli.outputs import say, tell_decision
-from dqreg.cli.overwriting import require_apart
+from dqreg.cli.overwriting import require_apart, require_ending
 from dqreg.errors import InputError
 
 if TYPE_CHECKING:
@@ -32,6 +32,9 @@ def check_goals(goals: Goals, read: Iterable[Path | None]) -> None:
 
     named = {OPTIONS.get(name, f"--{name}"): path for name, path in goals.items() if path != SCREEN}
     require_apart(read, named)
+    require_ending("--out", goals["out"], "the registration as JSON", (".json",))
+    for name in ("--csv", "--sections"):
+        require_ending(name, named.get(name), "a table of comma-separated values", (".csv", ".txt"))
     for name, path in goals.items():
         if path is not None:
             (page_path if name in ("report", "pdf") else require_writable)(path)

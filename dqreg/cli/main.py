@@ -6,6 +6,7 @@ import errno
 import os
 import sys
 import threading
+import warnings
 
 from dqreg.cli.signals import Signals, leave, leave_at_once, listen, say
 from dqreg.errors import DqregError, printable
@@ -25,6 +26,7 @@ def console() -> None:
     from dqreg.kernels import second_process
 
     second_process.allow()
+    warnings.formatwarning = _warning_line
     try:
         main()
     except SystemExit as end:
@@ -34,6 +36,15 @@ def console() -> None:
         if isinstance(end.code, int) and (end.code > SIGNALLED or threading.active_count() > 1):
             leave(end.code)
         raise
+
+
+def _warning_line(
+    message: Warning | str, category: type[Warning], filename: str, lineno: int, line: str | None = None
+) -> str:
+    """A warning of ours as one line, as errors are; others with their place."""
+    if category is UserWarning:
+        return f"dqreg: warning: {printable(' '.join(str(message).split()))}\n"
+    return f"{filename}:{lineno}: {category.__name__}: {message}\n"
 
 
 def main(arguments: list[str] | None = None) -> None:

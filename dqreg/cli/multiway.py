@@ -12,7 +12,7 @@ import click
 
 from dqreg.cli.lazy_group import Choice, SectionedCommand
 from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, say
-from dqreg.cli.overwriting import require_apart
+from dqreg.cli.overwriting import require_apart, require_ending
 from dqreg.cli.values import FILE
 from dqreg.errors import InputError
 
@@ -163,15 +163,18 @@ def _kept(folder: Path | None) -> Iterator[None]:
 
 def _check(files: list[Path], options: dict[str, Any]) -> None:
     from dqreg.files.atomic import require_writable
+    from dqreg.files.write import require_cloud_suffix
     from dqreg.report.page_file import page_path
 
     names = ("out", "fused", "report", "graph")
     require_apart((*files, options["target"]), {f"--{name}": options[name] for name in names})
+    words = "the result as JSON, or poses alone"
+    require_ending("--out", options["out"], words, (".json", ".txt", ".tum", ".kitti", ".g2o"))
     for name in names:
         if options[name] is not None:
             (page_path if name == "report" else require_writable)(options[name])
-    if options["fused"] is not None and options["fused"].suffix.lower() != ".ply":
-        raise InputError(f"--fused writes PLY; give a name that ends in .ply, not {options['fused'].name!r}")
+    if options["fused"] is not None:
+        require_cloud_suffix(options["fused"])
     if options["graph"] is not None and options["graph"].suffix.lower() != ".g2o":
         raise InputError(f"--graph writes g2o; give a name that ends in .g2o, not {options['graph'].name!r}")
     if options["voxel"] is not None and not options["voxel"] >= 0.0:

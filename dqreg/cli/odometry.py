@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, say
-from dqreg.cli.overwriting import require_apart
+from dqreg.cli.overwriting import require_apart, require_ending
 from dqreg.cli.signals import PoliteSignals, write
 from dqreg.cli.values import FILE
 from dqreg.errors import InputError, MissingDependencyError
@@ -142,6 +142,7 @@ def _require_goals(scans: Path, options: dict[str, Any]) -> None:
         plot_kind(options["plot"])
     goals = {f"--{name}": options[name] for name in ("out", "frames", "plot")}
     require_apart((scans, options["times"], scans / "times.txt", options["truth"]), goals)
+    require_ending("--frames", goals["--frames"], "a table of comma-separated values", (".csv", ".txt"))
     for goal in filter(None, goals.values()):
         require_writable(goal)
 

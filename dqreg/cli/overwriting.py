@@ -1,4 +1,4 @@
-"""Results never take the place of what they are made from, nor of one another."""
+"""Results never take the place of what they are made from, nor of one another, nor a name of another format."""
 
 from __future__ import annotations
 
@@ -27,6 +27,17 @@ def require_apart(read: Iterable[Path | None], written: Mapping[str, Path | None
         if other is not None:
             raise InputError(f"{other} and {name} both name {goal}; give each a file of its own")
         goals.append((name, goal))
+
+
+def require_ending(name: str, goal: Path | None, writes: str, endings: tuple[str, ...]) -> None:
+    """Refuse, before the work, an ending that promises another format; a name without one promises none."""
+    # A device, such as /dev/stdout, has the name that it has.
+    if goal is None or not goal.suffix or (goal.exists() and not goal.is_file()):
+        return
+    if goal.suffix.lower() not in endings:
+        raise InputError(
+            f"{name} writes {writes}; give a name that ends in {' or '.join(endings)}, not {goal.name!r:.100}"
+        )
 
 
 def _same(one: Path, other: Path) -> bool:

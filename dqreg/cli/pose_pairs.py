@@ -61,6 +61,8 @@ def _from_json(path: Path, text: str) -> tuple[FloatArray, FloatArray]:
         raise InputError(f"cannot read {path}: {error}") from error
     if not isinstance(data, dict) or any(key not in data for key in KEYS):
         raise InputError(f"{path} must be an object with the keys hand and eye; expected {EXPECTED}")
+    if not any(data[key] for key in KEYS):
+        raise InputError(f"{path}: no stations are given: hand and eye are empty; three are needed, better ten")
     hand, eye = (as_float(data[key], f"{path}: {key}") for key in KEYS)
     for key, side in zip(KEYS, (hand, eye), strict=True):
         if side.ndim != 3 or side.shape[1:] != (4, 4):

@@ -148,7 +148,7 @@ def register_command(
     share = share_of_percent(required, "--required")
     console, shown = consoles(quiet=quiet, as_json=as_json, apart=True)
     wanted = options.pop("display_units")
-    unit = shown_target(target, options["target_units"], wanted, asked=True)
+    unit = shown_target(target, options["target_units"], wanted)
     options["target_units"], began = unit.units, unit.start(read_start(start))
     shows = make_progress(shown, quiet=shown.quiet, unit=unit.units, searching=began is None)
     options["viewpoint"] = places_of(options["viewpoint"])
@@ -188,11 +188,14 @@ def _check(
     lengths: dict[str, float | None],
 ) -> None:
     from dqreg.files.atomic import require_writable
+    from dqreg.files.write import require_cloud_suffix
     from dqreg.inspection.deviation_files import require_suffix
     from dqreg.report.page_file import page_path
 
     if out is not None:
         require_result_name(out)
+    if aligned is not None:
+        require_cloud_suffix(aligned)
     for path in (out, aligned, deviations):
         if path is not None:
             require_writable(path)

@@ -142,7 +142,7 @@ def attach(
             f"--display-units {display_units}: the result names no length unit; register with --target-units"
         )
     scan, part = (_side(result, name, given) for name, given in (("source", source), ("target", target)))
-    unit = shown_target(part, own, display_units, asked=True)
+    unit = shown_target(part, own, display_units)
     if unit.scale == 1.0:
         return result.attached(scan, part), start
     shown = in_unit(result, str(unit.units))

@@ -41,8 +41,8 @@ def read_npy(path: Path) -> CloudData:
         remedy = "; where each column is a point, save its transpose" if is_wide else ""
         shapes = "shape (n, 3), (n, 4) with an intensity, or (n, 6) with normals"
         raise unreadable(path, f"an array of shape {table.shape}", f"{shapes}{remedy}")
-    # The fourth of four is an intensity, as in text and in KITTI's frames.
-    return nameless_cloud(path, table[:, :3] if table.shape[1] == 4 else table)
+    # The fourth of four is an intensity, as in text and in KITTI's frames, unless the first counts the rows.
+    return nameless_cloud(path, table)
 
 
 def read_npz(path: Path) -> CloudData:

@@ -15,7 +15,8 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg._open3d import load_open3d
 from dqreg.files.cloud_data import CloudData, make_cloud
-from dqreg.files.tables import find_columns, find_times, parse_rows, read_text, stack_columns
+from dqreg.files.column_names import find_columns, find_times
+from dqreg.files.tables import parse_rows, read_text, stack_columns
 from dqreg.files.untrusted import LONGEST_HEADER, unreadable
 
 KEYWORDS = ("VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA")

@@ -15,10 +15,11 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.files.cloud_data import CloudData, make_cloud
+from dqreg.files.column_names import find_columns, find_times
 from dqreg.files.mesh_data import MeshData, make_mesh
 from dqreg.files.ply_header import Element, PlyHeader, read_header
 from dqreg.files.polygons import triangles
-from dqreg.files.tables import find_columns, find_times, parse_rows, read_text, stack_columns
+from dqreg.files.tables import parse_rows, read_text, stack_columns
 from dqreg.files.untrusted import unreadable
 
 INDEX_NAMES = ("vertex_indices", "vertex_index")

@@ -23,12 +23,18 @@ def read_pose(path: str | os.PathLike[str]) -> FloatArray:
     """Pose of a file, as it stands there: not mended, NaN where nothing was found."""
     path = require_readable(path, "a pose")
     kind = path.suffix.lower()
-    if kind == ".json":
+    if kind == ".json" or (kind != ".npy" and holds_object(path)):
         rows = read_json(path).get(POSE)
         if rows is None:
             raise InputError(f"{path}: the key {POSE!r} is missing; give a result.json, a truth.json or a 4x4 text")
         return _matrix(_with_nan(rows), path)
     return _matrix(_read_array(path) if kind == ".npy" else _read_table(path), path)
+
+
+def holds_object(path: Path) -> bool:
+    """Whether a file begins as an object of JSON does, whatever its name."""
+    with path.open("rb") as stream:
+        return stream.read(64).removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"{")
 
 
 def read_start(text: str | os.PathLike[str]) -> FloatArray | str | None:

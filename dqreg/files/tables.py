@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import re
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
@@ -10,6 +12,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.files.cloud_data import CloudData, make_cloud
+from dqreg.files.column_names import common_unit, find_columns, plain_names
 from dqreg.files.untrusted import unreadable
 
 
@@ -54,40 +57,6 @@ def parse_rows(
     return table
 
 
-POSITION_NAMES = ("x", "y", "z")
-NORMAL_NAMES = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"), ("normalx", "normaly", "normalz"))
-
-
-def find_columns(path: Path, names: Sequence[str]) -> tuple[list[int], list[int] | None]:
-    """Where x, y, z and, if there are any, the three normal components stand.
-
-    >>> find_columns(Path("a.csv"), ["Intensity", "X", "Y", "Z"])
-    ([1, 2, 3], None)
-    """
-    lower = [name.lower() for name in names]
-    if not set(POSITION_NAMES) <= set(lower):
-        raise unreadable(path, f"the columns {', '.join(names) or '(none)'}", "columns named x, y and z")
-    positions = [lower.index(name) for name in POSITION_NAMES]
-    for trio in NORMAL_NAMES:
-        if set(trio) <= set(lower):
-            return positions, [lower.index(name) for name in trio]
-    return positions, None
-
-
-# Names under which files and archives keep the time of each point.
-TIME_NAMES = ("t", "timestamp", "timestamps", "time", "times", "stamps")
-
-
-def find_times(names: Sequence[str]) -> int | None:
-    """Where the time of each point stands.
-
-    >>> find_times(["x", "y", "z", "Time"])
-    3
-    """
-    lower = [name.lower() for name in names]
-    return next((lower.index(name) for name in TIME_NAMES if name in lower), None)
-
-
 def stack_columns(columns: Sequence[FloatArray], wanted: Sequence[int]) -> FloatArray:
     """Some columns side by side, in float64.
 
@@ -107,23 +76,25 @@ COMMENTS = ("#", "//")
 def read_table(path: Path) -> CloudData:
     """Cloud of a text table.
 
-    Columns are found by name where a first line (or a comment above the numbers) names them. Without names there must
-    be three, x y z; four, with an intensity, which is not used; or six, x y z nx ny nz. Numbers are parted by white
-    space, commas or semicolons (beside blanks or semicolons a comma is the decimal sign); an empty field counts as NaN.
+    Columns are found by name where a first line (or a comment above the numbers) names them; their unit counts.
+    Without names there must be three, x y z; four, with an intensity, which is not used; or six, x y z nx ny nz; before
+    them may be the name or the number of each point. Numbers are parted by white space, commas or semicolons (beside
+    blanks or semicolons a comma is the decimal sign); an empty field counts as NaN.
     """
     names, lines = _split_header(path, read_text(path).splitlines())
     delimiter = _delimiter(lines[0])
-    width = len(next(_tidy(lines, delimiter)).split(delimiter))
+    fields = next(_tidy(lines, delimiter)).split(delimiter)
+    width = len(fields)
     if names is not None and len(names) != width:
         raise unreadable(path, f"{len(names)} column names over {width} columns", "one name for each column")
     if names is None:
-        # The fourth of four is an intensity: what most scanners export.
-        wanted = (0, 1, 2) if width == 4 else None
-        table = parse_rows(path, _tidy(lines, delimiter), delimiter=delimiter, wanted=wanted)
+        table = parse_rows(path, _tidy(lines, delimiter), delimiter=delimiter, wanted=_beside_words(fields))
         return nameless_cloud(path, table, trust_normals=path.suffix.lower() == ".xyzn")
-    positions, normals = find_columns(path, names)
+    plain, units = plain_names(names)
+    positions, normals = find_columns(path, plain)
+    unit = common_unit(path, [units[k] for k in positions])
     table = parse_rows(path, _tidy(lines, delimiter), delimiter=delimiter, wanted=positions + (normals or []))
-    return make_cloud(path, table[:, :3], table[:, 3:] if normals else None)
+    return make_cloud(path, table[:, :3], table[:, 3:] if normals else None, units=unit)
 
 
 # How far the length of a normal may be from 1 after rounding, and in how many of the rows.
@@ -136,6 +107,11 @@ def nameless_cloud(path: Path, table: FloatArray, *, trust_normals: bool = False
     >>> nameless_cloud(Path("a.xyz"), np.array([[1.0, 2, 3, 0, 0, 1]])).normals
     array([[0., 0., 1.]])
     """
+    if table.shape[1] in (4, 5, 7) and _counts(table[:, 0]):
+        _tell_numbered(path, table.shape[1])
+        table = table[:, 1:]
+    # The fourth of four is an intensity: what most scanners export.
+    table = table[:, :3] if table.shape[1] == 4 else table
     width = table.shape[1]
     if width not in (3, 6):
         raise unreadable(path, f"{width} columns", "3 (x y z) or 6 (with normals); name others in a first line")
@@ -153,6 +129,44 @@ def nameless_cloud(path: Path, table: FloatArray, *, trust_normals: bool = False
     return make_cloud(path, table[:, :3], table[:, 3:])
 
 
+# Rows of which the first column counts, at least: in fewer it may be a coordinate.
+LEAST_NUMBERED = 5
+
+
+def _counts(column: FloatArray) -> bool:
+    """Whether a column holds 0, 1, 2, ... or 1, 2, 3, ..., and nothing else."""
+    first = column[0] if len(column) >= LEAST_NUMBERED else math.nan
+    return first in (0.0, 1.0) and bool(np.array_equal(column, first + np.arange(len(column))))
+
+
+def _tell_numbered(path: Path, width: int) -> None:
+    warnings.warn(
+        f"{path}: the first of {width} columns counts the rows and is taken for their numbers, not for x; if it is x, "
+        "name the columns in a first line, such as: x y z intensity",
+        UserWarning,
+        stacklevel=2,
+    )
+
+
+def _beside_words(fields: Sequence[str]) -> list[int] | None:
+    """Columns of numbers, from the first row: without names of points before them and words behind; None: all."""
+    numeric = [k for k, field in enumerate(fields) if _is_number(field)]
+    if not numeric or numeric[0] > 1 or numeric != list(range(numeric[0], numeric[-1] + 1)):
+        return None
+    # Of four the last is an intensity, unless the first may count the rows.
+    if len(numeric) == 4 and float(fields[numeric[0]]) not in (0.0, 1.0):
+        return numeric[:3]
+    return None if len(numeric) == len(fields) else numeric
+
+
+def _is_number(field: str) -> bool:
+    try:
+        float(field)
+    except ValueError:
+        return False
+    return True
+
+
 def _split_header(path: Path, lines: list[str]) -> tuple[list[str] | None, list[str]]:
     remark: list[str] | None = None
     header: list[str] | None = None
@@ -161,7 +175,7 @@ def _split_header(path: Path, lines: list[str]) -> tuple[list[str] | None, list[
         if not words or line.isspace():
             continue
         if line.lstrip().startswith(COMMENTS):
-            remark = words if {"x", "y", "z"} <= {word.lower() for word in words} else remark
+            remark = words if {"x", "y", "z"} <= {word.lower() for word in plain_names(words)[0]} else remark
         elif _is_numbers(line):
             fits = remark is not None and len(remark) == len(line.split(_delimiter(line)))
             return header or (remark if fits else None), lines[k:]
@@ -173,20 +187,19 @@ def _split_header(path: Path, lines: list[str]) -> tuple[list[str] | None, list[
 
 
 def _words(line: str) -> list[str]:
-    parts = re.split(r"[,;]" if re.search("[,;]", line) else r"\s+", line.strip())
+    # A unit in brackets belongs to the name before it.
+    parts = re.split(r"[,;]" if re.search("[,;]", line) else r"\s+(?![\[(]|coord)", line.strip())
     return [part.strip().strip("\"'") for part in parts] if line.strip() else []
 
 
 def _is_numbers(line: str) -> bool:
     delimiter = _delimiter(line)
     fields = next(_tidy([line], delimiter)).split(delimiter)
-    try:
-        return bool([float(field) for field in fields])
-    except ValueError:
-        # A column that is not used may hold words; a row of data still has a number somewhere.
-        return any(re.fullmatch(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*", field) for field in fields)
+    # A column that is not used may hold words; a row of data still has a number somewhere.
+    return all(map(_is_number, fields)) or any(NUMBER.fullmatch(field) for field in fields)
 
 
+NUMBER = re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*")
 # Numbers with decimal commas between blanks: of fewer than three words a comma parts columns.
 COMMA = re.compile(r"[-+]?(\d+(,\d*)?|,\d+)([eE][-+]?\d+)?")
 

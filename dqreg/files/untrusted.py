@@ -66,6 +66,8 @@ def require_readable(path: str | os.PathLike[str], wanted: str = "a scan or part
     try:
         if place.is_dir():
             raise unreadable(place, "a folder", "one file in it")
+        if not place.exists() and str(place) == "-":
+            raise unreadable(place, "the standard input, a pipe", "a file on disk; write what comes in to one first")
         if not place.exists():
             raise unreadable(place, "no such file", _near_names(place, wanted))
         if not place.is_file():

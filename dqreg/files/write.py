@@ -60,8 +60,7 @@ def write_cloud(
     ...     read_cloud(Path(folder) / "two.ply").points[1, 0].item()
     4400000.123456
     """
-    if Path(path).suffix.lower() != ".ply":
-        raise InputError(f"cannot write {path}: clouds are written as PLY; give a name that ends in .ply")
+    require_cloud_suffix(path)
     positions = as_vectors(points, "points")
     if not len(positions):
         raise InputError(f"cannot write {path}: there are no points")
@@ -74,6 +73,12 @@ def write_cloud(
     for name, values in (fields or {}).items():
         columns[_field_name(name, columns)] = (_one_per_point(values, name, len(positions)), "f8")
     write_atomically(path, ply_bytes(columns, comments))
+
+
+def require_cloud_suffix(path: str | os.PathLike[str]) -> None:
+    """Refuse a name that promises another format than `write_cloud` writes."""
+    if Path(path).suffix.lower() != ".ply":
+        raise InputError(f"cannot write {path}: clouds are written as PLY; give a name that ends in .ply")
 
 
 def ply_bytes(columns: Columns, comments: Sequence[str] = ()) -> bytes:

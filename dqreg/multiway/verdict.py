@@ -70,7 +70,7 @@ def _summary(selection: EdgeSelection, placed: Sequence[int]) -> Reason:
     loops = "; no loop of three checks them"
     if closing:
         loops = f"; {closing} {'loops' if closing > 1 else 'loop'} of three {'close' if closing > 1 else 'closes'}"
-    return Reason(f"{len(placed)} scans placed by {used} edges{loops}", "accepted")
+    return Reason(f"{len(placed)} scans placed by {used} edge{'s' * (used != 1)}{loops}", "accepted")
 
 
 def _used_loops(selection: EdgeSelection) -> BoolArray:

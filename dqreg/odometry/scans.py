@@ -16,9 +16,9 @@ from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.files import read_cloud
 from dqreg.files.cloud_data import TimedCloudData
+from dqreg.files.column_names import TIME_NAMES
 from dqreg.files.kitti import kitti_rows
 from dqreg.files.numpy_files import numbers, read_arrays
-from dqreg.files.tables import TIME_NAMES
 from dqreg.files.untrusted import require_readable, unreadable
 from dqreg.odometry.bags import CloudTopic, is_bag
 from dqreg.odometry.kiss import load_kiss

@@ -23,12 +23,21 @@ COLUMNS = (
     Column("path rms", align="right"),
     Column("frames\na second", align="right"),
 )
+# Those that need no truth.
+KNOWN = ("engine", "lost", "frames\na second")
 
 
 def results_table(trips: Sequence[TrajectoryRun], truth: FloatArray | None) -> Table:
     """One engine a row. Shapes: truth (n, 4, 4)."""
+    rows = [_row(trip, truth) for trip in trips]
+    if truth is None:
+        # Without a truth no error is known.
+        known = tuple(k for k, column in enumerate(COLUMNS) if column.name in KNOWN)
+        return Table(
+            "odometry", "", tuple(COLUMNS[k] for k in known), tuple(tuple(row[k] for k in known) for row in rows)
+        )
     title = "errors of the motion over one and over ten frames: median / worst; lengths in the scans' unit"
-    return Table("odometry", title if truth is not None else "", COLUMNS, tuple(_row(trip, truth) for trip in trips))
+    return Table("odometry", title, COLUMNS, tuple(rows))
 
 
 def match_truth(truth: FloatArray, truth_times: FloatArray | None, times: FloatArray | None, count: int) -> FloatArray:

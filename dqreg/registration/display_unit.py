@@ -18,6 +18,7 @@ from dqreg.geometry import Mesh
 
 if TYPE_CHECKING:
     from dqreg.geometry import PointCloud
+    from dqreg.inspection import Plan
     from dqreg.registration.result import Registration
 
 
@@ -55,6 +56,10 @@ class ShownTarget:
             return start
         return _scaled(np.array(start, dtype=np.float64), self.scale)
 
+    def planned(self, plan: Plan) -> Plan:
+        """A plan that says its unit: that of the file, where it names none."""
+        return dataclasses.replace(plan, units=plan.units or self.own)
+
     def named(self, result: Registration, path: Path) -> Registration:
         """A result that names the file, not what was made of it."""
         if self.scale == 1.0:
@@ -66,21 +71,27 @@ class ShownTarget:
         return result if self.scale == 1.0 or self.own is None else in_unit(result, self.own)
 
 
-def shown_target(path: Path, own: str | None, wanted: str | None, *, asked: bool) -> ShownTarget:
-    """A target in a unit; ``own`` is that of a file that does not say, ``asked`` refuses where neither does."""
+def shown_target(path: Path, own: str | None, wanted: str | None, planned: str | None = None) -> ShownTarget:
+    """A target in the unit that is wanted, or in that of its inspection plan, which is its own where nobody says.
+
+    ``own`` is the unit of a file that does not say.
+    """
     from dqreg.geometry.opening import open_geometry
 
-    if wanted is None:
+    shown = wanted or planned
+    if shown is None:
         return ShownTarget(path, own, own, 1.0)
     geometry = open_geometry(path, "target")
-    unit = own or geometry.units
+    unit = own or geometry.units or planned
     if unit is None:
-        if asked:
-            raise InputError(
-                f"--display-units {wanted}: {path.name} names no length unit; name it with --target-units, such as "
-                "--target-units mm"
-            )
-        return ShownTarget(path, wanted, wanted, 1.0)
+        raise InputError(
+            f"--display-units {wanted}: {path.name} names no length unit; name it with --target-units, such as "
+            "--target-units mm"
+        )
+    return _shown(path, geometry, unit, shown)
+
+
+def _shown(path: Path, geometry: Mesh | PointCloud, unit: str, wanted: str) -> ShownTarget:
     scale = factor(unit, wanted)
     if scale == 1.0:
         return ShownTarget(path, wanted, wanted, 1.0)

@@ -9,9 +9,9 @@ from typing import Any, get_args
 
 import numpy as np
 
-from dqreg.errors import InputError
 from dqreg.inspection import Characteristic, Decision, Deviations, Inspection, Plan, decide, inspect
 from dqreg.inspection.decision import worst_of
+from dqreg.inspection.plan.in_unit import plan_in
 from dqreg.inspection.regions import Outcome
 from dqreg.inspection.tolerances import REQUIRED_SHARE, Tolerance, limits_at, tolerance_of
 from dqreg.registration.result import Registration
@@ -74,8 +74,7 @@ def inspect_registration(
     if plan is None:
         decision = None if allowed is None else decide(deviations, allowed, required_share or REQUIRED_SHARE)
         return Inspected(result, deviations, None, decision)
-    require_unit(plan, result.settings.get("target_units"))
-    sheet = inspect(deviations, _with(plan, allowed, required_share))
+    sheet = inspect(deviations, _with(plan_in(plan, result.settings.get("target_units")), allowed, required_share))
     assert sheet.deviations is not None
     return Inspected(aligned_to(result, sheet), sheet.deviations, sheet, sheet.decision)
 
@@ -95,15 +94,6 @@ def _with(plan: Plan, tolerance: Tolerance | None, required_share: float | None)
     if whole is not None and required_share is not None:
         whole = dataclasses.replace(whole, required_share=required_share)
     return dataclasses.replace(plan, tolerance=whole)
-
-
-def require_unit(plan: Plan, unit: str | None) -> None:
-    """`InputError` where a plan is written in another unit than its part."""
-    if plan.units is not None and unit is not None and plan.units != unit:
-        raise InputError(
-            f"the plan is in {plan.units} and the part in {unit}: write the plan in {unit}, or name the part's unit "
-            "with --target-units if its file is wrong"
-        )
 
 
 def aligned_to(result: Registration, sheet: Inspection | None) -> Registration:

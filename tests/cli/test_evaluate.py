@@ -76,6 +76,11 @@ def test_without_a_part_the_origin_is_followed(shifted, tmp_path, capsys):
         (["{pose}", "--truth", "{truth}", "--target", "no.stl"], "no.stl"),
         (["{pose}", "--truth", "{pose}", "--scan", "{scan}"], "--target"),
         (["{pose}", "--truth", "{truth}", "--out", "no/where.json"], "no"),
+        (
+            ["{pose}", "--truth", "{truth}", "--within", "-1"],
+            "--within must be a length above 0, in target units; got -1",
+        ),
+        (["{pose}", "--truth", "{truth}", "--within", "nan"], "--within must be a length above 0"),
     ],
 )
 def test_bad_input_is_exit_2_and_one_line(arguments, said, shifted, capsys):

@@ -112,6 +112,7 @@ BAD = {
     "scalar_first.csv": ("0,0,0,2,0,0,0," * 2 + "\n", "length 1"),
     "keys.json": ('{"robot": []}', "keys hand and eye"),
     "uneven.json": (json.dumps({"hand": [np.eye(4).tolist()] * 3, "eye": [np.eye(4).tolist()] * 2}), "of each a row"),
+    "empty.json": ('{"hand": [], "eye": []}', "no stations are given: hand and eye are empty; three are needed"),
     "flat.json": ('{"hand": [1, 2], "eye": [1, 2]}', "list of 4x4"),
     "broken.json": ('{"hand": [', "cannot read"),
     "still.json": (

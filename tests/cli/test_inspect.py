@@ -129,3 +129,28 @@ def test_the_sheet_is_in_the_unit_that_is_asked_for(tmp_path: Path, capsys: pyte
     np.testing.assert_allclose(inner[0], inner[1] / 1000.0, atol=1e-12)
     assert run("inspect", *common[1:3], "--tolerance", "1", "--display-units", "mm") == 2
     assert "names no length unit; name it with --target-units" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("named", ["plan", "option", "plan and option"])
+@pytest.mark.parametrize(("shown", "of_mm"), [("mm", 1.0), ("inch", 1.0 / 25.4)])
+def test_the_lengths_of_a_plan_are_shown_in_the_unit_that_is_asked_for(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], named: str, shown: str, of_mm: float
+) -> None:
+    """The plan's unit is that of a part whose file does not say, and the part's that of a plan that does not say."""
+    rng = np.random.default_rng(0)
+    part = Mesh(*bracket())
+    write_cloud(tmp_path / "scan.ply", sample_mesh(part, 6_000, rng).points + rng.normal(scale=0.01, size=(6_000, 3)))
+    corners = [" ".join(map(repr, v)) for v in part.vertices.tolist()]
+    sides = [f"3 {a} {b} {c}" for a, b, c in part.faces]
+    off = [f"OFF\n{len(corners)} {len(sides)} 0", *corners, *sides]
+    (tmp_path / "part.off").write_text("\n".join(off) + "\n")
+    row = '[[characteristic]]\nkind = "distance"\nfaces = [[60, 40, 0], [100, 40, 10]]\nnominal = 10\ntolerance = 0.1\n'
+    (tmp_path / "plan.toml").write_text(f'units = "mm"\n{row}' if "plan" in named else row)
+    assert run("inspect", tmp_path / "scan.ply", tmp_path / "part.off", "--plan", tmp_path / "plan.toml", "--start",
+               "identity", "--json", "--display-units", shown,
+               *(["--target-units", "mm"] * ("option" in named))) == 0  # fmt: skip
+    found = json.loads(capsys.readouterr().out)
+    (line,) = found["characteristics"]
+    assert found["units"] == shown
+    assert [line[name] / of_mm for name in ("nominal", "low", "high")] == pytest.approx([10.0, 9.9, 10.1], rel=1e-9)
+    assert line["value"] / of_mm == pytest.approx(10.0, abs=0.01)

@@ -84,3 +84,26 @@ def test_what_is_refused_costs_no_pairs_of_an_earlier_run(folder: Path):
     kept.write_text("{}")
     assert run("multiway", "scan.ply", "other.ply", "--out", "poses.json", "--graph", "graph.txt") == 2
     assert kept.exists()
+
+
+# Names that promise another kind of file than the option writes, and what is said of each before anything is read.
+PROMISES = [
+    ("register scan.ply part.stl --report r.html --aligned a.pcd", "clouds are written as PLY"),
+    ("multiway scan.ply other.ply --fused a.pcd", "clouds are written as PLY"),
+    ("multiway scan.ply other.ply --out p.foo", "--out writes the result as JSON, or poses alone; give a name"),
+    ("evaluate poses.txt --truth truth.json --out ev.txt", "--out writes JSON; give a name that ends in .json, not"),
+    ("inspect scan.ply part.stl --tolerance 1 --csv s.xlsx", "--csv writes a table of comma-separated values"),
+    ("inspect scan.ply part.stl --tolerance 1 --sections s.png", "--sections writes a table of comma-separated"),
+    ("inspect scan.ply part.stl --tolerance 1 --out r.txt", "--out writes the registration as JSON; give a name"),
+    ("odometry . --frames f.xlsx", "--frames writes a table of comma-separated values"),
+]
+
+
+@pytest.mark.parametrize(("words", "message"), PROMISES)
+def test_a_name_that_promises_another_format_is_refused_before_the_work(
+    words: str, message: str, folder: Path, capsys: pytest.CaptureFixture[str]
+):
+    before = sorted(folder.iterdir())
+    assert run(*words.split()) == 2
+    assert message in capsys.readouterr().err
+    assert sorted(folder.iterdir()) == before

@@ -42,6 +42,8 @@ def test_a_folder_an_empty_file_and_a_pipe_are_refused(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.ply")
     with pytest.raises(InputError, match="a device or a pipe"):
         read_geometry(tmp_path / "pipe.ply")
+    with pytest.raises(InputError, match="found the standard input, a pipe; expected a file on disk"):
+        read_geometry("-")
 
 
 def test_a_forbidden_file_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

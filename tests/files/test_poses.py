@@ -38,6 +38,12 @@ def test_each_format_gives_the_same_numbers(tmp_path_factory, seed):
         np.testing.assert_array_equal(read_start(folder / name), T)
 
 
+@pytest.mark.parametrize("name", ["result", "result.txt", "r.dat"])
+def test_a_result_is_read_under_any_name(tmp_path, name):
+    written(tmp_path, "a.json", T).rename(tmp_path / name)
+    np.testing.assert_array_equal(read_pose(tmp_path / name), T)
+
+
 @pytest.mark.parametrize("name", ["a.txt", "a.json", "a.npy"])
 def test_three_rows_are_enough(tmp_path, name):
     np.testing.assert_array_equal(read_pose(written(tmp_path, name, T[:3])), T)

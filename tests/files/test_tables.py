@@ -29,6 +29,11 @@ ROWS = [[4400000.123456, -2.5, 3.0], [4.0, 5.0, 6.0]]
         ("a.xyz", "# made by a scanner: all x y z in metres\n4400000.123456 -2.5 3\n# the end\n4 5 6\n"),
         ("a.txt", "//X Y Z Quality\n4400000.123456 -2.5 3 1\n4 5 6 0\n"),
         ("a.xyz", "# z y x\n3 -2.5 4400000.123456\n6 5 4\n"),
+        ("a.txt", "P1 4400000.123456 -2.5 3\nP2 4 5 6\n"),
+        ("a.csv", "P 1;4400000,123456;-2,5;3;117\nP 2;4;5;6;90\n"),
+        ("a.csv", "Point,X coord,Y coord,Z coord\nP1,4400000.123456,-2.5,3\nP2,4,5,6\n"),
+        ("a.csv", '"Temp","Points:0","Points:1","Points:2"\n20,4400000.123456,-2.5,3\n21,4,5,6\n'),
+        ("a.csv", "x_raw,x,y,z\n7,4400000.123456,-2.5,3\n8,4,5,6\n"),
         ("a.CSV", "X,Y,Z,comment with no number\n4400000.123456,-2.5,3,é\n4,5,6,\n"),
     ],
 )
@@ -89,6 +94,9 @@ def test_empty_fields_and_infinities_are_dropped_and_counted(tmp_path: Path) -> 
         (b"a,b,c\n1,2,3\n", "columns a, b, c; expected columns named x, y and z"),
         (b"x,y,z\n1,2,3,4\n", "3 column names over 4 columns"),
         (b"x,y,z,w\n1,2,3,4\n1,2\n", "row 2"),
+        (b"x_mm,y_mm,z_um\n1,2,3\n", "x, y and z in mm and um; expected one length unit"),
+        (b"x_raw,y_raw,z_raw\n1,2,3\n", "columns x_raw, y_raw, z_raw; expected columns named x, y and z"),
+        (b"P1 1 2 3\nP2 4 five 6\n", "'five'"),
         (b"x,y,z\nnan,nan,nan\n", "1 points, all NaN or infinite"),
         (b"2\nwater\nO 0 0 0\nH 1 0 0\n", "could not convert|columns changed|line"),
         ("1 2 3\n".encode("utf-16"), "binary data; expected text"),
@@ -132,3 +140,70 @@ def test_commas_that_part_columns_still_do(tmp_path: Path) -> None:
     for text in ("1.5,2,3\n4,5,6\n", "1.5, 2, 3\n4, 5, 6\n", "1.5 ,2 ,3\n4 ,5 ,6\n"):
         (tmp_path / "a.txt").write_text(text)
         np.testing.assert_array_equal(read_cloud(tmp_path / "a.txt").points, [[1.5, 2, 3], [4, 5, 6]])
+
+
+@pytest.mark.parametrize(
+    ("head", "unit"),
+    [
+        ("X [mm];Y [mm];Z [mm]", "mm"),
+        ("X (mm),Y (mm),Z (mm)", "mm"),
+        ("X [mm] Y [mm] Z [mm]", "mm"),
+        ("x_mm,y_mm,z_mm", "mm"),
+        ("X(m) Y(m) Z(m)", "m"),
+        ("X-Position [inch],Y-Position [inch],Z-Position [inch]", "inch"),
+        ("X Coordinate (µm),Y Coordinate (µm),Z Coordinate (µm)", "um"),
+        ("# x_cm y_cm z_cm", "cm"),
+        ("X [],Y [],Z []", None),
+        ("Points_0,Points_1,Points_2", None),
+    ],
+)
+def test_the_unit_of_the_column_names_is_that_of_the_points(tmp_path: Path, head: str, unit: str | None) -> None:
+    gap = ";" if ";" in head else "," if "," in head else " "
+    (tmp_path / "a.csv").write_text(f"{head}\n{gap.join('123')}\n{gap.join('456')}\n")
+    cloud = read_cloud(tmp_path / "a.csv")
+    assert cloud.points.tolist() == [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
+    assert cloud.units == unit
+
+
+def test_normals_beside_names_with_units(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("x [mm],y [mm],z [mm],Normals:0,Normals:1,Normals:2\n1,2,3,0,0,1\n")
+    cloud = read_cloud(tmp_path / "a.csv")
+    assert cloud.units == "mm"
+    assert cloud.normals is not None
+    assert cloud.normals.tolist() == [[0.0, 0.0, 1.0]]
+
+
+def numbered(rows: np.ndarray, first: int) -> np.ndarray:
+    return np.column_stack([first + np.arange(len(rows)), rows])
+
+
+@pytest.mark.parametrize("first", [0, 1])
+@pytest.mark.parametrize(("normals", "ending"), [(False, ".txt"), (True, ".txt"), (False, ".npy")])
+def test_a_column_that_counts_the_rows_is_no_coordinate(tmp_path: Path, first: int, normals: bool, ending: str) -> None:
+    rng = np.random.default_rng(0)
+    points, up = rng.normal(size=(20, 3)), np.tile([0.0, 0.0, 1.0], (20, 1))
+    table = numbered(np.hstack([points, up]) if normals else points, first)
+    file = tmp_path / f"a{ending}"
+    if ending == ".npy":
+        np.save(file, table)
+    else:
+        np.savetxt(file, table, fmt="%.17g")
+    with pytest.warns(UserWarning, match="the first of . columns counts the rows and is taken for their numbers"):
+        cloud = read_cloud(file)
+    np.testing.assert_array_equal(cloud.points, points)
+    assert (cloud.normals is not None) == normals
+
+
+@pytest.mark.parametrize("change", ["gap", "few", "start", "order"])
+def test_an_x_that_only_looks_like_a_counter_is_x(tmp_path: Path, change: str) -> None:
+    table = numbered(np.random.default_rng(0).normal(size=(20, 3)), 0)
+    if change == "gap":
+        table[-1, 0] += 1
+    elif change == "few":
+        table = table[:4]
+    elif change == "start":
+        table[:, 0] += 2
+    else:
+        table[[3, 4]] = table[[4, 3]]
+    np.savetxt(tmp_path / "a.xyz", table, fmt="%.17g")
+    np.testing.assert_array_equal(read_cloud(tmp_path / "a.xyz").points, table[:, :3])

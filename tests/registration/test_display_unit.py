@@ -73,9 +73,9 @@ def test_there_and_back_is_the_same(found: Registration, tmp_path: Path) -> None
 def test_a_part_is_shown_in_a_unit_only_where_its_own_is_known(found: Registration) -> None:
     part = load_case(demo_case()).part
     with pytest.raises(InputError, match="names no length unit; name it with --target-units"):
-        shown_target(part, None, "mm", asked=True)
-    assert shown_target(part, "mm", "mm", asked=True).geometry == part
-    shown = shown_target(part, "mm", "inch", asked=True)
+        shown_target(part, None, "mm")
+    assert shown_target(part, "mm", "mm").geometry == part
+    shown = shown_target(part, "mm", "inch")
     assert (shown.units, shown.own, shown.scale) == ("inch", "mm", pytest.approx(1.0 / 25.4))
     T = np.eye(4)
     T[:3, 3] = 25.4
@@ -89,7 +89,7 @@ def test_a_part_is_shown_in_a_unit_only_where_its_own_is_known(found: Registrati
 def test_a_scan_without_a_unit_is_in_that_of_the_file_of_the_part(tmp_path: Path, stated: str | None) -> None:
     case = load_case(demo_case())
     points = read_cloud(case.scan).points
-    shown = shown_target(case.part, "mm", "m", asked=True)
+    shown = shown_target(case.part, "mm", "m")
     for scale, unit in ((1.0, "mm"), (1.0 / 1000.0, stated)):
         write_cloud(tmp_path / "scan.ply", points * scale, comments=[] if stated is None else [f"units {unit}"])
         with shown.source_units(tmp_path / "scan.ply", None) as units:

@@ -37,6 +37,25 @@ CharacteristicKind = Literal[
     "slot-position",
     "edge-point",
 ]
+# Words of drawings for what has another name here.
+SYNONYMS = {
+    **dict.fromkeys(("flatness", "cylindricity", "sphericity"), "form"),
+    "circularity": "roundness",
+    "concentricity": "coaxiality",
+    "squareness": "perpendicularity",
+    **dict.fromkeys(("surface profile", "profile of a surface"), "profile"),
+}
+# Words of drawings for what is not measured under any name, and what is instead.
+NOT_MEASURED = {
+    "radius": "a radius is measured as a diameter, with limits twice as wide",
+    **dict.fromkeys(("depth", "height"), 'it is the distance of two faces: kind = "distance"'),
+    **dict.fromkeys(
+        ("runout", "circular runout", "total runout"),
+        "runout is not measured; roundness (of sections) or form and coaxiality are, which together bound it",
+    ),
+    "symmetry": "symmetry is not measured; the position of a hole and the slot-position of a slot are",
+    **dict.fromkeys(("line profile", "profile of a line"), "profile is that of a whole face"),
+}
 # Faces that a characteristic is of; one of a distance or an angle is of two.
 FACES: dict[str, int] = {"distance": 2, "angle": 2}
 # Those of a slot: of all the faces of its wall.
@@ -88,7 +107,7 @@ def characteristic_of(entry: Any, where: str, letters: list[str]) -> PlannedChar
         where,
     )
     kind = entry.get("kind")
-    require_one_of(kind, get_args(CharacteristicKind), f"{where}: kind")
+    _require_kind(kind, f"{where}: kind")
     where = f"{where} ({entry.get('name', kind)})"
     datum = entry.get("datum", "")
     if kind in TO_DATUM or datum:
@@ -116,6 +135,16 @@ def characteristic_of(entry: Any, where: str, letters: list[str]) -> PlannedChar
         _line(entry, kind, where),
         fit_of(entry, where),
     )
+
+
+def _require_kind(kind: Any, where: str) -> None:
+    """Raise where a kind is none of those known; words of drawings are told what they are here."""
+    word = kind.strip().lower().replace("_", " ") if isinstance(kind, str) else ""
+    if word in SYNONYMS:
+        raise InputError(f'{where} is called by another name here: write kind = "{SYNONYMS[word]}"; got {kind!r}')
+    if word in NOT_MEASURED:
+        raise InputError(f"{where}: got {kind!r}; {NOT_MEASURED[word]}")
+    require_one_of(kind, get_args(CharacteristicKind), where)
 
 
 def _faces(entry: dict[str, Any], kind: str, where: str) -> tuple[FaceName, ...]:

@@ -93,14 +93,14 @@ class Targets:
         from dqreg.registration.target import prepare_target
 
         asked = asked or RowInspection()
-        wanted = asked.units
-        mark = (*digest_of(path), own, wanted)
+        units = (own, asked.display_units, asked.plan_units)
+        mark = (*digest_of(path), *units)
         if mark not in self._prepared:
             # Makes room first: no more than the kept number are ever in memory.
             while len(self._prepared) >= self._kept:
                 self._prepared.popitem(last=False)
             # Under the mark from before it was read: had it changed meanwhile, the row fails and the next reads anew.
-            shown = shown_target(path, own, wanted, asked=asked.display_units is not None)
+            shown = shown_target(path, *units)
             self._prepared[mark] = prepare_target(shown.geometry), shown
         self._prepared.move_to_end(mark)
         return self._prepared[mark]
@@ -112,7 +112,7 @@ def run_row(row: Row, targets: Targets, thumbnail: Thumbnail | None = None) -> R
     try:
         before = inputs_of(row)
         result, shown = _registered(row, targets, keep_inputs=thumbnail is not None or row.asked != RowInspection())
-        inspected, page = inspect_row(result, row.asked)
+        inspected, page = inspect_row(result, row.asked, shown)
         if inputs_of(row) != before:
             return RowResult(
                 "error", "a file of this row changed while it was read; run it again once nothing writes to it"

@@ -11,6 +11,7 @@ from dqreg.inspection.tolerances import Tolerance
 from dqreg.registration.batch.file_digests import digest_of
 
 if TYPE_CHECKING:
+    from dqreg.registration.display_unit import ShownTarget
     from dqreg.registration.inspected import Inspected
     from dqreg.registration.result import Registration
 
@@ -38,11 +39,11 @@ class RowInspection:
         return self.plan is not None or self.tolerance is not None
 
     @property
-    def units(self) -> str | None:
-        """Length unit that is asked for, of the command line or of the plan."""
+    def plan_units(self) -> str | None:
+        """Length unit that the plan names."""
         from dqreg.inspection import read_plan
 
-        return self.display_units or (None if self.plan is None else read_plan(self.plan).units)
+        return None if self.plan is None else read_plan(self.plan).units
 
     def mark(self) -> dict[str, Any]:
         """All that the inspection depends on, in plain JSON values."""
@@ -56,7 +57,9 @@ class RowInspection:
         }
 
 
-def inspect_row(result: Registration, asked: RowInspection) -> tuple[dict[str, Any] | None, str | None]:
+def inspect_row(
+    result: Registration, asked: RowInspection, shown: ShownTarget
+) -> tuple[dict[str, Any] | None, str | None]:
     """The record of an inspection and the page of the row; None where nothing of it was asked."""
     import numpy as np
 
@@ -65,7 +68,7 @@ def inspect_row(result: Registration, asked: RowInspection) -> tuple[dict[str, A
 
     record, found = None, None
     if asked.inspects and np.isfinite(result.T_target_source).all():
-        plan = None if asked.plan is None else read_plan(asked.plan)
+        plan = None if asked.plan is None else shown.planned(read_plan(asked.plan))
         try:
             found = inspect_registration(result, plan, asked.tolerance, required_share=asked.required_share)
             record = found.record()

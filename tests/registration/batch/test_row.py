@@ -89,6 +89,18 @@ def test_a_row_is_shown_in_another_unit_and_its_result_stays_in_the_part_s(rows)
     assert shown["batch"]["inspection"]["outcome"] == "pass"
 
 
+def test_the_tolerance_of_a_plan_is_shown_in_the_unit_that_is_asked_for(rows, tmp_path):
+    """The plan's unit is also that of a part whose file does not say."""
+    (tmp_path / "plan.toml").write_text('units = "mm"\ntolerance = 0.2\n')
+    asked = RowInspection(plan=tmp_path / "plan.toml", display_units="inch")
+    found = run_row(dataclasses.replace(rows[0], asked=asked), Targets())
+    assert (found.status, found.message) == ("ran", "")
+    inspection = found.record["batch"]["inspection"]
+    assert (inspection["units"], inspection["outcome"]) == ("inch", "pass")
+    face = next(row for row in inspection["values"] if row["name"].endswith("median deviation"))
+    assert face["high"] == pytest.approx(0.2 / 25.4)
+
+
 def rewrite(path: Path) -> None:
     """Other content that means the same."""
     path.write_bytes(path.read_bytes() + b"\n")
