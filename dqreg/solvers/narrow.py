@@ -44,8 +44,8 @@ class Aligned:
         """The same in other axes."""
         turn = np.zeros((6, 6))
         turn[:3, :3], turn[3:, 3:] = axes_source.T @ self.axes_source, axes_target.T @ self.axes_target
-        parts = (turn @ part @ turn.T for part in (self.points, self.directions))
-        return Aligned(axes_source, axes_target, *parts, self.grains)
+        points, directions = (turn @ part @ turn.T for part in (self.points, self.directions))
+        return Aligned(axes_source, axes_target, points, directions, self.grains)
 
     def scaled(self, factor: float) -> Aligned:
         """The sums of weights that are ``factor`` times as large."""

@@ -34,7 +34,8 @@ SMALLEST_DIFFERENCE = 1e-12
 
 def grain_of(weight: Size, square: Size, spread: Size) -> Size:
     """How far rounding may move a side: of ``sum w``, its mean's squared distance from the origin, and its spread."""
-    return SAME_POINT * np.hypot(np.sqrt(weight) * np.sqrt(square), np.sqrt(spread))
+    grain: Size = SAME_POINT * np.hypot(np.sqrt(weight) * np.sqrt(square), np.sqrt(spread))
+    return grain
 
 
 def rounding_of(grains: Pair, sizes: Pair) -> Size:
