@@ -51,6 +51,7 @@ LEVELS = 2
 class CellPlanes:
     """Planes at the means of cells, through those of neighbouring ones."""
 
+    means: FloatArray  # (m, 3): The means of the points of each cell
     fits: PlaneFits
     rims: BoolArray  # (m,): Which of the means lie on a rim
     heights: FloatArray  # (m,): From the mean along the normal to the surface that the neighbours make; 0 if unknown
@@ -118,7 +119,7 @@ class Cells:
             asked = np.zeros(len(cells.codes), dtype=bool)
             asked[parents] = True
         fits = PlaneFits(found[:, :3].copy(), found[:, 3], found[:, 4], NEIGHBOURS, found[:, 5])
-        return CellPlanes(fits, rims, np.where(fits.known, found[:, 6], 0.0))
+        return CellPlanes(self.points, fits, rims, np.where(fits.known, found[:, 6], 0.0))
 
     def smoothed(self, planes: CellPlanes) -> Cells:
         """The same with each mean moved along its normal to the surface that the neighbouring means make.
@@ -183,6 +184,11 @@ class CellSurface(CloudSurface):
         # Median of how far the points were moved to the surface of their neighbours.
         self.smoothed_by = 0.0 if planes is None else median(np.abs(planes.heights))
         super().__init__(points, derived=True)
+
+    @property
+    def means(self) -> FloatArray:
+        """Means of the points of each cell, (m, 3), with all of their noise."""
+        return self._points if self._cell_planes is None else self._cell_planes.means
 
     @unlocked_property
     def in_rings(self) -> bool:

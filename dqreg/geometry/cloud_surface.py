@@ -86,6 +86,11 @@ class CloudSurface:
         self.oriented = cloud.normals is not None or cloud.viewpoint is not None
 
     @property
+    def means(self) -> FloatArray:
+        """What the points are before noise was taken from them, (m, 3): they themselves, but of a cloud's cells."""
+        return self._points
+
+    @property
     def normals(self) -> FloatArray:
         """Unit normals of the distinct points in Morton order, (m, 3); zero where there is none."""
         return self.fitted[:, :3]

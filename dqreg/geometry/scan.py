@@ -273,8 +273,9 @@ def prepare_scan(
         few = FEW_QUERIES * len(rows) <= len(points)
         tree = NeighbourTree(points, in_order=few) if surface is None else surface._tree
     of_cells = None if surface is None else surface._all_planes()
+    means = points if surface is None else surface.means
     fits, spacing, (noise, quiet) = (
-        measure_pieces(points, rows) if tree is None else measure_all(points, rows, tree, of_cells)
+        measure_pieces(points, rows) if tree is None else measure_all(points, rows, tree, of_cells, means)
     )
     planes = ScanPlanes.of(rows, fits, len(points))
     if cloud.normals is None and cloud.viewpoint is not None:

@@ -22,14 +22,17 @@ PARTS, MANY = 8, 65_536
 
 
 def measure_all(
-    points: FloatArray, rows: IntArray, tree: NeighbourTree, fits: PlaneFits | None
+    points: FloatArray, rows: IntArray, tree: NeighbourTree, fits: PlaneFits | None, means: FloatArray
 ) -> tuple[PlaneFits, float, tuple[float, float]]:
-    """Planes at some points of a cloud, fitted unless they are known; spacing and noises of the cloud."""
+    """Planes at some points of a cloud, fitted unless they are known; spacing and noises of the cloud.
+
+    The noise is that of the means, (n, 3), from which points of cells were moved to the surface of their neighbours.
+    """
     at = points if len(rows) == len(points) else points[rows]
     fits = fit_planes_at(tree, points, rows) if fits is None else fits
     if at is points and fits.neighbours is not None:
         tree.remember(fits.neighbours)
-    return fits, (spacing := spacing_of(fits, at)), noise_of(fits, points, at, tree, spacing)
+    return fits, (spacing := spacing_of(fits, at)), noise_of(fits, means, at, tree, spacing)
 
 
 def measure_pieces(points: FloatArray, rows: IntArray) -> tuple[PlaneFits, float, tuple[float, float]]:

@@ -49,7 +49,7 @@ def noise_of(
 ) -> tuple[float, float]:
     """Standard deviation of points across their faces: what most planes leave, and quadrics on the quieter faces.
 
-    Shapes: points (n, 3) of the tree, at (m, 3), where planes are fitted.
+    Shapes: points (n, 3), in the order of those of the tree, at (m, 3), where planes are fitted.
     """
     known = np.flatnonzero(fits.known)
     if not len(known):

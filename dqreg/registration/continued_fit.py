@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
+from dqreg.geometry import Scan
 from dqreg.registration.fallback import is_doubtful, may_search
 from dqreg.registration.fit import Fit
 from dqreg.registration.loop_status import status_of
-from dqreg.registration.prepared import Prepared
 from dqreg.solvers.status import INTERRUPTED
 
 # Distances from the planes below this share of the spacing of all points: the points then stand nearer to the surface
@@ -37,20 +35,22 @@ def all_points_say_more(fit: Fit) -> bool:
     if run.ended_early or not run.weights.any() or not run.pairs.closest.normals.any():
         return False
     if not prepared.even:
-        return fit.problem.both_are_clouds and is_clean(prepared)
-    spacing = prepared.scan.spacing
+        return fit.problem.both_are_clouds and is_clean(prepared.scan)
+    spacing, smoothed = prepared.scan.spacing, 0.0
     if prepared.cell_size:
-        if fit.problem.options.effort == "fast" and not is_clean(prepared):
+        if fit.problem.options.effort == "fast" and not is_clean(prepared.scan):
             # Of 90 random pairs of scanned parts cells left 1.07 to 1.27 times the error, in half of the time.
             return False
         if prepared.is_from_a_stand or prepared.scan.total < CROWDED * len(prepared.scan):
             return False
+        # Noise that the cells of both were rid of is the points' still.
+        smoothed = 2.0 * (prepared.scan.quiet or 0.0) ** 2
         # Of a surface: that many points in as many cells, each the square of its edge.
         spacing = prepared.cell_size * np.sqrt(len(prepared.scan) / prepared.scan.total)
     elif prepared.scan.noise < WELL_BELOW * spacing:
         # Its own planes have had their say, of points of one body as the target's.
         return False
-    aside = np.sqrt(np.average(run.pairs.point_to_plane**2, weights=run.weights) + 2.0 * prepared.smoothed_by**2)
+    aside = np.sqrt(np.average(run.pairs.point_to_plane**2, weights=run.weights) + smoothed)
     return bool(aside < WELL_BELOW * spacing)
 
 
@@ -67,15 +67,15 @@ def in_doubt_on_all_points(fit: Fit) -> Fit:
     return other if other.found and not is_doubtful(other) else fit
 
 
-def is_clean(prepared: Prepared) -> bool:
+def is_clean(scan: Scan) -> bool:
     """Whether the points of a scan stand so near to the surface that planes of both sides tell more than of one."""
-    return math.hypot(prepared.scan.noise, prepared.smoothed_by) < CLEAN * prepared.scan.spacing
+    return scan.noise < CLEAN * scan.spacing
 
 
 def on_all_points(fit: Fit) -> Fit:
     """The fit resumed on all points of both clouds."""
     problem, prepared = fit.problem, fit.problem.prepare_whole()
-    if is_clean(prepared):
+    if is_clean(prepared.scan):
         prepared = problem.prepare_even()
     settings = problem.options.icp_settings(fit.settings.max_distance, fit.constraints, even=prepared.even)
     return fit.resumed(fit.T_target_source, fit.run.mixture.scale, prepared=prepared, settings=settings)

@@ -10,7 +10,6 @@ from dqreg.geometry.cells import CellSurface
 from dqreg.geometry.voxels import WHOLE, VoxelCloud, cell_size, voxel_size
 from dqreg.kernels.threads import Later
 from dqreg.registration.target_index import Evening, TargetIndex
-from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 
 # Begins what is asked of a thinned target beside the caller, once its cells are there; the scan may be whole.
 Begin = Callable[[Surface, bool], None]
@@ -39,11 +38,6 @@ class Prepared:
         return isinstance(self.surface, CellSurface) and (
             self.surface.cells.unevenness > STAND or self.surface.in_rings
         )
-
-    @property
-    def smoothed_by(self) -> float:
-        """Noise that the points of the cells were rid of, in its usual size; 0 where they are no cells."""
-        return GAUSSIAN_MEDIAN * self.surface.smoothed_by if isinstance(self.surface, CellSurface) else 0.0
 
     @staticmethod
     def whole(cloud: PointCloud, target: TargetIndex, fitted: int | None) -> Prepared:

@@ -132,7 +132,7 @@ def test_from_nothing_no_twin_is_accepted_for_what_it_has_in_common(
 
 def test_from_nothing_a_prism_is_compared_after_its_steps() -> None:
     # Four planes are in common, after a step of a sixth as well: that pose was accepted, and no other named.
-    source, target, truth, size = views("hexagon", 1, 40.0)
+    source, target, truth, size = views("hexagon", 1, 40.0, PIXELS)
     found = register(
         PointCloud(source, viewpoint=np.zeros(3)), PointCloud(target, viewpoint=np.zeros(3)), effort="fast"
     )
