@@ -186,7 +186,7 @@ class CellSurface(CloudSurface):
         super().__init__(points, derived=True)
 
     @property
-    def means(self) -> FloatArray:
+    def _means(self) -> FloatArray:
         """Means of the points of each cell, (m, 3), with all of their noise."""
         return self._points if self._cell_planes is None else self._cell_planes.means
 

@@ -86,7 +86,7 @@ class CloudSurface:
         self.oriented = cloud.normals is not None or cloud.viewpoint is not None
 
     @property
-    def means(self) -> FloatArray:
+    def _means(self) -> FloatArray:
         """What the points are before noise was taken from them, (m, 3): they themselves, but of a cloud's cells."""
         return self._points
 

@@ -272,11 +272,10 @@ def prepare_scan(
         # Points in Morton order need no other order for few queries.
         few = FEW_QUERIES * len(rows) <= len(points)
         tree = NeighbourTree(points, in_order=few) if surface is None else surface._tree
-    of_cells = None if surface is None else surface._all_planes()
-    means = points if surface is None else surface.means
-    fits, spacing, (noise, quiet) = (
-        measure_pieces(points, rows) if tree is None else measure_all(points, rows, tree, of_cells, means)
-    )
+        of_cells, means = (None, points) if surface is None else (surface._all_planes(), surface._means)
+        fits, spacing, (noise, quiet) = measure_all(points, rows, tree, of_cells, means)
+    else:
+        fits, spacing, (noise, quiet) = measure_pieces(points, rows)
     planes = ScanPlanes.of(rows, fits, len(points))
     if cloud.normals is None and cloud.viewpoint is not None:
         planes = planes.oriented(points, cloud.viewpoint)

@@ -176,9 +176,8 @@ def closest_in_voxels(
     """Write nearest points of queries first to last, (m, 3), and normals there with their variances. O(1) each.
 
     Where none is nearer than ``within``, the row is -1, the distance that, the point the query and the normal zero.
-    Planes are kept by cells, (8 v, 9), as `fit_cell` writes them. Rows
-    that were the nearest at other places, (m, 3) or (0, 3), are kept where no other can be nearer by more than a
-    tolerance.
+    Planes are kept by cells, (8 v, 9), as `fit_cell` writes them. Rows that were the nearest at other places, (m, 3) or
+    (0, 3), are kept where no other can be nearer by more than a tolerance.
     """
     best, normal, half = np.zeros(2), np.zeros(7), 0.5 * size
     around = np.zeros((ROOM, COLUMNS), np.int64)
