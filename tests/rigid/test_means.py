@@ -171,12 +171,15 @@ def test_the_centre_is_a_change_of_words_only():
         pose.mean(poses, centre=[1, 2])
 
 
+DRAWS = 12
+
+
 @pytest.mark.parametrize("far", [1e5, 1e6, 5e6, 1e9])
 def test_covariances_that_rounding_has_spoilt_are_refused_with_the_remedy(far):
     rng, refused = np.random.default_rng(7), 0
     c = far * np.array([1, 0.3, -0.2])
     A = pose.adjoint(pose.from_parts(np.eye(3), c))
-    for _ in range(40):
+    for _ in range(DRAWS):
         roots = np.einsum("ni,ij->nij", 10.0 ** rng.uniform(-3, -1, (4, 6)), np.eye(6))
         draws = np.einsum("nij,nj->ni", roots, rng.standard_normal((4, 6)))
         C = A @ roots @ np.swapaxes(roots, 1, 2) @ A.T
@@ -188,7 +191,7 @@ def test_covariances_that_rounding_has_spoilt_are_refused_with_the_remedy(far):
             home = pose.adjoint(pose.from_parts(np.eye(3), -c))
             assert np.linalg.eigvalsh(home @ found.covariance @ home.T)[0] > 0.0
     assert refused == (0 if far < 1e6 else refused)
-    assert refused == (40 if far > 1e8 else refused)
+    assert refused == (DRAWS if far > 1e8 else refused)
 
 
 def test_errors_of_the_mean_pose():
