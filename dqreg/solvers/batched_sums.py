@@ -41,16 +41,16 @@ def sum_block(source: FloatArray, target: FloatArray, beta: FloatArray, directio
     mean_target, q = _about_mean(target, share)
     H, spread_source, spread_target = _products(p, q, beta)
     sizes = np.sqrt(spread_source), np.sqrt(spread_target)
-    squares = (mean_source**2).sum(axis=0), (mean_target**2).sum(axis=0)
+    away = [np.sqrt((mean**2).sum(axis=0)) for mean in (mean_source, mean_target)]
     # That of the mean alone: what the spread has rounds with the sums.
-    far = [SAME_POINT * np.sqrt(weight) * np.sqrt(square) for square in squares]
+    far = [SAME_POINT * np.sqrt(weight) * each for each in away]
     wide = (sizes[0] > far[0]) & (sizes[1] > far[1])
     least = np.minimum(spread_source, spread_target)
     faint = (least > 0.0) & (least < SMALLEST_SQUARE * weight)
     H = np.where(wide, H, 0.0)
     reach = np.where(wide, sizes[0] * sizes[1], 0.0)
     floor = np.where(wide, rounding_of((far[0], far[1]), sizes), 0.0)
-    grains = np.array([grain_of(weight, square, size**2) for square, size in zip(squares, sizes, strict=True)])
+    grains = np.array([grain_of(weight, each, size**2) for each, size in zip(away, sizes, strict=True)])
     if directions is not None:
         more, length_source, length_target = _products(*directions)
         H = H + more

@@ -115,8 +115,8 @@ def rotation_sums(moments: Moments) -> tuple[FloatArray, float, float, bool]:
     """
     m = moments
     root = math.sqrt(m.point_weight)
-    away = math.sqrt(float(m.mean_source @ m.mean_source)), math.sqrt(float(m.mean_target @ m.mean_target))
-    grains = SAME_POINT * root * away[0], SAME_POINT * root * away[1]
+    # Squares of the farthest coordinates that are read would overflow.
+    grains = SAME_POINT * root * math.hypot(*m.mean_source), SAME_POINT * root * math.hypot(*m.mean_target)
     sizes = math.sqrt(m.spread_source), math.sqrt(m.spread_target)
     reach = math.sqrt(m.length_source) * math.sqrt(m.length_target)
     if sizes[0] <= grains[0] or sizes[1] <= grains[1]:

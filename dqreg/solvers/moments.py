@@ -141,8 +141,8 @@ def _in_axes(moments: Moments, axes: Pair) -> Aligned:
 def _grains(moments: Moments) -> FloatArray:
     """How far the rounding of coordinates may move the points of either side. Shapes: returns (2,)."""
     m = moments
-    squares = np.array([m.mean_source @ m.mean_source, m.mean_target @ m.mean_target])
-    return np.asarray(grain_of(m.point_weight, squares, np.array([m.spread_source, m.spread_target])))
+    away = np.array([math.hypot(*m.mean_source), math.hypot(*m.mean_target)])
+    return np.asarray(grain_of(m.point_weight, away, np.array([m.spread_source, m.spread_target])))
 
 
 def moments_of(

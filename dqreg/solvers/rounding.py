@@ -32,9 +32,9 @@ SMALLEST_GAP = 1e-20
 SMALLEST_DIFFERENCE = 1e-12
 
 
-def grain_of(weight: Size, square: Size, spread: Size) -> Size:
-    """How far rounding may move a side: of ``sum w``, its mean's squared distance from the origin, and its spread."""
-    grain: Size = SAME_POINT * np.hypot(np.sqrt(weight) * np.sqrt(square), np.sqrt(spread))
+def grain_of(weight: Size, away: Size, spread: Size) -> Size:
+    """How far rounding may move a side: of ``sum w``, its mean's distance from the origin, and its spread."""
+    grain: Size = SAME_POINT * np.hypot(np.sqrt(weight) * away, np.sqrt(spread))
     return grain
 
 
