@@ -108,7 +108,8 @@ def test_solve_and_solve_many_agree_on_what_is_degenerate(seed, width, far, nois
         assert fits.degenerate[0]
     else:
         assert not fits.degenerate[0]
-        np.testing.assert_allclose(fits.T_target_source[0, :3, :3], fit.T_target_source[:3, :3], atol=1e-2)
+        # At the limit of what is accepted rounding may roll a strip by 1/16 rad, in either.
+        np.testing.assert_allclose(fits.T_target_source[0, :3, :3], fit.T_target_source[:3, :3], atol=2.0 / 16.0)
 
 
 @pytest.mark.parametrize("noise", [1e-6, 1e-4, 1e-2])
