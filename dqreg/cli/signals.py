@@ -24,6 +24,8 @@ WORDS = {
     signal.SIGTERM: "error: ended by a signal (SIGTERM); no file is left half-written",
     HANGUP: "error: the terminal was closed (SIGHUP); no file is left half-written",
 }
+# Files of the compiler, which calls back while it loads what it has compiled.
+COMPILER = f"{os.sep}llvmlite{os.sep}"
 # Seconds after which a signal that came at a bad moment is sent again.
 AGAIN_SECONDS = 0.002
 
@@ -31,8 +33,9 @@ AGAIN_SECONDS = 0.002
 class Signals:
     """The three signals in a block: raised, so that all that tidies up is run; earlier handlers come back at its end.
 
-    Never raised inside an import, a finaliser or a weak reference's callback: compiled modules swallow an exception
-    there or take it for damage, and Python prints it and goes on. There the signal is sent again a moment later.
+    Never raised inside an import, a finaliser, a weak reference's callback or one of the compiler's (llvmlite):
+    compiled modules swallow an exception there or take it for damage, and Python prints it and goes on. There the
+    signal is sent again a moment later.
     """
 
     def __init__(self) -> None:
@@ -66,6 +69,7 @@ class Signals:
                 code.co_name == "__del__"
                 or code.co_filename.startswith("<frozen importlib")
                 or code.co_filename.endswith(("weakref.py", "_weakrefset.py"))
+                or COMPILER in code.co_filename
             ):
                 # Handlers run in the main thread: the one to wake.
                 _thread.start_new_thread(_send_again, (number, _thread.get_ident()))

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import ctypes
 import signal
 import sys
 import time
@@ -59,11 +60,24 @@ def bad_moments(tmp_path, monkeypatch):
         del thing
         return done == [True]
 
-    return {"an import": importing, "a finaliser": finalising, "a weak reference": dying}
+    def calling_back(number):
+        # As the compiler calls Python while it loads what it has compiled: ctypes prints what is raised and goes on.
+        done = []
+        names = {"act": lambda: (signal.raise_signal(number), done.append(True))}
+        exec(compile("def notify():\n    act()\n", str(tmp_path / "llvmlite" / "binding.py"), "exec"), names)
+        ctypes.CFUNCTYPE(None)(names["notify"])()
+        return done == [True]
+
+    return {
+        "an import": importing,
+        "a finaliser": finalising,
+        "a weak reference": dying,
+        "a callback of the compiler": calling_back,
+    }
 
 
 @pytest.mark.parametrize("number", NUMBERS)
-@pytest.mark.parametrize("place", ["an import", "a finaliser", "a weak reference"])
+@pytest.mark.parametrize("place", ["an import", "a finaliser", "a weak reference", "a callback of the compiler"])
 def test_at_a_bad_moment_it_waits_for_a_good_one(bad_moments, place, number, capfd):
     finished, signals = [], Signals()
 
