@@ -107,12 +107,17 @@ def _open_ones(fit: Fit, begun: FloatArray, but: Set[str]) -> FloatArray:
 
 def _cube_turns(normals: FloatArray) -> list[FloatArray]:
     """Rotations of a cube that has faces along normals, (n, 3)."""
-    one = normals[0]
-    other = normals[1] if len(normals) > 1 else np.eye(3)[np.abs(one).argmin()]
+    one, other = _two_of(normals)
     other = other - (one @ other) * one
     other /= np.linalg.norm(other)
     axes = np.stack([one, other, np.cross(one, other)])
     return [axes.T @ R @ axes for R in cube_rotations() if not np.array_equal(R, np.eye(3))]
+
+
+def _two_of(normals: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The first two of some normals, (n, 3); of a single one the axis of the coordinates that is most across it."""
+    one = normals[0]
+    return one, normals[1] if len(normals) > 1 else np.eye(3)[np.abs(one).argmin()]
 
 
 def prism_turns(normals: FloatArray) -> list[FloatArray]:
@@ -146,8 +151,7 @@ def _turned(fit: Fit, target: FloatArray, normals: FloatArray, turns: Sequence[F
     points = np.concatenate([placed, target])
     points = points[sample_rows(len(points), END_POINTS)]
     if len(normals) < CORNER_PLANES:
-        one = normals[0]
-        other = normals[1] if len(normals) > 1 else np.eye(3)[np.abs(one).argmin()]
+        one, other = _two_of(normals)
         normals = np.stack([one, other, np.cross(one, other)])
     sides = np.concatenate([normals, -normals])
     ends = _ends(points, sides)

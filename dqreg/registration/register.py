@@ -75,8 +75,8 @@ def register(
         query enter the cost with it. With an initial pose, clouds of more than 18,000 or 30,000 points are downsampled
         to about 6,000 or 10,000 cells (``settings["cell_size"]``), their means moved to the surface of their
         neighbours, unless they lie so near to it that all points improve the pose ("fast": much, where their noise is
-        small); "best" has no cells, but 15,000
-        where a sensor saw them from its stand (a LiDAR, a depth camera), where all points say less.
+        small); "best" has no cells, but 15,000 where a sensor saw them from its stand (a LiDAR, a depth camera), where
+        all points say less.
     seed : int
         For whatever is drawn (samples of a mesh that is the source).
     accelerate : bool

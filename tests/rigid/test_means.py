@@ -176,7 +176,7 @@ DRAWS = 12
 
 @pytest.mark.parametrize("far", [1e5, 1e6, 5e6, 1e9])
 def test_covariances_that_rounding_has_spoilt_are_refused_with_the_remedy(far):
-    rng, refused = np.random.default_rng(7), 0
+    rng, refused = np.random.default_rng(7), []
     c = far * np.array([1, 0.3, -0.2])
     A = pose.adjoint(pose.from_parts(np.eye(3), c))
     for _ in range(DRAWS):
@@ -186,12 +186,14 @@ def test_covariances_that_rounding_has_spoilt_are_refused_with_the_remedy(far):
         try:
             found = pose.mean(pose.from_parts(np.eye(3), c) @ pose.exp(draws), covariances=C)
         except InputError as error:
-            refused += "centre=" in str(error)
+            refused.append(str(error))
         else:
             home = pose.adjoint(pose.from_parts(np.eye(3), -c))
             assert np.linalg.eigvalsh(home @ found.covariance @ home.T)[0] > 0.0
-    assert refused == (0 if far < 1e6 else refused)
-    assert refused == (DRAWS if far > 1e8 else refused)
+    assert all("centre=" in message for message in refused)
+    # Between, rounding spoils some.
+    least, most = {1e5: (0, 0), 1e9: (DRAWS, DRAWS)}.get(far, (1, DRAWS))
+    assert least <= len(refused) <= most
 
 
 def test_errors_of_the_mean_pose():
