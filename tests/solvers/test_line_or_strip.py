@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from unittest import mock
+
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from dqreg.errors import DegenerateGeometryError
 from dqreg.rigid import pose
-from dqreg.solvers import PoseCost, horn, moments_of, solve, solve_many, solve_rotation, svd
+from dqreg.solvers import PoseCost, closed_form, horn, moments_of, solve, solve_many, solve_rotation, svd
 from dqreg.solvers.rounding import SAME_POINT, rounding_of
 from tests.solvers.exact_oracle import EPS, random_rotation
 
@@ -102,14 +104,19 @@ def test_solve_and_solve_many_agree_on_what_is_degenerate(seed, width, far, nois
     q = p + 10.0**noise * rng.normal(size=p.shape)
     m = rng.normal(size=(1, 3)) if directed else None
     fits = solve_many(p[None], q[None], *((m[None], m[None]) if directed else ()))
-    try:
-        fit = solve(p, q, m, m)
-    except DegenerateGeometryError:
-        assert fits.degenerate[0]
-    else:
-        assert not fits.degenerate[0]
-        # At the limit of what is accepted rounding may roll a strip by 1/16 rad, in either.
-        np.testing.assert_allclose(fits.T_target_source[0, :3, :3], fit.T_target_source[:3, :3], atol=2.0 / 16.0)
+    with mock.patch.object(closed_form, "require_determined", wraps=closed_form.require_determined) as asked:
+        try:
+            fit = solve(p, q, m, m)
+        except DegenerateGeometryError:
+            fit = None
+    if asked.called:
+        _, gap, _, floor, _ = asked.call_args.args
+        # At the limit itself the last bits of the sums decide, and those of a stack are added in another order.
+        assume(not 0.5 * floor < gap < 2.0 * floor)
+    assert fits.degenerate[0] == (fit is None)
+    if fit is not None:
+        # At the limit of what is accepted rounding may roll a strip by 1/16 rad, at twice that by half, in either.
+        np.testing.assert_allclose(fits.T_target_source[0, :3, :3], fit.T_target_source[:3, :3], atol=1.0 / 16.0)
 
 
 @pytest.mark.parametrize("noise", [1e-6, 1e-4, 1e-2])
