@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-from typing import Any
 
 import numpy as np
 
@@ -100,7 +99,7 @@ def small_copy(task: Task) -> Task:
     """The same task with few scan points, for warming up."""
     return dataclasses.replace(
         task,
-        source=_rows(task.source, np.arange(0, len(task.source), max(1, len(task.source) // WARMING_POINTS))),
+        source=task.source._taken(np.arange(0, len(task.source), max(1, len(task.source) // WARMING_POINTS))),
         source_points=None if task.source_points is None else task.source_points[:WARMING_POINTS],
     )
 
@@ -109,12 +108,7 @@ def _hold_out(source: PointCloud, rng: np.random.Generator) -> tuple[PointCloud,
     held = min(int(HELD_OUT_FRACTION * len(source)), MAX_HELD_OUT)
     chosen = np.zeros(len(source), dtype=bool)
     chosen[rng.choice(len(source), size=held, replace=False)] = True
-    return _rows(source, ~chosen), source.points[chosen]
-
-
-def _rows(cloud: PointCloud, rows: Any) -> PointCloud:
-    normals = None if cloud.normals is None else cloud.normals[rows]
-    return dataclasses.replace(cloud, points=cloud.points[rows], normals=normals)
+    return source._taken(~chosen), source.points[chosen]
 
 
 def _same_loop(task: Task, loop: SameLoop, size: float, rng: np.random.Generator) -> Task:
@@ -135,7 +129,7 @@ def _same_loop(task: Task, loop: SameLoop, size: float, rng: np.random.Generator
 def _subsampled(cloud: PointCloud, count: int, rng: np.random.Generator) -> PointCloud:
     if len(cloud) <= count:
         return cloud
-    return _rows(cloud, np.sort(rng.choice(len(cloud), size=count, replace=False)))
+    return cloud._taken(np.sort(rng.choice(len(cloud), size=count, replace=False)))
 
 
 def _normals(cloud: PointCloud) -> FloatArray:

@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import (
+    BoolArray,
     FloatArray,
+    IntArray,
     as_float,
     as_vectors,
     bounds,
@@ -108,16 +110,28 @@ class PointCloud:
 
     def _moved(self, offset: FloatArray, scale: float = 1.0) -> PointCloud:
         """The cloud scaled about zero, then shifted: no point has to be checked again."""
-        # As `copy.copy` has it, which asks for much that a cloud has not.
-        other = object.__new__(type(self))
-        other.__dict__.update(self.__dict__)
         points = shifted(self.points if scale == 1.0 else scale * self.points, offset)
         # Rounding keeps their order, so the ends stay the ends.
         low, high = (scale * end + offset for end in self._ends)
         require_workable_ends(low, high, "points")
-        other.__dict__["_known_ends"] = low, high
         viewpoint = None if self.viewpoint is None else scale * self.viewpoint + offset
-        _freeze(other, points=points, viewpoint=_viewpoint(viewpoint))
+        return self._changed(points=points, viewpoint=_viewpoint(viewpoint), _known_ends=(low, high))
+
+    def _taken(self, rows: IntArray | BoolArray) -> PointCloud:
+        """Some of its points, one at least, each with all that is known of it: no point has to be checked again."""
+        points = self.points[rows]
+        normals, times = (None if column is None else column[rows] for column in (self.normals, self.times))
+        return self._changed(points=points, normals=normals, times=times, _known_ends=bounds(points))
+
+    def _standing_for(self, points: FloatArray, normals: FloatArray | None) -> PointCloud:
+        """Other points that stand for those of this cloud, such as means: seen from the same place, at no one time."""
+        return dataclasses.replace(self, points=points, normals=normals, times=None)
+
+    def _changed(self, **values: Any) -> PointCloud:
+        """The same with other values, which need no check."""
+        # As `copy.copy` has it, which asks for much that a cloud has not.
+        other = object.__new__(type(self))
+        other.__dict__.update({**self.__dict__, **values})
         return other
 
     @classmethod

@@ -49,10 +49,7 @@ def without_signs(cloud: PointCloud) -> PointCloud:
     """The cloud without its normals where these have no side: they say no more than planes fitted to its points."""
     if cloud.normals is None or have_sides(cloud.points, cloud.normals):
         return cloud
-    bare = object.__new__(type(cloud))
-    # Not through the constructor: no point has to be checked again.
-    bare.__dict__.update({**cloud.__dict__, "normals": None})
-    return bare
+    return cloud._changed(normals=None)
 
 
 def _neighbours(points: FloatArray) -> tuple[IntArray, IntArray]:

@@ -165,4 +165,4 @@ def points_of(cloud: PointCloud, cells: Cells) -> PointCloud:
         normals = np.column_stack(columns)
         cancelled = np.abs(normals).max(axis=1) <= 1e-6 * cells.counts
         normals[cancelled] = cloud.normals[cells.order[cells.starts[cancelled]]]
-    return dataclasses.replace(cloud, points=cells.points, normals=normals)
+    return cloud._standing_for(cells.points, normals)

@@ -101,6 +101,11 @@ class Edge:
         return bool(np.isfinite(self.registration.T_target_source).all())
 
 
+def ended_in_error(edge: Edge) -> bool:
+    """Whether its registration ended in an error, whose words are the reason of its verdict."""
+    return edge.level == "failed" and "unreadable" in edge.registration.verdict.codes
+
+
 def confidence_of_edge(edge: Edge) -> float:
     """Confidence of an edge; 0 where it is not known."""
     return float(np.nan_to_num(edge.registration.verdict.confidence))

@@ -10,7 +10,9 @@ import scipy.sparse as sparse
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.multiway.edge_selection import EdgeSelection
-from dqreg.multiway.edges import DOUBTS_OF_RIGHT_POSE, PART, Edge, EdgeCode, is_refused
+from dqreg.multiway.edges import DOUBTS_OF_RIGHT_POSE, PART, Edge, is_refused
+from dqreg.multiway.left_out import errors, unplaced
+from dqreg.multiway.scan_names import NAMED_SCANS, named, pairs_named
 from dqreg.multiway.scans import View
 from dqreg.multiway.sides import Contradiction
 from dqreg.multiway.turning import UnobservableRotation
@@ -26,8 +28,6 @@ MIN_CONFIRMING_LOOPS = 2
 MIN_TELLING_PAIRS, MAX_CONTRADICTING_SHARE = 3, 1 / 3
 # A turn goes into a full one so many times, but for this share.
 WHOLE_ORDER_SHARE = 0.01
-# Scans named in one sentence.
-NAMED_SCANS = 8
 
 
 def judge_scans(
@@ -47,7 +47,7 @@ def judge_scans(
     placed = [k for k in usable if np.isfinite(T_world_scan[k]).all()]
     joined = len(placed) > 1 or (selection.anchor == PART and bool(placed))
     known = views, selection, placed
-    doubts = [*_unplaced(*known), *_weak(*known), *_unconfirmed(*known)]
+    doubts = [*unplaced(*known), *_weak(*known), *_unconfirmed(*known)]
     doubts += _uncertain(views, placed, covariances, size) if joined else ()
     doubts += _contradicted(views, against)
     doubts += _turned(views, turns)
@@ -77,41 +77,6 @@ def _used_loops(selection: EdgeSelection) -> BoolArray:
     used = np.array([selection.edges[row].used for row in selection.rows], dtype=bool)
     loops = selection.loops
     return loops.closes & used[loops.edges].all(axis=1) if len(loops.edges) else np.zeros(0, dtype=bool)
-
-
-def _unplaced(views: Sequence[View], selection: EdgeSelection, placed: Sequence[int]) -> Iterator[Reason]:
-    for view in views:
-        if view.problem:
-            yield Reason(f"{view.name} cannot be used: {view.problem}", "unreadable")
-    islands: dict[int, list[int]] = {}
-    for k, view in enumerate(views):
-        if view.usable and k not in placed:
-            islands.setdefault(int(selection.island[k]), []).append(k)
-    alone: dict[str, list[int]] = {}
-    for group in islands.values():
-        if len(group) > 1:
-            words = named(views, group)
-            why = ", or they show another object" if any(_has(selection, k, "misfit") for k in group) else ""
-            yield Reason(f"{words} are joined to each other and not to the rest: scan the part between{why}", "islands")
-            continue
-        why = "another object, or too little overlap"
-        if _has(selection, group[0], "looked_through"):
-            why = "where its pairs put it, the scanners of other scans looked through: another object, or wrong pairs"
-        elif _has(selection, group[0], "misfit"):
-            why = "where its pairs put it, it does not fit all others together: another object, moved, or wrong pairs"
-        elif _has(selection, group[0], "ambiguous"):
-            why = (
-                "it fits all others together in several ways, or too little holds it: scan more overlap, or give starts"
-            )
-        alone.setdefault(why, []).append(group[0])
-    for why, scans in alone.items():
-        verb = "is" if len(scans) == 1 else "are each"
-        yield Reason(f"{named(views, scans)} {verb} joined to no other scan: {why}", "scan_left_out")
-
-
-def _has(selection: EdgeSelection, k: int, code: EdgeCode) -> bool:
-    """Whether an edge of a scan was left out for a reason."""
-    return any(edge.code == code and k in (edge.target, edge.source) for edge in selection.edges)
 
 
 def _weak(views: Sequence[View], selection: EdgeSelection, placed: Sequence[int]) -> Iterator[Reason]:
@@ -278,22 +243,4 @@ def _notes(views: Sequence[View], selection: EdgeSelection) -> Iterator[Reason]:
     if against:
         words = pairs_named(views, [(edge.target, edge.source) for edge in against])
         yield Reason(f"accepted pairs that contradict the others, left out: {words}", "contradicting_edge")
-
-
-def name_of(views: Sequence[View], node: int) -> str:
-    """Name of a node."""
-    return "the part" if node == PART else views[node].name
-
-
-def pairs_named(views: Sequence[View], pairs: Sequence[tuple[int, int]]) -> str:
-    """Names of pairs (target, source) in a sentence."""
-    words = ", ".join(f"{name_of(views, target)} - {name_of(views, source)}" for target, source in pairs[:NAMED_SCANS])
-    return words if len(pairs) <= NAMED_SCANS else f"{words} and {len(pairs) - NAMED_SCANS} more"
-
-
-def named(views: Sequence[View], scans: Sequence[int]) -> str:
-    """Names of scans in a sentence."""
-    if len(scans) == len(views) > NAMED_SCANS:
-        return f"all {len(views)} scans"
-    words = ", ".join(views[k].name for k in scans[:NAMED_SCANS])
-    return words if len(scans) <= NAMED_SCANS else f"{words} and {len(scans) - NAMED_SCANS} more"
+    yield from errors(views, selection)

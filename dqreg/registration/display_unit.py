@@ -98,7 +98,7 @@ def _shown(path: Path, geometry: Mesh | PointCloud, unit: str, wanted: str) -> S
     if isinstance(geometry, Mesh):
         found: Mesh | PointCloud = dataclasses.replace(geometry, vertices=geometry.vertices * scale, units=wanted)
     else:
-        found = dataclasses.replace(geometry, points=geometry.points * scale, units=wanted)
+        found = dataclasses.replace(geometry._moved(np.zeros(3), scale), units=wanted)
     return ShownTarget(found, wanted, unit, scale)
 
 

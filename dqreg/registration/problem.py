@@ -199,9 +199,7 @@ class Problem(SourceAndTarget):
         most = np.inf if limit is None else max(IN_TIME * limit, FEWEST)
         if len(cloud) <= most:
             return cloud
-        rows = sample_rows(len(cloud), int(most))
-        normals = None if cloud.normals is None else cloud.normals[rows]
-        return dataclasses.replace(cloud, points=cloud.points[rows], normals=normals)
+        return cloud._taken(sample_rows(len(cloud), int(most)))
 
     def max_distance(self, prepared: Prepared) -> float:
         """Largest distance of a correspondence, target units."""

@@ -15,12 +15,14 @@ import pytest
 from dqreg.cli import register as room
 from dqreg.files import READERS, read_cloud, read_geometry, write_cloud
 from dqreg.files.poses import read_start
+from dqreg.geometry import Mesh, sample_mesh
 from dqreg.icp import ESTIMATORS
 from dqreg.inspection import measure_deviations
 from dqreg.registration import scan_deviations as deviations_room
 from dqreg.registration.options import EFFORTS, SEARCHES
 from dqreg.registration.result import Registration
 from dqreg.rigid import pose
+from dqreg.synth.parts import bracket
 from tests.cli.command import run
 
 
@@ -280,3 +282,19 @@ def test_an_ending_that_promises_another_kind_of_result_is_refused(case, tmp_pat
     assert run("register", case.scan, case.part, "--out", tmp_path / "pose.csv") == 2
     assert "T_target_source alone (.txt)" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+def test_two_las_scans_with_times_are_registered(tmp_path, capsys):
+    laspy = pytest.importorskip("laspy", reason="pip install 'dqreg[scans]'")
+    part = Mesh(*bracket())
+    for number in range(2):
+        header = laspy.LasHeader(point_format=1, version="1.2")
+        header.scales = [1e-4 * part.diagonal] * 3
+        made = laspy.LasData(header)
+        # More than three times the cells of this effort.
+        made.xyz = sample_mesh(part, 20_000, np.random.default_rng(number)).points
+        made.gps_time = np.linspace(0.0, 1.0, len(made.points))
+        made.write(tmp_path / f"{number}.las")
+    scans = [tmp_path / "0.las", tmp_path / "1.las"]
+    code = run("register", *scans, "--start", "identity", "--effort", "fast", "--quiet")
+    assert (code, capsys.readouterr().err) == (0, "")

@@ -12,12 +12,15 @@ import numpy as np
 import pytest
 
 from dqreg.compare import Protocol, SameLoop, compare, from_case, read_sweep, run_engine
+from dqreg.compare.case import make_case, small_copy
 from dqreg.compare.engines.registry import engine_specs
 from dqreg.compare.plan import plan
 from dqreg.compare.run import ComparisonProgress
 from dqreg.compare.store import Store
 from dqreg.compare.sweep_file import parse_sweep
+from dqreg.compare.truth import TruePoses
 from dqreg.errors import InputError
+from dqreg.geometry import PointCloud
 from dqreg.synth import demo_case, load_case
 
 FILE = Path(__file__).with_name("toy_engines.py")
@@ -309,3 +312,15 @@ def test_shipped_sweeps_name_engines_that_exist():
 def test_a_protocol_is_checked(bad):
     with pytest.raises(InputError, match=next(iter(bad))):
         Protocol(**bad)
+
+
+def test_what_is_held_out_of_a_scan_takes_its_times_along() -> None:
+    points = np.random.default_rng(0).normal(size=(2_000, 3))
+    cloud = PointCloud(points, points, times=points[:, 0], units="mm")
+    known = TruePoses(np.eye(4)[None], None)
+    case = make_case("timed", cloud, cloud, np.eye(4), known, setting="same-loop", loop=SMALL)
+    given = case.task.source
+    assert (len(given), len(case.ground_truth.held_out), len(case.task.source_points)) == (1_800, 200, 500)
+    np.testing.assert_array_equal(given.times, given.points[:, 0])
+    few = small_copy(case.task).source
+    np.testing.assert_array_equal(few.times, few.points[:, 0])

@@ -76,6 +76,42 @@ def test_times_go_with_their_points():
         PointCloud(np.eye(3), times=[1.0, 2.0])
 
 
+def known_cloud(count: int = 700) -> PointCloud:
+    """A cloud of which all is known that can be; normals and times tell their points."""
+    points = np.random.default_rng(4).normal(size=(count, 3))
+    return PointCloud(points, points[:, ::-1], [9.0, 8.0, 7.0], "mm", 5, points[:, 0])
+
+
+@pytest.mark.parametrize("as_mask", [False, True])
+def test_rows_of_a_cloud_take_along_all_that_is_known_of_them(as_mask: bool) -> None:
+    cloud = known_cloud()
+    rows = np.flatnonzero(cloud.points[:, 1] > 0.3)
+    some = cloud._taken(cloud.points[:, 1] > 0.3 if as_mask else rows)
+    assert len(some) == len(rows) < len(cloud)
+    for name in ("points", "normals", "times"):
+        np.testing.assert_array_equal(getattr(some, name), getattr(cloud, name)[rows])
+    assert (some.units, some.dropped, some.viewpoint is cloud.viewpoint) == ("mm", 5, True)
+    # The ends are those of the rows, not of the whole.
+    np.testing.assert_array_equal(some._ends, PointCloud(cloud.points[rows])._ends)
+    # A field that is new is carried too, or this list and `_taken` are told of it.
+    assert {field.name for field in dataclasses.fields(PointCloud)} == {
+        *("points", "normals", "times", "viewpoint", "units", "dropped")
+    }
+
+
+def test_rows_of_a_bare_cloud_are_bare() -> None:
+    some = PointCloud(np.eye(3))._taken(np.array([2, 0]))
+    assert some.points.tolist() == [[0, 0, 1], [1, 0, 0]]
+    assert (some.normals, some.times, some.viewpoint, some.units) == (None, None, None, None)
+
+
+def test_points_that_stand_for_others_have_no_times() -> None:
+    cloud = known_cloud()
+    means = cloud._standing_for(cloud.points.reshape(-1, 7, 3).mean(axis=1), None)
+    assert (len(means), means.times, means.normals) == (100, None, None)
+    assert (means.units, means.dropped, means.viewpoint.tolist()) == ("mm", 5, [9.0, 8.0, 7.0])
+
+
 @pytest.mark.parametrize("scale", [1.0, 0.0254])
 def test_a_moved_cloud_is_the_one_of_the_moved_points(scale: float) -> None:
     rng = np.random.default_rng(3)

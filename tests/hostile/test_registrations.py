@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dqreg.errors import DegenerateGeometryError, DqregError, InputError
-from dqreg.geometry import Mesh
+from dqreg.geometry import Mesh, PointCloud, sample_mesh
 from dqreg.registration.register import register
 from dqreg.registration.result import Registration
 from dqreg.rigid import pose
@@ -273,6 +273,19 @@ def test_what_a_mask_hides_is_dropped_and_counted() -> None:
     result = register(hidden, part(), START, effort="fast")
     assert result.settings["source_dropped"] == 1
     np.testing.assert_array_equal(result.T_target_source, plain.T_target_source)
+
+
+# More than three times the cells of every effort: both clouds are downsampled.
+DENSE = [sample_mesh(PART, 50_000, np.random.default_rng(k)).points for k in range(2)]
+
+
+@pytest.mark.parametrize(("effort", "start"), [("fast", START), ("normal", START), ("best", START), ("fast", None)])
+def test_dense_clouds_with_times_end_where_those_without_do(effort: str, start: Any) -> None:
+    source, target = (PointCloud(points, times=np.linspace(0.0, 1.0, len(points))) for points in DENSE)
+    result = register(source, target, start, effort=effort)
+    assert_kept(result)
+    assert result.verdict.level == "accepted"
+    np.testing.assert_array_equal(result.T_target_source, register(*DENSE, start, effort=effort).T_target_source)
 
 
 def test_flipped_faces_and_open_sides_are_reported() -> None:

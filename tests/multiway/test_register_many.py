@@ -234,3 +234,30 @@ def test_from_files_to_files_on_the_command_line(tmp_path: Path) -> None:
     assert (tmp_path / "model.ply").exists()
     graph = (tmp_path / "graph.g2o").read_text().split()
     assert (graph.count("VERTEX_SE3:QUAT"), graph.count("EDGE_SE3:QUAT")) == (2, 1)
+
+
+def test_dense_scans_with_times_end_where_those_without_do() -> None:
+    part = Mesh(*bracket())
+    # More than three times the cells.
+    scans = [sample_mesh(part, 20_000, np.random.default_rng(k)).points for k in range(2)]
+    timed = [dqreg.PointCloud(points, times=np.linspace(0.0, 1.0, len(points))) for points in scans]
+    plain, found = (
+        dqreg.register_many(each, starts=[np.eye(4)] * 2, effort="fast", workers=1) for each in (scans, timed)
+    )
+    assert found.edges[0].found
+    np.testing.assert_array_equal(found.T_world_scan, plain.T_world_scan)
+    assert found.verdict.codes == plain.verdict.codes
+
+
+def test_an_error_of_a_pair_is_told_in_its_own_words() -> None:
+    part, rng = Mesh(*bracket(), units="mm"), np.random.default_rng(0)
+    scans = [dqreg.PointCloud(sample_mesh(part, 800, rng).points / 1000.0) for _ in range(2)]
+    result = dqreg.register_many(scans, target=part, starts=[np.eye(4)] * 2, effort="fast", workers=1)
+    errors = [edge for edge in result.edges if edge.target == PART]
+    assert len(errors) == 2
+    assert all("unreadable" in edge.registration.verdict.codes for edge in errors)
+    told = [reason for reason in result.verdict.reasons if "times smaller" in reason]
+    assert [reason.code for reason in told] == ["unreadable"] * 2
+    assert told[0].startswith("the part - scan 0: ")
+    # What the errors say is not guessed at beside them.
+    assert not any("another object" in reason for reason in result.verdict.reasons)

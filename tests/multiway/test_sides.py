@@ -9,9 +9,9 @@ import dqreg
 from dqreg.errors import InputError
 from dqreg.geometry import PointCloud
 from dqreg.multiway.edges import Edge
+from dqreg.multiway.scan_names import NAMED_SCANS, named
 from dqreg.multiway.scans import read_views
 from dqreg.multiway.sides import Contradiction, Sides, viewpoints_of
-from dqreg.multiway.verdict import NAMED_SCANS, named
 from dqreg.synth.many_views import turntable_views
 from dqreg.synth.parts import angle
 from tests.multiway.edges_of_truth import registration

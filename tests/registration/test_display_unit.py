@@ -11,7 +11,7 @@ import pytest
 
 from dqreg.errors import InputError, UnitsError
 from dqreg.files import read_cloud, write_cloud
-from dqreg.geometry import Mesh
+from dqreg.geometry import Mesh, PointCloud
 from dqreg.geometry.opening import open_geometry
 from dqreg.registration.display_unit import in_unit, shown_target
 from dqreg.registration.register import register
@@ -83,6 +83,19 @@ def test_a_part_is_shown_in_a_unit_only_where_its_own_is_known(found: Registrati
     assert shown.start("identity") == "identity"
     native = shown.native(in_unit(found, "inch"))
     np.testing.assert_allclose(native.T_target_source, found.T_target_source, rtol=1e-13, atol=1e-13)
+
+
+def test_a_cloud_in_another_unit_was_seen_from_the_same_place(tmp_path: Path) -> None:
+    head = "VERSION .7\nFIELDS x y z time\nSIZE 4 4 4 4\nTYPE F F F F\nCOUNT 1 1 1 1\nWIDTH 3\nHEIGHT 1\n"
+    rows = "VIEWPOINT 50.8 0 25.4 1 0 0 0\nPOINTS 3\nDATA ascii\n25.4 0 0 1\n0 25.4 0 2\n0 0 25.4 3\n"
+    (tmp_path / "target.pcd").write_text(head + rows)
+    shown = shown_target(tmp_path / "target.pcd", "mm", "inch").geometry
+    assert isinstance(shown, PointCloud)
+    np.testing.assert_allclose(shown.points, np.eye(3), atol=1e-6)
+    assert shown.viewpoint is not None
+    assert shown.times is not None
+    np.testing.assert_allclose(shown.viewpoint, [2.0, 0.0, 1.0])
+    assert (shown.units, shown.times.tolist()) == ("inch", [1.0, 2.0, 3.0])
 
 
 @pytest.mark.parametrize("stated", [None, "m"])

@@ -130,3 +130,10 @@ def test_best_takes_all_points_of_a_body_and_cells_of_what_a_sensor_saw_from_its
         assert prepared.is_whole == is_whole
         assert (prepared.cell_size == 0.0) == is_whole
         assert prepared.is_from_a_stand == (not is_whole)
+
+
+def test_a_time_limit_takes_points_with_their_times() -> None:
+    cloud = PointCloud(SHEET, times=SHEET[:, 0])
+    some = problem_of(cloud, bracket(), np.eye(4), time_limit=0.02)._in_time
+    assert len(some) == 20_000
+    np.testing.assert_allclose(np.ptp(some.times - some.points[:, 0]), 0.0, atol=1e-12)
