@@ -107,10 +107,12 @@ def multiway_command(scans: tuple[str, ...], quiet: bool, as_json: bool, **optio
 
 
 def _files(scans: tuple[str, ...]) -> list[Path]:
-    """Files of names and patterns, in the order given; those of a pattern by name."""
+    """Files of names and patterns, in the order given; those of a pattern as they are numbered."""
+    from dqreg.files.natural_order import natural_order
+
     found: list[Path] = []
     for text in scans:
-        matched = [text] if Path(text).exists() else sorted(glob.glob(text))  # noqa: PTH207 - a pattern may begin anywhere
+        matched = [text] if Path(text).exists() else sorted(glob.glob(text), key=natural_order)  # noqa: PTH207 - a pattern may begin anywhere
         if not matched:
             raise InputError(f"there is no file {text!r}, and it matches none as a pattern")
         for name in matched:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import io
-import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ from dqreg.files import read_cloud
 from dqreg.files.cloud_data import TimedCloudData
 from dqreg.files.column_names import TIME_NAMES
 from dqreg.files.kitti import kitti_rows
+from dqreg.files.natural_order import natural_order
 from dqreg.files.numpy_files import numbers, read_arrays
 from dqreg.files.untrusted import require_readable, unreadable
 from dqreg.odometry.bags import CloudTopic, is_bag
@@ -127,10 +127,6 @@ def _read_times(file: Path) -> FloatArray:
     return times
 
 
-def _natural(path: Path) -> list[tuple[int, str]]:
-    return [(int(part), "") if part.isdigit() else (0, part) for part in re.split(r"(\d+)", path.name)]
-
-
 def _from_folder(folder: Path) -> Scans:
     files = [file for file in folder.iterdir() if file.suffix.lower() in FRAME_SUFFIXES]
     if len(files) == 1 and files[0].suffix.lower() == ".npz":
@@ -140,7 +136,7 @@ def _from_folder(folder: Path) -> Scans:
     if not files:
         raise InputError(f"{folder} holds no scans; known are {', '.join(FRAME_SUFFIXES)}")
     kind = max(sorted(set(suffixes)), key=suffixes.count)
-    chosen = sorted((file for file in files if file.suffix.lower() == kind), key=_natural)
+    chosen = sorted((file for file in files if file.suffix.lower() == kind), key=natural_order)
     return Scans(tuple(file.name for file in chosen), lambda number: _read_file(chosen[number]))
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dqreg.cli.multiway import _files
 from dqreg.files import read_cloud, write_cloud
 from dqreg.multiway import Multiway
 from dqreg.rigid import pose
@@ -53,6 +54,13 @@ def test_one_command_makes_poses_model_graph_and_report(made: Path) -> None:
     assert read_cloud(made / "model.ply").normals is None
     assert (made / "graph.g2o").read_text().count("EDGE_SE3:QUAT") == 1
     assert "view1" in (made / "report.html").read_text()
+
+
+def test_scans_of_a_pattern_come_as_they_are_numbered(tmp_path: Path) -> None:
+    for number in (10, 2, 1):
+        (tmp_path / f"scan_{number}.ply").touch()
+    found = _files((f"{tmp_path}/scan_10.ply", f"{tmp_path}/*.ply"))
+    assert [path.stem for path in found] == ["scan_10", "scan_1", "scan_2", "scan_10"]
 
 
 @pytest.mark.parametrize("unit", [None, "mm"])

@@ -32,6 +32,12 @@ def test_natural_order_and_each_kind_of_file(tmp_path, points):
     assert scans.times.tolist() == [0, 0.5, 1]
 
 
+def test_a_frame_named_by_a_digit_that_counts_nothing(tmp_path, points):
+    for name in ("²10", "²9"):
+        write_cloud(tmp_path / f"{name}.ply", points)
+    assert open_scans(tmp_path).names == ("²9.ply", "²10.ply")
+
+
 def test_kitti_bin_npz_and_archive(tmp_path, points):
     np.hstack([points, np.ones((50, 1))]).astype("<f4").tofile(tmp_path / "0.bin")
     np.testing.assert_array_equal(open_scans(tmp_path)[0].points, points)

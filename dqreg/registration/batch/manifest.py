@@ -12,6 +12,7 @@ from typing import Any
 
 from dqreg.errors import DqregError, InputError, did_you_mean, printable
 from dqreg.files import READERS
+from dqreg.files.natural_order import natural_order
 from dqreg.files.poses import START_WORDS, read_start
 from dqreg.files.untrusted import read_record, require_own_kind, require_readable
 from dqreg.inspection.plan.file import HEAD
@@ -19,7 +20,7 @@ from dqreg.inspection.tolerances import Tolerance, share_of_percent, tolerance_f
 from dqreg.registration.batch.cell_options import check_options, option_name, parse_option
 from dqreg.registration.batch.row import Row
 from dqreg.registration.batch.row_inspection import RowInspection
-from dqreg.registration.batch.row_names import RowNames, natural_order
+from dqreg.registration.batch.row_names import RowNames
 
 COLUMNS = ("scan", "target", "name", "start", "plan", "tolerance", "required", *HEAD)
 # The same under the words of `register`.

@@ -6,7 +6,6 @@ import hashlib
 import re
 import unicodedata
 from collections.abc import Iterable
-from pathlib import Path
 
 from dqreg.errors import InputError
 from dqreg.registration.batch.row import Row
@@ -80,8 +79,3 @@ def _numbered(name: str) -> Iterable[str]:
     while True:
         yield f"{name}-{number}"
         number += 1
-
-
-def natural_order(path: Path) -> list[tuple[int, str]]:
-    """A key that puts scan_2 before scan_10."""
-    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", path.name)]
