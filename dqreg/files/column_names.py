@@ -1,4 +1,4 @@
-"""Names of the columns of points: positions, normals, times; as metrology programs and ParaView write them too."""
+"""Names of the columns of points: positions, normals, times; in files and in the clouds of other libraries."""
 
 from __future__ import annotations
 
@@ -9,8 +9,17 @@ from pathlib import Path
 from dqreg.files.units import UNIT_WORDS
 from dqreg.files.untrusted import unreadable
 
-POSITION_NAMES = ("x", "y", "z")
-NORMAL_NAMES = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"), ("normalx", "normaly", "normalz"))
+AXES = ("x", "y", "z")
+# In lower case, as sensor_msgs, PCL, E57, CloudCompare and the drivers of LiDARs have them.
+POSITION_NAMES = (AXES, ("cartesianx", "cartesiany", "cartesianz"))
+NORMAL_NAMES = (
+    ("normal_x", "normal_y", "normal_z"),
+    ("nx", "ny", "nz"),
+    ("nor:normalx", "nor:normaly", "nor:normalz"),
+    ("normalx", "normaly", "normalz"),
+)
+# The time of each point.
+TIME_NAMES = ("t", "time", "timestamp", "timestamps", "times", "stamps", "time_stamp", "offset_time", "gps_time")
 
 
 def find_columns(path: Path, names: Sequence[str]) -> tuple[list[int], list[int] | None]:
@@ -20,17 +29,13 @@ def find_columns(path: Path, names: Sequence[str]) -> tuple[list[int], list[int]
     ([1, 2, 3], None)
     """
     lower = [name.lower() for name in names]
-    if not set(POSITION_NAMES) <= set(lower):
+    found = [
+        next(([lower.index(name) for name in trio] for trio in trios if set(trio) <= set(lower)), None)
+        for trios in (POSITION_NAMES, NORMAL_NAMES)
+    ]
+    if found[0] is None:
         raise unreadable(path, f"the columns {', '.join(names) or '(none)'}", "columns named x, y and z")
-    positions = [lower.index(name) for name in POSITION_NAMES]
-    for trio in NORMAL_NAMES:
-        if set(trio) <= set(lower):
-            return positions, [lower.index(name) for name in trio]
-    return positions, None
-
-
-# Names under which files and archives keep the time of each point.
-TIME_NAMES = ("t", "timestamp", "timestamps", "time", "times", "stamps")
+    return found[0], found[1]
 
 
 def find_times(names: Sequence[str]) -> int | None:
@@ -43,6 +48,7 @@ def find_times(names: Sequence[str]) -> int | None:
     return next((lower.index(name) for name in TIME_NAMES if name in lower), None)
 
 
+# As metrology programs and ParaView have them:
 # "X [mm]", "X (mm)", "x_mm", "X coord", "Z-Position (m)", "nx", "Points:0", "Normals:2"; blanks are gone.
 DECORATED = re.compile(
     r"(?P<kind>n|normal_?)?(?P<axis>[xyz])(?:[-_]?(?:coord(?:inate)?|pos(?:ition)?)s?)?"
@@ -57,7 +63,7 @@ def plain_names(names: Sequence[str]) -> tuple[list[str], list[str | None]]:
     >>> plain_names(["X [mm]", "Quality", "Points:1"])
     (['x', 'Quality', 'y'], ['mm', None, None])
     """
-    if set(POSITION_NAMES) <= {name.lower() for name in names}:
+    if set(AXES) <= {name.lower() for name in names}:
         return list(names), [None] * len(names)
     found = [_plain(name) for name in names]
     return [name for name, _ in found], [unit for _, unit in found]
@@ -68,7 +74,7 @@ def _plain(name: str) -> tuple[str, str | None]:
     if match is None:
         return name, None
     if match["field"]:
-        return ("n" if match["field"] == "normals" else "") + POSITION_NAMES[int(match["number"])], None
+        return ("n" if match["field"] == "normals" else "") + AXES[int(match["number"])], None
     word = match["inside"] or match["behind"]
     unit = None if word is None else UNIT_WORDS.get(word.replace("µ", "u").replace("μ", "u"))
     # "x_raw" is another column than x.

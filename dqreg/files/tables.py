@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import re
 import warnings
@@ -11,8 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg.errors import InputError
 from dqreg.files.cloud_data import CloudData, make_cloud
-from dqreg.files.column_names import common_unit, find_columns, plain_names
+from dqreg.files.column_names import common_unit, find_columns, find_times, plain_names
 from dqreg.files.untrusted import unreadable
 
 
@@ -93,8 +95,20 @@ def read_table(path: Path) -> CloudData:
     plain, units = plain_names(names)
     positions, normals = find_columns(path, plain)
     unit = common_unit(path, [units[k] for k in positions])
-    table = parse_rows(path, _tidy(lines, delimiter), delimiter=delimiter, wanted=positions + (normals or []))
-    return make_cloud(path, table[:, :3], table[:, 3:] if normals else None, units=unit)
+    wanted, clock = positions + (normals or []), find_times(plain)
+    table, times = _with_times(path, lines, delimiter, wanted, clock)
+    return make_cloud(path, table[:, :3], table[:, 3:] if normals else None, times=times, units=unit)
+
+
+def _with_times(
+    path: Path, lines: list[str], delimiter: str | None, wanted: list[int], clock: int | None
+) -> tuple[FloatArray, FloatArray | None]:
+    """The wanted columns, and the times of the rows where a column of numbers holds them: dates are none."""
+    if clock is not None:
+        with contextlib.suppress(InputError):
+            table = parse_rows(path, _tidy(lines, delimiter), delimiter=delimiter, wanted=[*wanted, clock])
+            return table[:, :-1], table[:, -1]
+    return parse_rows(path, _tidy(lines, delimiter), delimiter=delimiter, wanted=wanted), None
 
 
 # How far the length of a normal may be from 1 after rounding, and in how many of the rows.

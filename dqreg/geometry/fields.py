@@ -11,16 +11,8 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, as_float
 from dqreg.errors import InputError
+from dqreg.files.column_names import NORMAL_NAMES, POSITION_NAMES, TIME_NAMES
 
-# How coordinates, normals and times are called: sensor_msgs, PCL, E57, CloudCompare and the drivers of LiDARs.
-COORDINATES = (("x", "y", "z"), ("cartesianx", "cartesiany", "cartesianz"))
-NORMALS = (
-    ("normal_x", "normal_y", "normal_z"),
-    ("nx", "ny", "nz"),
-    ("nor:normalx", "nor:normaly", "nor:normalz"),
-    ("normalx", "normaly", "normalz"),
-)
-TIMES = ("t", "time", "timestamp", "timestamps", "times", "stamps", "time_stamp", "offset_time", "gps_time")
 # One field of three numbers a point.
 TRIPLES, NORMAL_TRIPLES = ("xyz", "points", "positions", "position"), ("normals", "normal")
 # Datatypes of sensor_msgs/PointField, from 1 on.
@@ -45,17 +37,17 @@ def columns_of(value: Any, names: Iterable[Any]) -> RawCloud:
     def column(name: str) -> FloatArray:
         rows = np.asarray(value[known[name]])
         # Whole nanoseconds since 1970 have more digits than float64: differences keep them all.
-        rows = rows - rows.min() if rows.dtype.kind in "iu" and rows.size and name in TIMES else rows
+        rows = rows - rows.min() if rows.dtype.kind in "iu" and rows.size and name in TIME_NAMES else rows
         return as_float(rows, f"the field {known[name]!r}")
 
-    points = _rows(known, column, COORDINATES, TRIPLES)
+    points = _rows(known, column, POSITION_NAMES, TRIPLES)
     if points is None:
         listed = ", ".join(map(str, known.values())) or "none"
         polar = "; convert ranges and angles first (pye57: read_scan)" if "sphericalrange" in known else ""
         raise InputError(f"the fields must hold x, y and z; got {listed}{polar}")
-    time = next((name for name in TIMES if name in known), None)
+    time = next((name for name in TIME_NAMES if name in known), None)
     times = None if time is None else column(time).ravel()
-    normals = _rows(known, column, NORMALS, NORMAL_TRIPLES)
+    normals = _rows(known, column, NORMAL_NAMES, NORMAL_TRIPLES)
     if normals is not None and not np.nan_to_num(normals).any():
         normals = None  # fields that nobody filled
     for part, rows in (("normals", normals), ("times", times)):
@@ -94,7 +86,7 @@ def message_records(message: Any) -> Any:
         height, width, step = int(message.height), int(message.width), int(message.point_step)
         row = int(message.row_step) or width * step
         swapped = bool(message.is_bigendian) != (sys.byteorder == "big")
-        wanted = {*sum((*COORDINATES, *NORMALS), ()), *TIMES}
+        wanted = {*sum((*POSITION_NAMES, *NORMAL_NAMES), ()), *TIME_NAMES}
         fields = {f.name: f for f in message.fields if str(f.name).lower() in wanted and int(f.count or 1) == 1}
         kinds = [DATATYPES[_datatype(field)] for field in fields.values()]
         kind = np.dtype(
