@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from dqreg._arrays import RIGID_TOLERANCE, as_pose
-from dqreg.errors import InputError
-from dqreg.files.strict_json import fields_from, plain, record_from
+from dqreg.files.strict_json import plain, record_from
 from dqreg.multiway.edges import TEXT_OF_CODE, Edge
 from dqreg.registration import result_json
 from dqreg.registration.result import Registration
@@ -47,21 +45,13 @@ def to_plain(result: Any) -> dict[str, Any]:
 
 def as_text(result: Any) -> str:
     """The file of a `Multiway`."""
-    return json.dumps(to_plain(result), indent=1, allow_nan=False) + "\n"
+    return result_json.text_of(to_plain(result))
 
 
 def read_fields(path: str | Path, loop: type) -> dict[str, Any]:
     """Fields of a `Multiway` from a file; the class of its loop errors is given."""
-    try:
-        values = json.loads(Path(path).read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise InputError(f"{path} is no readable result file: {error}") from error
-    if not isinstance(values, dict) or values.get("format") != FORMAT:
-        raise InputError(f'{path} is no dqreg multiway result: expected the key "format" to be {FORMAT!r}')
-    try:
-        return _fields(values, loop)
-    except (KeyError, TypeError, ValueError, ArithmeticError) as error:
-        raise InputError(f"{path} is a damaged dqreg multiway result: {type(error).__name__} {error}") from error
+    wanted = "dqreg multiway --out result.json or Multiway.save"
+    return result_json.read_saved(path, FORMAT, "dqreg multiway result", wanted, lambda values: _fields(values, loop))
 
 
 def _fields(values: dict[str, Any], loop: type) -> dict[str, Any]:
@@ -92,8 +82,7 @@ def _fields(values: dict[str, Any], loop: type) -> dict[str, Any]:
 def _edge(values: Any, count: int) -> Edge:
     record = dict(_object(values))
     found = _object(record.pop("registration"))
-    fields = [field.name for field in dataclasses.fields(Registration) if field.name != "inputs"]
-    checked = fields_from(Registration, {name: found[name] for name in fields}, result_json.CHECKS)
+    checked = result_json.registration_fields(found, Registration)
     target, source = int(record["target"]), int(record["source"])
     if not (-1 <= target < count and 0 <= source < count) or record["code"] not in TEXT_OF_CODE:
         raise ValueError(f"an edge {target} - {source} with the code {record['code']!r:.40}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -46,29 +47,47 @@ def to_plain(result: Any) -> dict[str, Any]:
 
 def as_text(result: Any) -> str:
     """The file of a `Registration`."""
-    return json.dumps(to_plain(result), indent=1, allow_nan=False) + "\n"
+    return text_of(to_plain(result))
+
+
+def text_of(values: dict[str, Any]) -> str:
+    """The file of a result's plain values."""
+    return json.dumps(values, indent=1, allow_nan=False) + "\n"
 
 
 def read_fields(path: str | Path, cls: type) -> dict[str, Any]:
     """Fields of a `Registration`, which is the class, from a file."""
+    wanted = "dqreg register --out result.json or Registration.save"
+    return read_saved(path, FORMAT, "dqreg result", wanted, lambda values: registration_fields(values, cls))
+
+
+def read_saved(
+    path: str | Path, form: str, kind: str, writer: str, fields_of: Callable[[dict[str, Any]], dict[str, Any]]
+) -> dict[str, Any]:
+    """Fields of a result of one format from a file, each checked; whatever else lies there is an `InputError`."""
     try:
         values = json.loads(read_record(path, "a result that dqreg saved"))
     except (ValueError, RecursionError) as error:
         if isinstance(error, InputError):
             raise
-        expected = "the JSON that dqreg register --out result.json or Registration.save wrote, not a pose alone"
+        expected = f"the JSON that {writer} wrote, not a pose alone"
         raise InputError(f"{path} is no readable result file: expected {expected} ({error})") from error
-    if not isinstance(values, dict) or values.get("format") != FORMAT:
-        raise InputError(f'{path} is no dqreg result: expected the key "format" to be {FORMAT!r}')
+    if not isinstance(values, dict) or values.get("format") != form:
+        raise InputError(f'{path} is no {kind}: expected the key "format" to be {form!r}')
     try:
-        # Files of old do not have it.
-        values.setdefault("partial_information", None)
-        fields = fields_from(cls, {name: values[name] for name in _names(cls)}, CHECKS)
-        if violated := violated_invariant(fields):
-            # What this package saved keeps them: the file was written or changed elsewhere.
-            raise ValueError(violated)
+        return fields_of(values)
     except (KeyError, TypeError, ValueError, ArithmeticError) as error:
-        raise InputError(f"{path} is a damaged dqreg result: {type(error).__name__} {error}") from error
+        raise InputError(f"{path} is a damaged {kind}: {type(error).__name__} {error}") from error
+
+
+def registration_fields(values: dict[str, Any], cls: type) -> dict[str, Any]:
+    """Fields of a `Registration`, which is the class, of what `to_plain` made of one, today or in a version of old."""
+    # Files of old do not have it.
+    known = {"partial_information": None, **values}
+    fields = fields_from(cls, {name: known[name] for name in _names(cls)}, CHECKS)
+    if violated := violated_invariant(fields):
+        # What this package saved keeps them: the file was written or changed elsewhere.
+        raise ValueError(violated)
     return fields
 
 

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import dataclasses
+import json
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -110,6 +112,57 @@ def test_a_saved_result_is_the_result(turned: Turned, tmp_path: Path) -> None:
     (tmp_path / "bad.json").write_text((tmp_path / "poses.json").read_text()[:500])
     with pytest.raises(InputError, match="readable"):
         dqreg.Multiway.load(tmp_path / "bad.json")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {},
+        {"partial_information": None},
+        {"partial_information": ...},
+        {"covariance": ...},
+        {"history": "none"},
+        {"rms": -1.0},
+        {"covariance": np.diag([1.0, 1, 1, 1, 1, -1]).tolist()},
+        {"T_target_source": [[None] * 4] * 4},
+        {"settings": {"seed": -1}},
+    ],
+    ids=lambda change: "-".join(change) or "as saved",
+)
+def test_a_registration_is_read_alike_by_itself_and_as_an_edge(change: dict[str, Any], tmp_path: Path) -> None:
+    record = two_views().to_dict()
+    own = record["edges"][0]["registration"]
+    own |= change
+    for name in [name for name, value in own.items() if value is ...]:
+        del own[name]
+    (tmp_path / "one.json").write_text(json.dumps(own))
+    (tmp_path / "many.json").write_text(json.dumps(record))
+
+    def told(load: Callable[[], dqreg.Registration]) -> Any:
+        try:
+            return load().to_dict()
+        except InputError as error:
+            return str(error).partition("result: ")[2]
+
+    one = told(lambda: dqreg.Registration.load(tmp_path / "one.json"))
+    assert one == told(lambda: dqreg.Multiway.load(tmp_path / "many.json").edges[0].registration)
+    # What versions of old left out is no damage.
+    is_damaged = bool(change) and "partial_information" not in change
+    assert isinstance(one, str) == is_damaged
+
+
+@pytest.mark.parametrize("load", [dqreg.Registration.load, dqreg.Multiway.load])
+def test_what_is_no_file_of_a_result_is_told_alike(load: Callable[[Path], Any], tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="a folder; expected one file in it"):
+        load(tmp_path)
+    with pytest.raises(InputError, match="no such file"):
+        load(tmp_path / "none.json")
+    (tmp_path / "pose.json").write_bytes(b"\xff\xfe")
+    with pytest.raises(InputError, match="no UTF-8"):
+        load(tmp_path / "pose.json")
+    (tmp_path / "pose.json").write_text("1 0 0 0")
+    with pytest.raises(InputError, match="not a pose alone"):
+        load(tmp_path / "pose.json")
 
 
 def test_one_cloud_of_all_scans(turned: Turned) -> None:
