@@ -21,8 +21,9 @@ from dqreg.registration.options import Effort
 from dqreg.registration.register import register
 from dqreg.registration.result import Registration
 from dqreg.registration.target import Target
+from dqreg.registration.unmeasured import without_pose
 from dqreg.report.work_bar import TimeLeft
-from dqreg.trust.records import Reason, Verdict
+from dqreg.trust.records import Code, Reason
 
 
 @dataclasses.dataclass(frozen=True)
@@ -194,18 +195,6 @@ def _untried(job: PairJob, why: str) -> Edge:
     return dataclasses.replace(_failed(job, f"not tried before {why}", "search_time_limit"), code="untried")
 
 
-def _failed(job: PairJob, why: str, code: str) -> Edge:
-    result = Registration(
-        T_target_source=np.full((4, 4), np.nan),
-        verdict=Verdict("failed", (Reason(f"no pose: {why}", code),)),  # type: ignore[arg-type]
-        status="not run",
-        covariance=np.full((6, 6), np.nan),
-        observability=(),
-        alternatives=(),
-        history=(),
-        rms=np.nan,
-        inlier_fraction=0.0,
-        timings={},
-        settings={},
-    )
+def _failed(job: PairJob, why: str, code: Code) -> Edge:
+    result = without_pose((Reason(f"no pose: {why}", code),), "not run", {})
     return Edge(job.target, job.source, result, code="no_pose")

@@ -18,9 +18,9 @@ from dqreg.odometry.prediction import Prediction, contradiction, held_directions
 from dqreg.odometry.rivals import ComparedFrame
 from dqreg.registration.assess import Uncertainty
 from dqreg.registration.result import Registration
+from dqreg.registration.unmeasured import unmeasured, without_pose
 from dqreg.rigid import single_pose
 from dqreg.solvers.row_sums import MotionSums
-from dqreg.solvers.status import Status
 from dqreg.trust import Evidence, Information, information_of, judge
 from dqreg.trust.records import Code, Reason, Verdict
 
@@ -231,28 +231,7 @@ class MapLink:
         return dataclasses.replace(result, verdict=result.verdict.doubted(Reason(words, "untrusted_map")))
 
 
-def without_pose(reasons: tuple[Reason, ...], status: Status, settings: dict[str, Any]) -> Registration:
-    """Result of a frame that cannot be placed."""
-    return _bare(np.full((4, 4), np.nan), Verdict("failed", reasons), status, np.nan, settings)
-
-
 def first_frame(T_map_frame: FloatArray, notes: tuple[Reason, ...], settings: dict[str, Any]) -> Registration:
     """Result of the frame that the map begins with."""
     reason = Reason("the first frame: its pose defines the frame of the map", "first_frame")
-    return _bare(T_map_frame, Verdict("accepted", (reason, *notes)), "first frame", 0.0, settings)
-
-
-def _bare(T: FloatArray, verdict: Verdict, status: Status, variance: float, settings: dict[str, Any]) -> Registration:
-    return Registration(
-        T_target_source=T,
-        verdict=verdict,
-        status=status,
-        covariance=np.full((6, 6), variance),
-        observability=(),
-        alternatives=(),
-        history=(),
-        rms=np.nan,
-        inlier_fraction=np.nan,
-        timings={},
-        settings=settings,
-    )
+    return unmeasured(T_map_frame, Verdict("accepted", (reason, *notes)), "first frame", 0.0, settings)

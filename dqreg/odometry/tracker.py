@@ -11,7 +11,7 @@ import numpy as np
 from dqreg._arrays import FloatArray, as_pose, median
 from dqreg.kernels.threads import Later
 from dqreg.odometry.align import FrameSearch
-from dqreg.odometry.assess import LOST_FRACTION, MapLink, first_frame, frame_result, information_of_place, without_pose
+from dqreg.odometry.assess import LOST_FRACTION, MapLink, first_frame, frame_result, information_of_place
 from dqreg.odometry.deskewing import REPEATED_MISFIT_VOXELS, Deskewed, undo_first_sweep
 from dqreg.odometry.frame import DownsampledFrame, RawFrame, downsample_frame
 from dqreg.odometry.kiss import KissParts, rigid
@@ -25,6 +25,7 @@ from dqreg.odometry.timeline import Timeline
 from dqreg.odometry.turned import Since, TurnedFrame, compared_turns
 from dqreg.odometry.voxel_map import VoxelMap
 from dqreg.registration.result import Registration
+from dqreg.registration.unmeasured import without_pose
 from dqreg.rigid import pose
 from dqreg.solvers.status import Status
 from dqreg.trust.doubts import fraction_fits

@@ -309,6 +309,8 @@ def test_an_error_of_a_pair_is_told_in_its_own_words() -> None:
     errors = [edge for edge in result.edges if edge.target == PART]
     assert len(errors) == 2
     assert all("unreadable" in edge.registration.verdict.codes for edge in errors)
+    # Nothing was measured, so there is no share of inliers either.
+    assert np.isnan([[edge.registration.rms, edge.registration.inlier_fraction] for edge in errors]).all()
     told = [reason for reason in result.verdict.reasons if "times smaller" in reason]
     assert [reason.code for reason in told] == ["unreadable"] * 2
     assert told[0].startswith("the part - scan 0: ")
