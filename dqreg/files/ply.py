@@ -6,7 +6,6 @@ reader (0.20) hands back memory that nobody wrote, without an error.
 
 from __future__ import annotations
 
-import dataclasses
 import struct
 from array import array
 from pathlib import Path
@@ -135,8 +134,7 @@ def read_ply(path: Path) -> CloudData | MeshData:
         clock = find_times([column.name for column in vertex.properties])
         times = None if clock is None else stack_columns(columns, [clock])[:, 0]
         directions = None if normals is None else stack_columns(columns, normals)
-        cloud = make_cloud(path, points, directions, times=times)
-        return dataclasses.replace(cloud, units=header.units)
+        return make_cloud(path, points, directions, header.viewpoint, times, header.units)
     if header.byte_order:
         lengths, corners = binary_polygons(path, header, face)
     else:

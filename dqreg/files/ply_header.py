@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from pathlib import Path
 
+import numpy as np
+
+from dqreg._arrays import FloatArray
 from dqreg.files.units import unit_of_comment
 from dqreg.files.untrusted import LONGEST_HEADER, unreadable
 
@@ -19,6 +23,8 @@ TYPES = {
     **dict.fromkeys(("float", "float32"), "f4"),
     **dict.fromkeys(("double", "float64"), "f8"),
 }
+# The format has no place for where the sensor stood: "viewpoint 0.5 -1 2", and nothing else in the comment.
+VIEWPOINT = re.compile(r"viewpoint((?:\s+[-+.\deE]+){3})", re.IGNORECASE)
 BYTE_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 
 
@@ -58,6 +64,7 @@ class PlyHeader:
     elements: tuple[Element, ...]  # The tables in the order of the file
     size: int  # Bytes of the header: where the tables begin
     units: str | None = None  # Length unit, where a comment states one ("comment units mm") and no other contradicts it
+    viewpoint: FloatArray | None = None  # (3,): Where the sensor stood, where a comment says so and no other does
 
     def element(self, name: str) -> Element | None:
         """Table of this name, or None."""
@@ -98,11 +105,11 @@ def read_header(path: Path) -> PlyHeader:
 def _parse(path: Path, lines: list[str], size: int) -> PlyHeader:
     order: str | None = None
     elements: list[Element] = []
-    units: set[str | None] = set()
+    comments: list[str] = []
     for line in lines:
         words = line.split()
         if not words or words[0] in ("comment", "obj_info"):
-            units.add(unit_of_comment(" ".join(words[1:])))
+            comments.append(" ".join(words[1:]))
             continue
         try:
             if words[0] == "format":
@@ -118,8 +125,30 @@ def _parse(path: Path, lines: list[str], size: int) -> PlyHeader:
             raise unreadable(path, f"the header line {line.strip()!r}", "a line of the PLY format") from error
     if order is None:
         raise unreadable(path, "a PLY header without a format line", "format ascii or binary")
-    units.discard(None)
-    return PlyHeader(order, tuple(elements), size, units.pop() if len(units) == 1 else None)
+    units = {*map(unit_of_comment, comments)} - {None}
+    places = {*map(viewpoint_of_comment, comments)} - {None}
+    place = np.array(places.pop(), dtype=np.float64) if len(places) == 1 else None
+    return PlyHeader(order, tuple(elements), size, units.pop() if len(units) == 1 else None, place)
+
+
+def comments_of(units: str | None, viewpoint: FloatArray | None) -> list[str]:
+    """Comments by which a file tells its length unit and where the sensor stood.
+
+    >>> comments_of("mm", np.array([0.1, 2.0, -3e-7]))
+    ['units mm', 'viewpoint 0.1 2.0 -3e-07']
+    """
+    found = [] if units is None else [f"units {units}"]
+    return found if viewpoint is None else [*found, f"viewpoint {' '.join(map(repr, viewpoint.tolist()))}"]
+
+
+def viewpoint_of_comment(comment: str) -> tuple[float, ...] | None:
+    """Place of a sensor that a comment states and nothing else, or None."""
+    stated = VIEWPOINT.fullmatch(comment.strip())
+    try:
+        place = tuple(map(float, stated.group(1).split())) if stated else ()
+    except ValueError:
+        return None
+    return place if place and np.isfinite(place).all() else None
 
 
 def _property(words: list[str]) -> Property:

@@ -13,17 +13,17 @@ from numpy.typing import ArrayLike
 from dqreg._arrays import FloatArray, as_float
 from dqreg.errors import InputError
 from dqreg.files.strict_json import plain
-from dqreg.geometry import Mesh
+from dqreg.geometry import Mesh, PointCloud
 from dqreg.icp.history import Iteration, Stage
 from dqreg.registration.register import register
 from dqreg.registration.result import Registration
 from dqreg.registration.target import Target, prepare_target
 from dqreg.report.progress import NEXT, Steps
 from dqreg.solvers import Fit, solve
-from dqreg.studio.cleaning import cleaned_file, scan_points
+from dqreg.studio.cleaning import cleaned_file, scan_cloud
 from dqreg.studio.drawing import drawn_pose, frame_of, true_pose
 from dqreg.studio.visit import PROGRESS, Visit
-from dqreg.studio.worker_cache import MIRROR, Place, cached, remember
+from dqreg.studio.worker_cache import Place, cached, mirrored, remember
 
 # Points and seconds that tell a mirror image.
 FEW, SECONDS = 5_000, 20.0
@@ -74,15 +74,15 @@ def mirror_question(place: Place) -> dict[str, Any]:
     if not isinstance(place.part(), Mesh):
         return {"mirrored": False}
     options = register_options(dataclasses.replace(place.visit, start="none"))
-    points = scan_points(place.scan())
-    few = points[np.random.default_rng(0).permutation(len(points))[:FEW]]
+    points = scan_cloud(place.scan())
+    few = points._taken(np.random.default_rng(0).permutation(len(points))[:FEW])
     found = _of_few(place, few, options).verdict
     if found.level == "accepted":
         return {"mirrored": False}
-    return {"mirrored": "mirrored" in found.codes or _of_few(place, few * MIRROR, options).verdict.level == "accepted"}
+    return {"mirrored": "mirrored" in found.codes or _of_few(place, mirrored(few), options).verdict.level == "accepted"}
 
 
-def _of_few(place: Place, points: FloatArray, options: dict[str, Any]) -> Registration:
+def _of_few(place: Place, points: PointCloud | Mesh, options: dict[str, Any]) -> Registration:
     return register(points, _target(place), time_limit=SECONDS, keep_inputs=False, **options)
 
 

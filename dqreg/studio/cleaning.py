@@ -9,6 +9,7 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray
 from dqreg._open3d import load_open3d
 from dqreg.errors import InputError
+from dqreg.files.ply_header import comments_of
 from dqreg.files.write import write_cloud
 from dqreg.geometry import Mesh, PointCloud
 from dqreg.geometry.sampling import sample_mesh
@@ -17,6 +18,8 @@ from dqreg.studio.equivalent_commands import cleaned_name
 from dqreg.studio.visit import Cut
 from dqreg.studio.worker_cache import Place, cached
 
+# Column of the times of points in the file that is written.
+TIME_NAME = "timestamp"
 # Points that are asked for a plane, and draws.
 PLANE_POINTS, PLANE_DRAWS = 40_000, 600
 # Share of the points that makes a plane worth a question.
@@ -27,11 +30,14 @@ NOISES, SPACINGS = 4.0, 0.75
 NEARLY, LARGER = 0.98, 1.05
 
 
+def scan_cloud(scan: PointCloud | Mesh) -> PointCloud:
+    """The points of a scan that cuts are about, with all that is known of them."""
+    return sample_mesh(scan, MESH_SAMPLES, np.random.default_rng(0)) if isinstance(scan, Mesh) else scan
+
+
 def scan_points(scan: PointCloud | Mesh) -> FloatArray:
     """The points of a scan that cuts are about."""
-    if isinstance(scan, Mesh):
-        return sample_mesh(scan, MESH_SAMPLES, np.random.default_rng(0)).points
-    return scan.points
+    return scan_cloud(scan).points
 
 
 def kept_rows(points: FloatArray, cuts: tuple[Cut, ...]) -> BoolArray:
@@ -71,16 +77,16 @@ def cleaned_file(place: Place) -> Path:
     cuts, name = place.visit.cuts, cleaned_name(place.visit)
     if name is None:
         return place.scan_path
-    scan = place.scan()
-    points = scan_points(scan)
-    stays = kept_rows(points, cuts)
+    scan = scan_cloud(place.scan())
+    stays = kept_rows(scan.points, cuts)
     if np.count_nonzero(stays) < 3:
         raise InputError("the cuts leave nothing of the scan: undo the last one")
     path = place.folder / name
 
     def make() -> Path:
-        normals = scan.normals[stays] if isinstance(scan, PointCloud) and scan.normals is not None else None
-        write_cloud(path, points[stays], normals)
+        kept = scan._taken(stays)
+        times = {} if kept.times is None else {TIME_NAME: kept.times}
+        write_cloud(path, kept.points, kept.normals, fields=times, comments=comments_of(kept.units, kept.viewpoint))
         return path
 
     cached("cleaned", [str(path), *place.scan_key, cuts], make)

@@ -84,7 +84,7 @@ class Place:
         """The scan: as it was given, or its mirror image."""
         path = self.scan_path
         given = cached("geometry", _mark(path), lambda: open_geometry(path, "scan"))
-        return cached("mirrored", _mark(path), lambda: _mirrored(given)) if self.visit.mirrored else given
+        return cached("mirrored", _mark(path), lambda: mirrored(given)) if self.visit.mirrored else given
 
     def part(self) -> PointCloud | Mesh:
         """The part, as it was given."""
@@ -108,11 +108,13 @@ class Place:
         return self.folder / name
 
 
-def _mirrored(given: PointCloud | Mesh) -> PointCloud | Mesh:
+def mirrored(given: PointCloud | Mesh) -> PointCloud | Mesh:
+    """The mirror image of a scan, seen from the mirror image of where it was seen from."""
     if isinstance(given, Mesh):
         return Mesh(given.vertices * MIRROR, given.faces[:, ::-1], units=given.units)
     normals = None if given.normals is None else given.normals * MIRROR
-    return dataclasses.replace(given, points=given.points * MIRROR, normals=normals, viewpoint=None)
+    viewpoint = None if given.viewpoint is None else given.viewpoint * MIRROR
+    return dataclasses.replace(given, points=given.points * MIRROR, normals=normals, viewpoint=viewpoint)
 
 
 def _mark(path: Path) -> list[Any]:

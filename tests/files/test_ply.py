@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from dqreg.errors import InputError
-from dqreg.files import CloudData, MeshData, read_cloud, read_geometry, read_mesh
+from dqreg.files import CloudData, MeshData, read_cloud, read_geometry, read_mesh, write_cloud
+from dqreg.files.ply_header import comments_of
 from dqreg.files.polygons import fans
 
 # Geodetic coordinates: float32 keeps half a metre of them.
@@ -196,3 +197,30 @@ def test_faces_decide_between_mesh_and_cloud(tmp_path: Path) -> None:
         read_cloud(with_faces)
     with pytest.raises(InputError, match="3 points and no faces; expected a mesh"):
         read_mesh(without)
+
+
+@pytest.mark.parametrize("place", [[0.0, 0.0, 0.0], [0.1, -2e-9, 4.4e6], [1.0 / 3.0, 1e30, -7.0]])
+def test_a_viewpoint_in_a_comment_is_read_to_the_last_bit(tmp_path: Path, place: list[float]) -> None:
+    write_cloud(tmp_path / "a.ply", np.eye(3), comments=comments_of("mm", np.array(place)))
+    cloud = read_cloud(tmp_path / "a.ply")
+    assert cloud.viewpoint is not None
+    assert (cloud.viewpoint.tolist(), cloud.units) == (place, "mm")
+
+
+@pytest.mark.parametrize(
+    "comments",
+    [
+        [],
+        ["viewpoint"],
+        ["viewpoint 1 2"],
+        ["viewpoint 1 2 3 4"],
+        ["viewpoint 1 2 e"],
+        ["viewpoint 1 2 1e999"],
+        ["my viewpoint 1 2 3"],
+        ["viewpoint 1 2 3", "viewpoint 1 2 4"],
+    ],
+    ids=str,
+)
+def test_what_is_no_viewpoint_is_a_comment(tmp_path: Path, comments: list[str]) -> None:
+    write_cloud(tmp_path / "a.ply", np.eye(3), comments=comments)
+    assert read_cloud(tmp_path / "a.ply").viewpoint is None

@@ -11,12 +11,13 @@ from dqreg.errors import InputError
 from dqreg.files import read_geometry, write_cloud
 from dqreg.geometry import Mesh, sample_mesh
 from dqreg.geometry.mesh_faces import faces_of
+from dqreg.geometry.opening import open_geometry
 from dqreg.inspection import inspect, read_plan
 from dqreg.registration.inspected import inspect_registration
 from dqreg.registration.register import register
 from dqreg.rigid import pose, twist
 from dqreg.studio import alignments, cleaning, drawing, judging, payloads, picking, reading
-from dqreg.studio.aligning import align, align_pairs, pose_of_drawn, result_of
+from dqreg.studio.aligning import align, align_pairs, mirror_question, pose_of_drawn, result_of
 from dqreg.studio.visit import Cut, FaceTolerance, Pair, PlaneCut, Reference, Side, Visit
 from dqreg.studio.worker_cache import Place
 from dqreg.synth.parts import box
@@ -175,6 +176,53 @@ def test_a_mirrored_scan_is_the_mirror_image(place):
     # One process may do a visit twice, in one folder or in two.
     again.unlink()
     assert cleaning.cleaned_file(mirrored).is_file()
+
+
+CORNER = Cut("box", low=(-60.0, -60.0, -60.0), high=(0.0, 0.0, 60.0))
+
+
+def known_scan(tmp_path, *comments: str) -> Place:
+    """A scan in inches of which the file tells times and normals, and what the comments say."""
+    cloud = sample_mesh(PART, 3000, np.random.default_rng(2))
+    points = pose.apply(pose.inverse(T), cloud.points) / 25.4
+    write_cloud(
+        tmp_path / "scan.ply",
+        points,
+        pose.rotate(pose.inverse(T), cloud.normals),
+        fields={"time": points[:, 0]},
+        comments=["units inch", *comments],
+    )
+    _write_stl(tmp_path / "part.stl", PART)
+    return Place(tmp_path, Visit(Side("scan.ply", "scan.ply"), Side("part.stl", "part.stl", "mm"), start="identity"))
+
+
+@pytest.mark.parametrize("is_mirrored", [False, True])
+def test_what_is_left_of_a_scan_is_known_as_before(tmp_path, is_mirrored):
+    place = changed(known_scan(tmp_path, "viewpoint 0.1 -2 1e1"), cuts=(CORNER,), mirrored=is_mirrored)
+    scan, left = place.scan(), open_geometry(cleaning.cleaned_file(place), "scan")
+    stays = cleaning.kept_rows(scan.points, place.visit.cuts)
+    assert 100 < len(left) == np.count_nonzero(stays) < len(scan)
+    np.testing.assert_array_equal(left.points, scan.points[stays])
+    np.testing.assert_allclose(left.normals, scan.normals[stays], atol=1e-12)
+    np.testing.assert_array_equal(left.times, scan.times[stays])
+    np.testing.assert_array_equal(left.viewpoint, [-0.1 if is_mirrored else 0.1, -2.0, 10.0])
+    assert left.units == scan.units == "inch"
+
+
+def test_a_cut_scan_is_registered_in_the_unit_of_its_file(tmp_path):
+    # Nobody named it: an inch is no millimetre.
+    place = changed(known_scan(tmp_path), cuts=(CORNER,))
+    told = align(place)
+    assert told["level"] == "accepted"
+    np.testing.assert_allclose(told["T"], T, atol=1e-6)
+    # Nor is it for the few points that tell a mirror image.
+    assert mirror_question(place) == {"mirrored": False}
+
+
+def test_what_is_left_of_a_mesh_has_the_normals_of_its_faces(tmp_path):
+    place = changed(known_scan(tmp_path), scan=Side("part.stl", "part.stl", "mm"), cuts=(CORNER,))
+    left, drawn = open_geometry(cleaning.cleaned_file(place), "scan"), cleaning.scan_cloud(place.scan())
+    np.testing.assert_allclose(left.normals, drawn.normals[cleaning.kept_rows(drawn.points, (CORNER,))], atol=1e-6)
 
 
 def test_pairs_are_the_closed_form(place):
