@@ -288,6 +288,16 @@ def test_dense_clouds_with_times_end_where_those_without_do(effort: str, start: 
     np.testing.assert_array_equal(result.T_target_source, register(*DENSE, start, effort=effort).T_target_source)
 
 
+def test_a_drift_in_time_is_told_of_clouds_that_are_downsampled() -> None:
+    source, target = DENSE
+    times = np.random.default_rng(2).uniform(size=len(source))
+    moved = source + np.outer(times - 0.5, 0.005 * SIZE * np.array([0.6, 0.0, 0.8]))
+    # Their order tells nothing: that of the rows has none.
+    for known, codes in ((None, ("accepted",)), (times, ("drift",))):
+        result = register(PointCloud(moved, times=known), target, "identity", effort="fast")
+        assert result.verdict.codes == codes
+
+
 def test_flipped_faces_and_open_sides_are_reported() -> None:
     faces = PART.faces.copy()
     faces[::2] = faces[::2, ::-1]
