@@ -7,17 +7,13 @@ from collections.abc import Callable
 
 from dqreg.geometry import PointCloud, Scan, Surface, prepare_scan
 from dqreg.geometry.cells import CellSurface
-from dqreg.geometry.voxels import WHOLE, VoxelCloud, cell_size, voxel_size
+from dqreg.geometry.voxels import STAND, WHOLE, VoxelCloud, cell_size, voxel_size
 from dqreg.kernels.threads import Later
 from dqreg.registration.target_index import Evening, TargetIndex
 
 # Begins what is asked of a thinned target beside the caller, once its cells are there; the scan may be whole.
 Begin = Callable[[Surface, bool], None]
 
-# Unevenness of a target's cells from which on they hold what all points do: a LiDAR or a depth camera at its stand sees
-# the near places many times as densely, and came to 2 to 50, where all points gained nothing, or 5 to 10 % in five
-# times the time. Range scans of bodies came to 1.6 at most, and to errors of a half to a hundredth.
-STAND = 2.0
 # A source that fills less than this share of the cells wanted is small beside the target, and asks for smaller ones.
 SMALL = 0.5
 

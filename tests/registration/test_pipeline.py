@@ -15,6 +15,7 @@ from dqreg.kernels import threads
 from dqreg.registration import continued_fit, pipeline
 from dqreg.registration.continued_fit import all_points_say_more, settled
 from dqreg.registration.fit import coarse_to_fine
+from dqreg.registration.options import CELLS, Effort
 from dqreg.registration.prepared import Prepared
 from dqreg.rigid import pose, twist
 from dqreg.synth import Noise, Scanner, disturbance, scan_mesh, worst_vertex_displacement
@@ -75,18 +76,29 @@ def test_cells_in_doubt_give_way_to_all_points_that_are_not(
     assert (result.settings["cell_size"] == 0.0) is whole
 
 
-def test_fast_stays_with_cells_that_normal_goes_on_from() -> None:
-    # Two views of one part, as dense as cells, noise 0.2 % of its size: a third of the way to the next point.
+# Noise in sizes of the part; a tenth of it is 0.06 of the spacing, all of it a third.
+@pytest.mark.parametrize(("noise", "stays"), [(2.2e-4, False), (2.2e-3, True)])
+@pytest.mark.parametrize("effort", ["fast", "normal"])
+def test_two_views_stay_with_cells_where_these_rid_them_of_noise(effort: Effort, noise: float, stays: bool) -> None:
     part, rng = dqreg.Mesh(*bracket()), np.random.default_rng(4)
-    scanner, noise = (
-        Scanner([(1.0, 1.0, 1.0), (-1.0, 0.3, -0.8)], pixels=300),
-        Noise(range_sigma=2.2e-3 * part.diagonal),
-    )
-    scan, stands = (scan_mesh(part.vertices, part.faces, scanner, noise, rng=rng).points for _ in range(2))
+    scanner = Scanner([(1.0, 1.0, 1.0), (-1.0, 0.3, -0.8)], pixels=300)
+    sigma = Noise(range_sigma=noise * part.diagonal)
+    scan, stands = (scan_mesh(part.vertices, part.faces, scanner, sigma, rng=rng).points for _ in range(2))
+    # Truth: both are in the part's frame.
     start = disturbance(rng, np.deg2rad(1.0), 0.005 * part.diagonal, part.centre)
-    found = {e: dqreg.register(scan, stands, start, effort=e, verdict=False) for e in ("fast", "normal")}
-    assert found["fast"].settings["cell_size"] > 0.0
-    assert found["normal"].settings["cell_size"] == 0.0
+    result = dqreg.register(scan, stands, start, effort=effort, verdict=False)
+    assert (result.settings["cell_size"] > 0.0) is stays
+
+
+@pytest.mark.parametrize("effort", ["fast", "normal"])
+def test_a_cloud_of_a_few_points_a_cell_stands_by_cells_unless_it_has_no_noise(effort: Effort) -> None:
+    count = 2 * int(CELLS[effort] or 0)
+    scan, stands = (bumpy_cloud(count, seed) for seed in range(2))
+    rng = np.random.default_rng(3)
+    for noise, stays in ((0.0, False), (0.005, True)):
+        noisy = [side + rng.normal(scale=noise, size=side.shape) for side in (scan, stands)]
+        result = dqreg.register(moved_back(noisy[0]), noisy[1], T, effort=effort, verdict=False)
+        assert (result.settings["cell_size"] > 0.0) is stays
 
 
 def test_best_takes_all_points_at_once() -> None:
@@ -99,14 +111,16 @@ def test_best_takes_all_points_at_once() -> None:
 
 def test_cells_and_sparse_scans_go_on_with_planes_and_what_has_planes_or_was_not_found_does_not() -> None:
     part = sample_mesh(dqreg.Mesh(*box()), 8_000, np.random.default_rng(0)).points
-    many = crowded()
+    many, rng = crowded(), np.random.default_rng(5)
+    noisy = [bumpy_cloud(40_000, seed) + rng.normal(scale=0.003, size=DENSE.shape) for seed in range(2)]
     cases = (
         # A box of 200 points has hardly a neighbourhood on one face, one of 8,000 has most of them there.
         (part[:200], part[:3_000], 5_000, np.eye(4), "converged", True),
         (part, part, 5_000, np.eye(4), "converged", False),
         (DENSE, DENSE, 1_000, np.eye(4), "converged", True),
-        # Hardly more points than cells: their means hide nothing.
-        (DENSE[::8], DENSE, 4_000, np.eye(4), "converged", False),
+        # Noise of a third of the spacing: cells are rid of it, but points that are there twice lie on each other.
+        (noisy[0], noisy[1], 10_000, np.eye(4), "converged", False),
+        (noisy[0], noisy[0][::2], 10_000, pose.from_parts(np.eye(3), [2e-3, 0.0, 0.0]), "converged", True),
         # Both seen from one stand: a hundredth of the places holds half of the points.
         (many, many, 1_000, np.eye(4), "converged", False),
         (DENSE, DENSE, 1_000, pose.from_parts(np.eye(3), [50.0, 0.0, 0.0]), "no correspondences", False),

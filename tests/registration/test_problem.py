@@ -70,11 +70,11 @@ def test_dense_clouds_become_equal_cells_with_a_plane_at_each() -> None:
 
 
 def test_sparse_clouds_and_meshes_stay_whole() -> None:
-    few = SHEET[:2_900]
+    few = SHEET[:1_500]
     stands = target(few)
     sides = downsampled(few, stands)
     assert sides.cell_size == 0.0
-    assert len(sides.scan) == 2_900
+    assert len(sides.scan) == 1_500
     assert sides.surface is stands.surface
     with pytest.raises(InputError, match="mesh"):
         downsampled(few, index_target(Mesh(*bracket())))
@@ -107,7 +107,7 @@ def test_a_small_source_asks_for_cells_of_its_own_size() -> None:
 
 
 def test_a_dense_source_is_thinned_though_its_target_is_sparse() -> None:
-    stands = target(SHEET[:2_900])
+    stands = target(SHEET[:1_500])
     sides = downsampled(SHEET, stands)
     assert 800 <= len(sides.scan) <= 1_250
     assert sides.surface is stands.surface
