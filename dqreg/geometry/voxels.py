@@ -103,10 +103,13 @@ class VoxelCloud:
         return found
 
     @staticmethod
-    def evened(cloud: PointCloud, count: int, size: float | None = None) -> VoxelCloud:
+    def evened(
+        cloud: PointCloud, count: int, size: float | None = None, *, evenly_dense: float = EVENLY_DENSE
+    ) -> VoxelCloud:
         """A dense cloud with about so many points, an uneven one or one in rings with fewer; others as they are.
 
-        It begins with the size of `first_size`, where that is known already.
+        It begins with the size of `first_size`, where that is known already. One whose points lie evenly is dense from
+        so many points a cell on.
         """
         points, size = cloud.points, first_size(cloud.points, count, cloud._ends) if size is None else size
         if not size > 0.0:
@@ -117,8 +120,8 @@ class VoxelCloud:
         if may_be_few and lie_in_rings(points, cells.order):
             size = _across_rings(cloud, first_size(points, count, cloud._ends, RINGED))
             return VoxelCloud.across_lines(cloud, size, of_few_rings=True)
-        if not is_dense and len(points) > EVENLY_DENSE * count and cells.unevenness <= STAND:
-            return VoxelCloud.across_lines(cloud, first_size(points, count, cloud._ends, EVENLY_DENSE))
+        if not is_dense and len(points) > evenly_dense * count and cells.unevenness <= STAND:
+            return VoxelCloud.across_lines(cloud, first_size(points, count, cloud._ends, evenly_dense))
         is_uneven = is_dense or cells.unevenness > UNEVEN
         if is_uneven or VoxelCloud.of(cloud, size, cells=cells, smooth=False).in_lines:
             return VoxelCloud.across_lines(cloud, size, cells=cells)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from dqreg.geometry import PointCloud, Scan, Surface, prepare_scan
 from dqreg.geometry.cells import CellSurface
-from dqreg.geometry.voxels import STAND, WHOLE, VoxelCloud, cell_size, voxel_size
+from dqreg.geometry.voxels import DENSE, EVENLY_DENSE, STAND, WHOLE, VoxelCloud, cell_size, voxel_size
 from dqreg.kernels.threads import Later
 from dqreg.registration.target_index import Evening, TargetIndex
 
@@ -53,7 +53,9 @@ class Prepared:
         edge = evening.edge.result()
         # Meanwhile, with the cells that the target will have unless its points stay in lines.
         meanwhile = VoxelCloud.across_lines(cloud, edge) if edge and evening.cloud.is_beside else None
-        stands, geometry = evening.cloud.result(), target.geometry
+        # Cells of an even target save nothing where the source has too few points for cells as small.
+        is_small, geometry = len(cloud) <= EVENLY_DENSE * count, target.geometry
+        stands = target.evened(count, evenly_dense=DENSE) if is_small and not edge else evening.cloud.result()
         if not stands.size or not isinstance(geometry, PointCloud):
             moves = VoxelCloud.of(cloud, voxel_size(cloud.points, count))
         else:

@@ -23,7 +23,7 @@ from dqreg.geometry.opening import describe, open_geometry
 from dqreg.geometry.sides import without_signs
 from dqreg.geometry.unit_check import principal_spreads
 from dqreg.geometry.visibility import VisibleSurface, visible_faces
-from dqreg.geometry.voxels import DENSE, VoxelCloud, first_size
+from dqreg.geometry.voxels import DENSE, EVENLY_DENSE, VoxelCloud, first_size
 from dqreg.kernels.threads import Later, until
 from dqreg.registration.source import require_spread
 from dqreg.search import PairTable
@@ -59,7 +59,7 @@ class TargetIndex:
     _lock: threading.Lock = dataclasses.field(default_factory=threading.Lock, repr=False, compare=False)
     # What the rooms above derive of it by name, kept for the next scan; made twice alike where threads meet
     derived: dict[str, Any] = dataclasses.field(default_factory=dict, init=False, repr=False, compare=False)
-    _evened: dict[int, VoxelCloud] = dataclasses.field(default_factory=dict, repr=False, compare=False)
+    _evened: dict[tuple[int, float], VoxelCloud] = dataclasses.field(default_factory=dict, repr=False, compare=False)
 
     @cached_property
     def surface(self) -> Surface:
@@ -128,16 +128,15 @@ class TargetIndex:
 
     def begin_evened(self, count: int) -> Evening:
         """`evened`, made beside the caller where the cloud is dense."""
-        geometry, known = self.geometry, self._evened.get(count)
-        if known is not None or not isinstance(geometry, PointCloud):
-            size = 0.0 if known is None else known.size
+        geometry, known = self.geometry, self._evened.get((count, EVENLY_DENSE))
+        is_dense = isinstance(geometry, PointCloud) and len(geometry.points) > DENSE * count
+        if known is not None or not isinstance(geometry, PointCloud) or not is_dense:
+            size = known.size if known is not None and is_dense else 0.0
             return Evening(Later(lambda: size, beside=False), Later(lambda: self.evened(count), beside=False))
-        if len(geometry.points) <= DENSE * count:
-            return Evening(Later(lambda: 0.0, beside=False), Later(lambda: self.evened(count), beside=False))
         edge = Later(lambda: first_size(geometry.points, count, geometry._ends))
         return Evening(edge, Later(lambda: self.evened(count, edge.result())))
 
-    def evened(self, count: int, size: float | None = None) -> VoxelCloud:
+    def evened(self, count: int, size: float | None = None, evenly_dense: float = EVENLY_DENSE) -> VoxelCloud:
         """The cloud as the means of about so many cells, and their surface; built once and only read from then on.
 
         The size is that of `first_size`, where it is known.
@@ -145,9 +144,10 @@ class TargetIndex:
         if not isinstance(self.geometry, PointCloud):
             raise InputError("only a cloud has cells; the target is a mesh")
         with self._lock:
-            if count not in self._evened:
-                self._evened[count] = VoxelCloud.evened(self.geometry, count, size)
-            return self._evened[count]
+            key = count, evenly_dense
+            if key not in self._evened:
+                self._evened[key] = VoxelCloud.evened(self.geometry, count, size, evenly_dense=evenly_dense)
+            return self._evened[key]
 
     def visible_from(self, viewpoints: FloatArray) -> TargetIndex:
         """The target with a surface of those faces alone that can be seen from some viewpoints, (k, 3)."""

@@ -80,6 +80,13 @@ def test_sparse_clouds_and_meshes_stay_whole() -> None:
         downsampled(few, index_target(Mesh(*bracket())))
 
 
+def test_an_even_target_of_a_few_points_a_cell_has_cells_only_for_a_source_that_has_them() -> None:
+    stands = target(SHEET[:2_900])
+    for _ in range(2):
+        assert downsampled(SHEET[:1_500], stands).cell_size == 0.0
+        assert downsampled(SHEET[:2_500], stands).cell_size > 0.0
+
+
 def test_the_loop_after_a_search_compares_what_it_would_after_an_initial_pose() -> None:
     searched, given = (problem_of(SHEET, SHEET, start) for start in (None, np.eye(4)))
     whole = searched.prepare()
