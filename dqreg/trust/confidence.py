@@ -6,10 +6,8 @@ probability among such tasks, of which about a third are good: where bad ones ar
 
 from __future__ import annotations
 
-import contextlib
 import math
-from collections.abc import Iterator, Sequence
-from contextvars import ContextVar
+from collections.abc import Mapping, Sequence
 
 from dqreg.trust.evidence import Evidence
 from dqreg.trust.limits import noise_of_parts, rays_agree
@@ -47,11 +45,14 @@ WEIGHTS: dict[str, float] = {
 
 NAMES = tuple(WEIGHTS)
 
-_taken: ContextVar[list[tuple[float, ...]] | None] = ContextVar("figures", default=None)
-
 
 def figures_of(evidence: Evidence, codes: Sequence[str]) -> dict[str, float]:
-    """The figures by name: ratios, shares and logarithms, each of the order of one; codes of the doubts."""
+    """The figures by name: ratios, shares and logarithms, each of the order of one; codes of the doubts.
+
+    None where there is no pose, and for frames of a sequence, which have no size.
+    """
+    if not evidence.found or math.isinf(evidence.near):
+        return {}
     sigmas = [direction.sigma / evidence.size for direction in evidence.directions]
     noise = max(evidence.expected, noise_of_parts(evidence))
     wide = evidence.width / noise if noise > 0.0 else 1.0
@@ -83,38 +84,18 @@ def figures_of(evidence: Evidence, codes: Sequence[str]) -> dict[str, float]:
     return {name: value if math.isfinite(value) else 0.0 for name, value in figures.items()}
 
 
-def confidence_of(evidence: Evidence, codes: Sequence[str]) -> float:
-    """Probability that the pose is right; NaN where there is none, and for frames of a sequence, which have no size."""
-    if not evidence.found or math.isinf(evidence.near):
-        return math.nan
-    figures = figures_of(evidence, codes)
-    taken = _taken.get()
-    if taken is not None:
-        taken.append(tuple(figures.values()))
-    return probability(figures)
-
-
-def probability(figures: dict[str, float]) -> float:
-    """The logistic map.
+def probability(figures: Mapping[str, float]) -> float:
+    """Probability that the pose is right, by the logistic map; NaN where there are no figures.
 
     >>> 0.0 < probability({"inliers": 3.0}) < 1.0
     True
     """
+    if not figures:
+        return math.nan
     logit = OFFSET
     for name, value in figures.items():
         logit += WEIGHTS.get(name, 0.0) * value
     return 1.0 / (1.0 + math.exp(-max(-30.0, min(30.0, logit))))
-
-
-@contextlib.contextmanager
-def figures_taken() -> Iterator[list[tuple[float, ...]]]:
-    """The figures of every verdict within the block, in their order: what the map is fitted to."""
-    taken: list[tuple[float, ...]] = []
-    token = _taken.set(taken)
-    try:
-        yield taken
-    finally:
-        _taken.reset(token)
 
 
 def _log(value: float, low: float, high: float) -> float:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Literal
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from dqreg._arrays import FloatArray
 from dqreg._records import lock
@@ -130,6 +130,8 @@ class Verdict:
     )  # Every question with its figure; none where nothing was found, or of a file of old
     # Probability that the pose is right, see `dqreg.trust.confidence`; NaN where it is not known
     confidence: float = dataclasses.field(default=math.nan, compare=False)
+    # Figures by name that it was computed from; none where it is not known, or of a file
+    _figures: ClassVar[Mapping[str, float]] = {}
 
     def __post_init__(self) -> None:
         reasons = tuple(reason if isinstance(reason, Reason) else Reason(reason) for reason in self.reasons)
@@ -148,10 +150,19 @@ class Verdict:
 
     @staticmethod
     def asking(
-        level: Level, reasons: tuple[Reason, ...], checks: Callable[[], tuple[Check, ...]], confidence: float
+        level: Level,
+        reasons: tuple[Reason, ...],
+        checks: Callable[[], tuple[Check, ...]],
+        confidence: float,
+        figures: Mapping[str, float],
     ) -> Verdict:
-        """A verdict whose checks are made when they are first read, by a function that can be pickled."""
-        return Verdict(level, reasons, checks, confidence)  # type: ignore[arg-type]
+        """A verdict whose checks are made when they are first read, by a function that can be pickled.
+
+        Beside its confidence it keeps the figures that this was computed from.
+        """
+        verdict = Verdict(level, reasons, checks, confidence)  # type: ignore[arg-type]
+        vars(verdict)["_figures"] = figures
+        return verdict
 
     @property
     def codes(self) -> tuple[str, ...]:
@@ -166,7 +177,7 @@ class Verdict:
 
     def saying(self, level: Level, reasons: tuple[Reason, ...]) -> Verdict:
         """The same questions, asked when they are first read, with another level, other reasons and no confidence."""
-        return Verdict.asking(level, reasons, functools.partial(getattr, self, "checks"), math.nan)
+        return Verdict.asking(level, reasons, functools.partial(getattr, self, "checks"), math.nan, {})
 
 
 @dataclasses.dataclass(frozen=True)

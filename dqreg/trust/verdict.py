@@ -7,7 +7,7 @@ import math
 from collections.abc import Collection, Iterator
 
 from dqreg.trust.checks import checks_of
-from dqreg.trust.confidence import confidence_of
+from dqreg.trust.confidence import figures_of, probability
 from dqreg.trust.doubts import DOUBTS, counted
 from dqreg.trust.evidence import Evidence
 from dqreg.trust.free_space import MAX_HIDDEN_SHARE
@@ -42,7 +42,8 @@ def judge(evidence: Evidence) -> Verdict:
         return Verdict("failed", (_why_nothing(evidence),))
     doubts = tuple(Reason(sentence, code) for code, doubt in DOUBTS for sentence in doubt(evidence))
     level: Level = "suspect" if doubts else "accepted"
-    confidence = confidence_of(evidence, [doubt.code for doubt in doubts])
+    figures = figures_of(evidence, [doubt.code for doubt in doubts])
+    confidence = probability(figures)
     # Asked where nothing else speaks against the pose, and where its size is known.
     together = confidence if not doubts and math.isfinite(evidence.size) else math.nan
     if together < UNLIKELY:
@@ -50,7 +51,7 @@ def judge(evidence: Evidence) -> Verdict:
     checks = functools.partial(_checks, evidence, frozenset(doubt.code for doubt in doubts), together)
     doubts = (*_causes(evidence), *doubts) if doubts else doubts
     reasons = doubts or (Reason(_summary(evidence), "accepted"), *_remarks(evidence))
-    return Verdict.asking(level, reasons, checks, confidence)
+    return Verdict.asking(level, reasons, checks, confidence, figures)
 
 
 def _checks(evidence: Evidence, against: Collection[str], together: float) -> tuple[Check, ...]:

@@ -1,14 +1,20 @@
 from __future__ import annotations
 
+import copy
 import dataclasses
 import math
+import pickle
 
 import numpy as np
+import pytest
 
 import dqreg
+from dqreg.compare.trust.kinds import KINDS
+from dqreg.compare.trust.trial import trial
 from dqreg.synth.parts import bracket
 from dqreg.trust import confidence as room
-from dqreg.trust.confidence import figures_of, figures_taken, probability
+from dqreg.trust.confidence import NAMES, figures_of, probability
+from dqreg.trust.records import Reason, Verdict
 
 
 def test_a_right_pose_is_more_probable_than_noise_and_both_survive_the_file(tmp_path):
@@ -26,8 +32,6 @@ def test_a_right_pose_is_more_probable_than_noise_and_both_survive_the_file(tmp_
 
 
 def test_no_pose_and_a_later_doubt_have_no_confidence():
-    from dqreg.trust.records import Reason, Verdict
-
     verdict = Verdict("accepted", (Reason("fits", "accepted"),), confidence=0.97)
     assert math.isnan(verdict.doubted(Reason("late", "time_stamp")).confidence)
     assert math.isnan(Verdict("failed", ("no pose",)).confidence)
@@ -49,11 +53,26 @@ def test_no_motion_that_is_left_is_no_uncertain_one():
 
 def test_the_names_of_the_weights_are_those_of_the_figures():
     part = dqreg.Mesh(*bracket())
-    with figures_taken() as taken:
-        dqreg.register(part, part, "identity", effort="fast", search="never")
-    assert taken
-    assert all(len(figures) == len(room.NAMES) and np.isfinite(figures).all() for figures in taken)
-    assert tuple(room.WEIGHTS) == room.NAMES
+    figures = dqreg.register(part, part, "identity", effort="fast", search="never").verdict._figures
+    assert tuple(figures) == NAMES == tuple(room.WEIGHTS)
+    assert np.isfinite(list(figures.values())).all()
+
+
+@pytest.mark.parametrize("seed", [20000, 20002, 20005])
+def test_the_confidence_is_that_of_the_figures_beside_it(seed):
+    # Of a scan that is longer than the part, poses are compared after the answer, whose verdict is known by then.
+    done = trial(KINDS["longer-5-20"], seed)
+    assert probability(dict(zip(NAMES, done.figures, strict=True))) == done.confidence
+
+
+def test_a_verdict_and_its_copies_carry_the_figures_of_its_confidence():
+    task = KINDS["longer-5-20"].task(20002)
+    verdict = dqreg.register(task.source, task.target, task.start, **task.options).verdict
+    for one in (verdict, copy.copy(verdict), pickle.loads(pickle.dumps(verdict))):
+        assert probability(one._figures) == verdict.confidence
+    # Without a confidence there are none: after a later doubt, and where no pose was found.
+    assert not verdict.doubted(Reason("late", "time_stamp"))._figures
+    assert math.isnan(probability({}))
 
 
 def test_probability_is_logistic(monkeypatch):

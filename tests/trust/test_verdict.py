@@ -9,7 +9,6 @@ import pytest
 
 from dqreg.registration.result import Alternative, Direction
 from dqreg.trust import Evidence, judge, limits
-from dqreg.trust.confidence import confidence_of
 from dqreg.trust.doubts import DOUBTS
 from dqreg.trust.verdict import UNLIKELY
 
@@ -449,6 +448,6 @@ def test_a_part_that_shrank_is_named_before_its_mirror_image() -> None:
 
 def test_rays_that_agree_speak_for_a_pose_and_where_they_passed_through_much_they_do_not() -> None:
     alike = dataclasses.replace(GOOD, seen_alike=0.6, looked_through=0.0)
-    assert confidence_of(alike, []) > confidence_of(GOOD, [])
+    assert judge(alike).confidence > judge(GOOD).confidence
     for other in ({"looked_through": 0.02}, {"seen_alike": 0.2}):
-        assert confidence_of(dataclasses.replace(alike, **other), []) == confidence_of(GOOD, [])
+        assert judge(dataclasses.replace(alike, **other)).confidence == judge(GOOD).confidence

@@ -15,7 +15,6 @@ from dqreg.errors import DqregError
 from dqreg.geometry import Mesh, MeshSurface, sample_mesh
 from dqreg.rigid import pose
 from dqreg.synth.truth import closest_truth, displacements
-from dqreg.trust.confidence import figures_taken
 
 if TYPE_CHECKING:
     from dqreg.registration.result import Registration
@@ -69,8 +68,7 @@ def _registered(kind: Kind, seed: int, task: TrustTask) -> Trial:
 
     began = time.perf_counter()
     try:
-        with figures_taken() as figures:
-            result = register(task.source, task.target, task.start, **task.options)
+        result = register(task.source, task.target, task.start, **task.options)
     except DqregError as error:
         seconds = time.perf_counter() - began
         words = f"{type(error).__name__}: {error}"
@@ -90,8 +88,7 @@ def _registered(kind: Kind, seed: int, task: TrustTask) -> Trial:
         points=len(task.source),
         seconds=seconds,
         confidence=verdict.confidence,
-        # The last verdict is the answer's; those before it chose between poses.
-        figures=figures[-1] if figures else (),
+        figures=tuple(verdict._figures.values()),
         named=_names_rivals(result, task) if len(task.rivals) else None,
     )
 
