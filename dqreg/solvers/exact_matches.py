@@ -17,13 +17,13 @@ from numpy.typing import ArrayLike
 from dqreg._arrays import BoolArray, FloatArray, as_float
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.rigid import quaternion
-from dqreg.solvers.closed_form import best_rotation
+from dqreg.solvers.closed_form import Why, best_rotation, require_determined
 from dqreg.solvers.exact_cost import cost_of_pose
 from dqreg.solvers.fit import Fit
 from dqreg.solvers.matches import Matches, refuse_bad_values
 from dqreg.solvers.moments import moments_of
-from dqreg.solvers.narrow import is_narrow, long_axes, products_in_axes, rotation_of
-from dqreg.solvers.rounding import SAME_POINT, SMALLEST_DIFFERENCE
+from dqreg.solvers.narrow import Aligned, is_narrow, long_axes, products_in_axes, rotation_of
+from dqreg.solvers.rounding import SAME_POINT, SMALLEST_GAP, grain_of
 from dqreg.solvers.uncertainty import FitUncertainty, counted, residual_variance, rotation_covariance
 from dqreg.solvers.undetermined import no_weight_message, undetermined
 
@@ -60,10 +60,13 @@ def require_squares(weights: FloatArray, *sides: FloatArray) -> None:
         raise InputError("the matches are finite, but their weighted squares are not; give directions in unit length")
 
 
-def rotation_beside(exact: Pair, others: Pair, weights: FloatArray | None, least_angle: float = 0.0) -> RotationBeside:
-    """Rotation that meets exact directions, as well as can be, and fits others. Shapes: pairs (n, 3), weights (n,).
+def rotation_beside(
+    exact: Pair, others: Matches, grains: FloatArray | None = None, least_angle: float = 0.0
+) -> RotationBeside:
+    """Rotation that meets exact directions (n, 3), as well as can be, and fits others, whose points are about zero.
 
-    Exact directions within ``least_angle`` of each other count as parallel.
+    The grains (2,) are how far rounding may have moved these points, and exact directions are known to
+    ``least_angle``: within it of each other they count as parallel.
     """
     none = np.zeros((0, 3))
     if len(exact[0]):
@@ -75,24 +78,32 @@ def rotation_beside(exact: Pair, others: Pair, weights: FloatArray | None, least
         except DegenerateGeometryError:
             if not is_narrow(held.direction_cross):
                 raise
-        return _about_axis(long_axes(held.direction_cross), others, weights)
+        return _about_axis(long_axes(held.direction_cross), others, grains, least_angle)
+    m = others
+    rows = np.vstack([m.points_source, m.directions_source]), np.vstack([m.points_target, m.directions_target])
+    beta, alpha = _weights(m)
+    weights = np.concatenate([beta, alpha])
     r, _, gap, H = best_rotation(
-        moments_of(none, none, None, *others, weights), Matches(none, none, *others, None, weights)
+        moments_of(none, none, None, *rows, weights), Matches(none, none, *rows, None, weights)
     )
     R = quaternion.to_matrix(r)
     return RotationBeside(R, gap, rotation_covariance(H, R, gap), 3)
 
 
-def _about_axis(axes: Pair, others: Pair, weights: FloatArray | None) -> RotationBeside:
-    nowhere = (np.zeros(3), np.zeros(3))
-    R, _, gap = rotation_of(products_in_axes(others, weights, nowhere, axes), axes)
-    w = np.ones(len(others[0])) if weights is None else weights
-    reach = math.prod(math.sqrt(w @ (side * side).sum(axis=1)) for side in others)
-    if not gap > SMALLEST_DIFFERENCE * reach:
-        raise undetermined(
-            f"one direction is exact, and the others hold the rotation about it with {gap:.3g} of {reach:.3g} "
-            "(relative gap below 1e-12). Add a direction across it of positive weight"
-        )
+def _about_axis(axes: Pair, others: Matches, grains: FloatArray | None, least_angle: float) -> RotationBeside:
+    m, nowhere = others, (np.zeros(3), np.zeros(3))
+    held = Aligned(
+        *axes,
+        products_in_axes((m.points_source, m.points_target), m.point_weights, nowhere, axes),
+        products_in_axes((m.directions_source, m.directions_target), m.direction_weights, nowhere, axes),
+        np.zeros(2) if grains is None else grains,
+    )
+    R, lambda_1, gap = rotation_of(held.points + held.directions, axes)
+    reach, floor = held.reach, SMALLEST_GAP * held.reach + held.floor(placed=held.is_placed, angle=least_angle)
+    why: Why = lambda words: undetermined(  # noqa: E731
+        f"beside one exact direction {words}. Add a direction across it of positive weight"
+    )
+    require_determined(lambda_1, gap, reach, floor, why)
     along = axes[1][:, 0]
     return RotationBeside(R, gap / reach, np.outer(along, along) / (0.5 * gap), 1)
 
@@ -102,8 +113,8 @@ def solve_beside(
 ) -> Fit:
     """`solve` where some rows, of weight zero in ``matches``, are exact: masks, an entry a row or one for all."""
     m = matches
-    held, beta = _rows(exact_points, m.point_weights, len(m.points_source))
-    along, alpha = _rows(exact_directions, m.direction_weights, len(m.directions_source))
+    beta, alpha = _weights(m)
+    held, along = _mask(exact_points, len(beta)), _mask(exact_directions, len(alpha))
     refuse_bad_values(replace(m, direction_weights=alpha + along))
     require_squares(beta, m.points_source, m.points_target)
     require_squares(alpha, m.directions_source, m.directions_target)
@@ -114,7 +125,7 @@ def solve_beside(
         side[held.argmax()] if held.any() else beta @ side / beta.sum() for side in (m.points_source, m.points_target)
     )
     about = _about(m.points_source, p0), _about(m.points_target, q0)
-    found = _rotation(m, held, along, about, np.concatenate([beta, alpha]))
+    found = _rotation(m, held, along, about, (p0, q0))
     T = np.eye(4)
     T[:3, :3] = found.R
     T[:3, 3] = (q0 - p0) - (found.R - np.eye(3)) @ p0
@@ -129,10 +140,17 @@ def solve_beside(
     return Fit(T, point_cost + direction_cost, rms, found.gap, uncertainty=sums)
 
 
-def _rows(exact: BoolArray | None, weights: FloatArray | None, count: int) -> tuple[BoolArray, FloatArray]:
-    """Mask and finite weight of every row, (count,) each."""
-    mask: BoolArray = np.zeros(count, dtype=bool) | (False if exact is None else exact)
-    return mask, np.ones(count) if weights is None else weights
+def _weights(m: Matches) -> Pair:
+    """Weight of every point and of every direction."""
+    beta, alpha = m.point_weights, m.direction_weights
+    return (
+        np.ones(len(m.points_source)) if beta is None else beta,
+        np.ones(len(m.directions_source)) if alpha is None else alpha,
+    )
+
+
+def _mask(exact: BoolArray | None, count: int) -> BoolArray:
+    return np.zeros(count, dtype=bool) | (False if exact is None else exact)
 
 
 def _about(points: FloatArray, origin: FloatArray) -> FloatArray:
@@ -143,18 +161,23 @@ def _about(points: FloatArray, origin: FloatArray) -> FloatArray:
     return away
 
 
-def _rotation(m: Matches, held: BoolArray, along: BoolArray, about: Pair, weights: FloatArray) -> RotationBeside:
+def _rotation(m: Matches, held: BoolArray, along: BoolArray, about: Pair, origins: Pair) -> RotationBeside:
     # A place counts where both sides have one; in units of their extent lengths weigh as directions do.
     apart = held & about[0].any(axis=1) & about[1].any(axis=1)
     source, target = (
         np.vstack([points[apart] / (_longest(points[apart]) or 1.0), directions])
         for points, directions in zip(about, _units(m, along), strict=True)
     )
-    rows = np.vstack([about[0], m.directions_source]), np.vstack([about[1], m.directions_target])
+    beta, alpha = _weights(m)
+    others = Matches(*about, m.directions_source, m.directions_target, beta, alpha)
+    grains = [
+        grain_of(beta.sum(), math.hypot(*origin), beta @ (points * points).sum(axis=1))
+        for origin, points in zip(origins, (m.points_source, m.points_target), strict=True)
+    ]
     extent, far = _reach(m, held, about)
     least_angle = 10.0 * AGREED + (4.0 * SAME_POINT * far / extent if extent > 0.0 else 0.0)
     try:
-        return rotation_beside((source, target), rows, weights, least_angle)
+        return rotation_beside((source, target), others, np.array(grains), least_angle)
     except DegenerateGeometryError as error:
         raise DegenerateGeometryError(
             f"the exact matches (infinite weight: {int(held.sum())} points, {int(along.sum())} directions) and the "

@@ -52,15 +52,33 @@ class Aligned:
         grains = np.sqrt(factor) * self.grains
         return Aligned(self.axes_source, self.axes_target, factor * self.points, factor * self.directions, grains)
 
-    def floor(self, *, placed: bool) -> float:
-        """Gap across the length that is none; without the points where they lie in one place."""
-        own = SAME_POINT * np.sqrt([np.trace(self.directions[s, s]) for s in SIDES])
-        kinds = [(self.directions, own), *([(self.points, self.grains)] if placed else [])]
-        total = 0.0
-        for products, grains in kinds:
-            across = np.sqrt([np.trace(products[s, s][1:, 1:]) for s in SIDES])
-            total += float(across_floor(grains, across))
-        return total
+    @property
+    def reach(self) -> float:
+        """The largest lambda_1 that sides of such lengths could have."""
+        return float(sum(_lengths(products).prod() for products in (self.points, self.directions)))
+
+    @property
+    def is_placed(self) -> bool:
+        """Whether the points of neither side lie in one place, as far as rounding can tell."""
+        return bool((_lengths(self.points) > self.grains).all())
+
+    def floor(self, *, placed: bool, angle: float = 0.0) -> float:
+        """Gap across the length that is none; without the points where they lie in one place.
+
+        The length itself may be known to an angle only, by which the matches reach across it and tell nothing.
+        """
+        kinds = [(self.directions, SAME_POINT * _lengths(self.directions))]
+        if placed:
+            kinds.append((self.points, self.grains))
+        return sum(
+            float(across_floor(grains + angle * _lengths(products), _lengths(products, 1)))
+            for products, grains in kinds
+        )
+
+
+def _lengths(products: FloatArray, first: int = 0) -> FloatArray:
+    """Roots of the sums of squares of either side, in the axes from the first on. Shapes: (6, 6), returns (2,)."""
+    return np.sqrt([np.trace(products[side, side][first:, first:]) for side in SIDES])
 
 
 def is_narrow(H: FloatArray) -> bool:

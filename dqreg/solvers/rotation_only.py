@@ -133,7 +133,7 @@ def _read(source: ArrayLike, target: ArrayLike, weights: ArrayLike | None) -> tu
 def _beside_exact(matches: Matches, exact: np.ndarray, *, absolute_weights: bool) -> RotationFit:
     m, n, alpha = matches.directions_source, matches.directions_target, matches.direction_weights
     require_squares(np.ones(1) if alpha is None else alpha, m, n)
-    found = rotation_beside((m[exact], n[exact]), (m, n), alpha)
+    found = rotation_beside((m[exact], n[exact]), matches)
     cost, variance = _cost(found.R, matches), 1.0
     if found.free and not absolute_weights:
         variance = residual_variance(cost, 0, _counted(matches), found.free)

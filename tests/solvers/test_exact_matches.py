@@ -139,3 +139,37 @@ def test_what_cannot_be_met_is_named(case: str) -> None:
     error, arguments, words = BAD[case]
     with pytest.raises(error, match=words):
         solve(*arguments)
+
+
+def strip(width: float, tilt: float = 0.0) -> tuple[np.ndarray, Rows]:
+    """A turn, a strip before and after it, and its length, which errs by an angle for itself on either side."""
+    rng = np.random.default_rng(20011)
+    turn, axes = random_rotation(rng), random_rotation(rng)
+    p = np.column_stack([rng.uniform(-1, 1, 200), width * rng.uniform(-1, 1, 200), np.zeros(200)]) @ axes.T
+    m, n = (axes[:, :1].T + tilt * rng.normal(size=3) for _ in range(2))
+    return turn, (p, p @ turn.T, m, n @ turn.T, np.ones(200), np.array([INF]))
+
+
+@pytest.mark.parametrize("width", [1e-3, 1e-5, 1e-6, 3e-7, 1e-7])
+def test_a_strip_whose_length_is_known_has_the_pose_that_it_has_without(width: float) -> None:
+    turn, rows = strip(width)
+    without, beside = solve(*rows[:2]), solve(*rows)
+    for fit in (without, beside):
+        # The grain of coordinates, 8 eps of the length, over the width.
+        off = Rotation.from_matrix(fit.T_target_source[:3, :3] @ turn.T).magnitude()
+        assert off < 8.0 * np.finfo(np.float64).eps / width
+    assert beside.eigenvalue_gap == pytest.approx(without.eigenvalue_gap, rel=0.2)
+
+
+@pytest.mark.parametrize("width", [0.0, 1e-10])
+def test_what_lies_along_an_exact_direction_as_far_as_that_is_known_holds_no_rotation(width: float) -> None:
+    # Typed to nine digits on either side, a direction tells no more of a line beside it than chance.
+    _, rows = strip(width, tilt=1e-10)
+    with pytest.raises(DegenerateGeometryError, match="leave a rotation open"):
+        solve(*rows)
+
+
+def test_a_direction_parallel_to_an_exact_one_holds_no_rotation() -> None:
+    m = np.array([[1.0, 2, 3], [1, 2, 3], [1 + 1e-15, 2, 3]])
+    with pytest.raises(DegenerateGeometryError, match=r"beside one exact direction .* Add a direction across it"):
+        solve_rotation(m, m, [INF, 1.0, 1.0])
