@@ -291,9 +291,9 @@ def renamed(old: str, old_value: Any, new: str, new_value: Any, default: Any) ->
     return old_value
 
 
-def warn_of_old_name(old: str, new: str) -> None:
+def warn_of_old_name(old: str, new: str, what: str = "name") -> None:
     """Warn whoever called this package; Python shows it where that is the user's own program."""
     level, frame = 1, sys._getframe()
     while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == "dqreg":
         level, frame = level + 1, frame.f_back
-    warnings.warn(f"{old} is the old name of {new}; use {new}", DeprecationWarning, stacklevel=level)
+    warnings.warn(f"{old} is the old {what} of {new}; use {new}", DeprecationWarning, stacklevel=level)

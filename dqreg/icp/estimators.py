@@ -12,7 +12,8 @@ from dqreg.geometry.cells import CellSurface
 from dqreg.geometry.vector_rows import nonzero_rows
 from dqreg.icp.correspondences import Correspondences
 from dqreg.rigid import single_pose
-from dqreg.solvers import Fit, moments_of, solve_moments, svd
+from dqreg.solvers import Fit, Matches, solve_moments, svd
+from dqreg.solvers.moments import sums_of
 from dqreg.solvers.newton import FLAT, least_cost
 from dqreg.solvers.quadratic import QuadraticForm
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
@@ -58,10 +59,9 @@ def points_and_normals(pairs: Correspondences, weights: FloatArray, noise: float
     if not used.any():
         return points_only(pairs, weights, noise)
     kept, directed = np.flatnonzero(weights > 0.0), np.flatnonzero(used)
-    points = pairs.scan.points, pairs.closest.points, weights
-    directions = pairs.source_directions, pairs.closest.normals, alpha
-    some = [np.take(x, rows, axis=0) for rows, side in ((kept, points), (directed, directions)) for x in side]
-    return solve_moments(moments_of(*some))
+    p, q, beta = (np.take(x, kept, axis=0) for x in (pairs.scan.points, pairs.closest.points, weights))
+    m, n, alpha = (np.take(x, directed, axis=0) for x in (pairs.source_directions, pairs.closest.normals, alpha))
+    return solve_moments(sums_of(Matches(p, q, m, n, beta, alpha)))
 
 
 def direction_weights(pairs: Correspondences, weights: FloatArray, noise: float) -> FloatArray:
@@ -82,8 +82,8 @@ def direction_weights(pairs: Correspondences, weights: FloatArray, noise: float)
 
 def points_only(pairs: Correspondences, weights: FloatArray, noise: float) -> Fit:
     """The same closed form on points alone."""
-    kept = weights > 0.0
-    return solve_moments(moments_of(pairs.scan.points[kept], pairs.closest.points[kept], weights[kept]))
+    on, none = weights > 0.0, np.zeros((0, 3))
+    return solve_moments(sums_of(Matches(pairs.scan.points[on], pairs.closest.points[on], none, none, weights[on])))
 
 
 def svd_points(pairs: Correspondences, weights: FloatArray, noise: float) -> Fit:

@@ -29,7 +29,7 @@ from dqreg.multiway.sides import Sides
 from dqreg.multiway.starts import contradicted_starts, read_starts
 from dqreg.multiway.turning import turnings
 from dqreg.registration.log import log_verdict
-from dqreg.registration.options import EFFORTS, Effort
+from dqreg.registration.options import Effort, read_time_limit, require_effort, require_observer, require_seed
 from dqreg.registration.target import Target, prepare_target
 
 # Poses of pairs need not agree to better than this fraction of the spacing of the points.
@@ -111,7 +111,7 @@ def register_many(
     [-1.0, 0.0, 0.0]
     """
     began = time.monotonic()
-    _check(effort, seed, time_limit, observe)
+    time_limit = _checked(effort, seed, time_limit, observe)
     views = read_views(scans, seed, viewpoints)
     part = None if target is None else target if isinstance(target, Target) else prepare_target(target)
     usable = [k for k, view in enumerate(views) if view.usable]
@@ -190,15 +190,12 @@ def _selection(
     return without_misfits(runner.views, judge, selection, runner.effort, runner.seed)[1]
 
 
-def _check(effort: Any, seed: Any, time_limit: Any, observe: Any) -> None:
-    if not isinstance(effort, str) or effort not in EFFORTS:
-        raise InputError(f"unknown effort {effort!r:.60}; known are {', '.join(EFFORTS)}")
-    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
-        raise InputError(f"seed must be a whole number, 0 or more; got {seed!r:.60}")
-    if time_limit is not None and not (isinstance(time_limit, (int, float)) and time_limit > 0.0):
-        raise InputError(f"time_limit must be a number of seconds above 0; got {time_limit!r:.60}")
-    if observe is not None and not callable(observe):
-        raise InputError(f"observe must be a function of one record, or None; got {observe!r:.60}")
+def _checked(effort: Any, seed: Any, time_limit: Any, observe: Any) -> float | None:
+    """The limit as a number, if all are what `dqreg.register` takes as well."""
+    require_effort(effort)
+    require_seed(seed)
+    require_observer(observe, "observe")
+    return read_time_limit(time_limit)
 
 
 def _check_anchor(anchor: Any, count: int) -> None:

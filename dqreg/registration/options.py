@@ -127,8 +127,7 @@ class Options:
         # Only text is looked up: a list has no hash, and would end in an error without a name.
         if not isinstance(self.method, str) or self.method not in known:
             raise InputError(f"unknown method {self.method!r}; known are {', '.join(known)}")
-        if not isinstance(self.effort, str) or self.effort not in EFFORTS:
-            raise InputError(f"unknown effort {self.effort!r}; known are {', '.join(EFFORTS)}")
+        require_effort(self.effort)
         if not isinstance(self.search, str) or self.search not in SEARCHES:
             raise InputError(f"search must be {', '.join(SEARCHES)}; got {self.search!r:.60}")
         if self.search == "always" and (self.dof is not None or self.prior is not None):
@@ -149,31 +148,26 @@ class Options:
         _require_scale(self.scale)
         self._require_numbers()
         for name in ("observe", "observe_search"):
-            observer = getattr(self, name)
-            if observer is not None and not callable(observer):
-                raise InputError(f"{name} must be a function of one record, or None; got {observer!r:.80}")
+            require_observer(getattr(self, name), name)
 
     def _require_numbers(self) -> None:
-        for name in ("max_distance", "max_angle_deg", "max_iterations", "convergence", "seed", "time_limit"):
+        for name in ("max_distance", "max_angle_deg", "max_iterations", "convergence"):
             value = getattr(self, name)
-            if not isinstance(value, numbers.Real) and not (value is None and name in ("max_distance", "time_limit")):
+            if not isinstance(value, numbers.Real) and not (value is None and name == "max_distance"):
                 raise InputError(f"{name} must be a number; got {value!r}")
-        for name in ("seed", "max_iterations"):
-            value = getattr(self, name)
-            if not isinstance(value, numbers.Integral):
-                raise InputError(f"{name} must be a whole number; got {value!r}")
+        count: object = self.max_iterations
+        if not isinstance(count, numbers.Integral):
+            raise InputError(f"max_iterations must be a whole number; got {count!r}")
         # A float32 would bring its short digits into all that is computed with it.
-        for name in ("max_distance", "max_angle_deg", "convergence", "time_limit"):
+        for name in ("max_distance", "max_angle_deg", "convergence"):
             value = getattr(self, name)
             object.__setattr__(self, name, None if value is None else _as_float(value))
-        if self.time_limit is not None and not self.time_limit > 0.0:
-            raise InputError(f"time_limit must be a number of seconds above 0; got {self.time_limit!r}")
+        object.__setattr__(self, "time_limit", read_time_limit(self.time_limit))
         if self.max_distance is not None and not 0.0 < self.max_distance <= LARGEST:
             raise InputError(f"max_distance must be a length above 0 in target units; got {self.max_distance!r}")
         if not 0.0 < self.max_angle_deg <= 90.0:
             raise InputError(f"max_angle_deg must be above 0 and at most 90; got {self.max_angle_deg!r}")
-        if self.seed < 0:
-            raise InputError(f"seed must be a whole number, 0 or more; got {self.seed!r}")
+        require_seed(self.seed)
         if self.max_iterations < 1:
             raise InputError(f"max_iterations must be at least 1; got {self.max_iterations!r}")
         if not 0.0 < self.convergence < 1.0:
@@ -253,6 +247,31 @@ class Options:
             accelerate=self.accelerate,
             stopping=Stopping(convergence=self.convergence, iterations=self.max_iterations),
         )
+
+
+def require_effort(effort: object) -> None:
+    """Raise unless it is one of the words."""
+    if not isinstance(effort, str) or effort not in EFFORTS:
+        raise InputError(f"unknown effort {effort!r:.60}; known are {', '.join(EFFORTS)}")
+
+
+def require_seed(seed: Any) -> None:
+    """Raise unless random numbers can begin there."""
+    if not isinstance(seed, numbers.Integral) or seed < 0:
+        raise InputError(f"seed must be a whole number, 0 or more; got {seed!r:.60}")
+
+
+def read_time_limit(seconds: Any) -> float | None:
+    """Seconds above 0, or None."""
+    if seconds is not None and not (isinstance(seconds, numbers.Real) and _as_float(seconds) > 0.0):
+        raise InputError(f"time_limit must be a number of seconds above 0; got {seconds!r:.60}")
+    return None if seconds is None else _as_float(seconds)
+
+
+def require_observer(observer: object, name: str) -> None:
+    """Raise unless it is a function, or None."""
+    if observer is not None and not callable(observer):
+        raise InputError(f"{name} must be a function of one record, or None; got {observer!r:.80}")
 
 
 def _as_float(number: Any) -> float:

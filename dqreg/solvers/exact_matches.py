@@ -21,7 +21,7 @@ from dqreg.solvers.closed_form import Why, best_rotation, require_determined
 from dqreg.solvers.exact_cost import cost_of_pose
 from dqreg.solvers.fit import Fit
 from dqreg.solvers.matches import Matches, refuse_bad_values
-from dqreg.solvers.moments import moments_of
+from dqreg.solvers.moments import sums_of
 from dqreg.solvers.narrow import Aligned, is_narrow, long_axes, products_in_axes, rotation_of
 from dqreg.solvers.rounding import SAME_POINT, SMALLEST_GAP, grain_of
 from dqreg.solvers.uncertainty import FitUncertainty, counted, residual_variance, rotation_covariance
@@ -70,9 +70,10 @@ def rotation_beside(
     """
     none = np.zeros((0, 3))
     if len(exact[0]):
-        held = moments_of(none, none, None, *exact)
+        matches = Matches(none, none, *exact)
+        held = sums_of(matches)
         try:
-            r, _, gap, _ = best_rotation(held, Matches(none, none, *exact))
+            r, _, gap, _ = best_rotation(held, matches)
             if gap > least_angle**2:
                 return RotationBeside(quaternion.to_matrix(r), math.inf, np.zeros((3, 3)), 0)
         except DegenerateGeometryError:
@@ -82,10 +83,8 @@ def rotation_beside(
     m = others
     rows = np.vstack([m.points_source, m.directions_source]), np.vstack([m.points_target, m.directions_target])
     beta, alpha = _weights(m)
-    weights = np.concatenate([beta, alpha])
-    r, _, gap, H = best_rotation(
-        moments_of(none, none, None, *rows, weights), Matches(none, none, *rows, None, weights)
-    )
+    matches = Matches(none, none, *rows, None, np.concatenate([beta, alpha]))
+    r, _, gap, H = best_rotation(sums_of(matches), matches)
     R = quaternion.to_matrix(r)
     return RotationBeside(R, gap, rotation_covariance(H, R, gap), 3)
 

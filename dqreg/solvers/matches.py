@@ -77,6 +77,23 @@ def read_matches(
     >>> read_matches([[0, 0, 0]], [[1, 2, 3]]).directions_source.shape
     (0, 3)
     """
+    matches = read_rows(
+        points_source, points_target, directions_source, directions_target, point_weights, direction_weights
+    )
+    if not len(matches.points_source) and not len(matches.directions_source):
+        raise InputError("points_source has no rows; at least one matched point is needed")
+    return matches
+
+
+def read_rows(
+    points_source: ArrayLike,
+    points_target: ArrayLike,
+    directions_source: ArrayLike | None = None,
+    directions_target: ArrayLike | None = None,
+    point_weights: ArrayLike | None = None,
+    direction_weights: ArrayLike | None = None,
+) -> Matches:
+    """`read_matches` where there may be none."""
     points = _read_pair(points_source, points_target, "points")
     if (directions_source is None) != (directions_target is None):
         missing = "directions_source" if directions_source is None else "directions_target"
@@ -87,8 +104,6 @@ def read_matches(
         directions = (np.zeros((0, 3)), np.zeros((0, 3)))
     else:
         directions = _read_pair(directions_source, directions_target, "directions")
-    if not len(points[0]) and not len(directions[0]):
-        raise InputError("points_source has no rows; at least one matched point is needed")
     beta = None if point_weights is None else as_weights(point_weights, "point_weights", len(points[0]))
     alpha = (
         None if direction_weights is None else as_weights(direction_weights, "direction_weights", len(directions[0]))

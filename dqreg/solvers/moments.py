@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import functools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any, ParamSpec
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, warn_of_old_name
 from dqreg.solvers.feature_sums import BLOCK, FeatureSums, Pair, feature_sums
-from dqreg.solvers.matches import Matches
+from dqreg.solvers.matches import Matches, read_rows
 from dqreg.solvers.narrow import Aligned, is_narrow, long_axes, products_in_axes
 from dqreg.solvers.rounding import grain_of
 
@@ -18,6 +22,10 @@ SAMPLE = 64
 # Squared distance of the origin from the mean, in squared spreads, up to which sums are taken as they come.
 FAR = 16.0
 
+# Arguments of `moments_of` beyond the points, in the order that they had.
+OLD_ORDER = "point_weights", "directions_source", "directions_target", "direction_weights"
+
+Given = ParamSpec("Given")
 Central = tuple[float, FloatArray, FloatArray, FloatArray, float, float]
 
 
@@ -145,43 +153,79 @@ def _grains(moments: Moments) -> FloatArray:
     return np.asarray(grain_of(m.point_weight, away, np.array([m.spread_source, m.spread_target])))
 
 
+def _understood_in_old_order(function: Callable[Given, Moments]) -> Callable[Given, Moments]:
+    """The function with directions before weights, which understands and tells the order that its arguments had."""
+
+    @functools.wraps(function)
+    def either(*args: Given.args, **named: Given.kwargs) -> Moments:
+        if not _is_old(args[2:]):
+            return function(*args, **named)
+        old, new = "moments_of(points, points, weights, ..)", "moments_of(points, points, directions, ..)"
+        warn_of_old_name(old, new, "order")
+        given: Any = dict(zip(OLD_ORDER, args[2:], strict=False))
+        points: Any = args[:2]
+        return function(*points, **given, **named)
+
+    return either
+
+
+def _is_old(places: tuple[Any, ...]) -> bool:
+    # Weights are numbers in one row; where there were none, directions stand where none can without their other side.
+    if places and places[0] is not None:
+        return np.ndim(places[0]) < 2
+    return len(places) > 1 and np.ndim(places[1]) == 2
+
+
+@_understood_in_old_order
 def moments_of(
-    points_source: FloatArray,
-    points_target: FloatArray,
-    point_weights: FloatArray | None = None,
-    directions_source: FloatArray | None = None,
-    directions_target: FloatArray | None = None,
-    direction_weights: FloatArray | None = None,
+    points_source: ArrayLike,
+    points_target: ArrayLike,
+    directions_source: ArrayLike | None = None,
+    directions_target: ArrayLike | None = None,
+    point_weights: ArrayLike | None = None,
+    direction_weights: ArrayLike | None = None,
 ) -> Moments:
-    """Sum the moments in one pass; the arrays are trusted.
+    """Sum the moments in one pass; the coordinates are trusted.
 
     Parameters
     ----------
-    points_source, points_target : ndarray, (n, 3)
-        Matched points, float64 and C-contiguous.
-    point_weights : ndarray, (n,), optional
+    points_source, points_target : array_like, (n, 3)
+        Matched points.
+    directions_source, directions_target : array_like, (m, 3), optional
+        Matched directions, weighed as given: none is scaled to unit length.
+    point_weights : array_like, (n,) or float, optional
         beta >= 0; 1 where not given.
-    directions_source, directions_target : ndarray, (m, 3), optional
-        Matched directions, float64 and C-contiguous, weighed as given: none is scaled to unit length.
-    direction_weights : ndarray, (m,), optional
+    direction_weights : array_like, (m,) or float, optional
         alpha >= 0; 1 where not given.
 
     Returns
     -------
     Moments
-        Not finite if an input was not: see `Moments.is_finite`.
+        Not finite if a coordinate was not: see `Moments.is_finite`.
+
+    Raises
+    ------
+    InputError
+        If a shape or a count is wrong, or a weight is negative or not finite.
 
     Examples
     --------
     >>> round(moments_of(np.eye(3), np.eye(3) + 5.0).spread_source, 12)
     2.0
     """
-    points = _central_sums(points_source, points_target, point_weights)
-    if directions_source is None or directions_target is None or not len(directions_source):
-        directions_source = directions_target = np.zeros((0, 3))
+    return sums_of(
+        read_rows(points_source, points_target, directions_source, directions_target, point_weights, direction_weights)
+    )
+
+
+def sums_of(matches: Matches) -> Moments:
+    """`moments_of` for matches, whose arrays are trusted: float64 and C-contiguous."""
+    m = matches
+    points = _central_sums(m.points_source, m.points_target, m.point_weights)
+    if not len(m.directions_source):
         moments = Moments(*points, np.zeros((3, 3)), 0.0, 0.0)
     else:
-        sums = feature_sums(directions_source, directions_target, direction_weights, products_only=True)
+        sums = feature_sums(m.directions_source, m.directions_target, m.direction_weights, products_only=True)
         moments = Moments(*points, sums.cross, sums.square_source, sums.square_target)
     H = moments.point_cross + moments.direction_cross
     if not is_narrow(H):
@@ -190,24 +234,11 @@ def moments_of(
     nowhere = (np.zeros(3), np.zeros(3))
     aligned = Aligned(
         *axes,
-        products_in_axes((points_source, points_target), point_weights, origins, axes),
-        products_in_axes((directions_source, directions_target), direction_weights, nowhere, axes),
+        products_in_axes((m.points_source, m.points_target), m.point_weights, origins, axes),
+        products_in_axes((m.directions_source, m.directions_target), m.direction_weights, nowhere, axes),
         _grains(moments),
     )
     return replace(moments, aligned=aligned)
-
-
-def sums_of(matches: Matches) -> Moments:
-    """`moments_of` for matches."""
-    m = matches
-    return moments_of(
-        m.points_source,
-        m.points_target,
-        m.point_weights,
-        m.directions_source,
-        m.directions_target,
-        m.direction_weights,
-    )
 
 
 def _central_sums(source: FloatArray, target: FloatArray, weights: FloatArray | None) -> Central:

@@ -24,8 +24,8 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, as_float, as_vectors, as_weights
 from dqreg.errors import InputError
-from dqreg.solvers.matches import refuse_zero_directions
-from dqreg.solvers.moments import moments_of
+from dqreg.solvers.matches import Matches, refuse_zero_directions
+from dqreg.solvers.moments import sums_of
 from dqreg.solvers.narrow import is_narrow
 from dqreg.solvers.quadratic import QuadraticForm, isotropic_form, isotropic_moments
 
@@ -76,7 +76,7 @@ def form_of(
     if is_narrow(moments.point_cross + moments.direction_cross):
         none = np.zeros((0, 3))
         parts = [
-            moments_of(a, b, part) if placed else moments_of(none, none, None, a, b, part)
+            sums_of(Matches(a, b, none, none, part) if placed else Matches(none, none, a, b, None, part))
             for (a, b), part in _slices(given, beta)
         ]
         moments = sum(parts[1:], parts[0])

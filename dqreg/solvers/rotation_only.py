@@ -15,7 +15,7 @@ from dqreg.solvers.closed_form import best_rotation
 from dqreg.solvers.exact_cost import cost_of_pose
 from dqreg.solvers.exact_matches import require_squares, rotation_beside
 from dqreg.solvers.matches import Matches, read_matches, refuse_bad_values
-from dqreg.solvers.moments import moments_of
+from dqreg.solvers.moments import sums_of
 from dqreg.solvers.uncertainty import counted, residual_variance, rotation_covariance
 
 
@@ -103,10 +103,8 @@ def solve_rotation(
     matches, exact = _read(directions_source, directions_target, weights)
     if exact.any():
         return _beside_exact(matches, exact, absolute_weights=absolute_weights)
-    none = matches.points_source
-    m, n, alpha = matches.directions_source, matches.directions_target, matches.direction_weights
     with np.errstate(over="ignore", invalid="ignore"):
-        moments = moments_of(none, none, None, m, n, alpha)
+        moments = sums_of(matches)
     if not moments.is_finite:
         raise InputError("the directions are finite, but their squares are not; give them in unit length")
     r, _, gap, H = best_rotation(moments, matches)

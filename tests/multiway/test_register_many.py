@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -208,6 +209,34 @@ def test_the_report_names_the_scans_and_loads_nothing(turned: Turned, tmp_path: 
 def test_bad_input_is_named(scans: Any, options: dict[str, Any], named: str) -> None:
     with pytest.raises(InputError, match=named):
         dqreg.register_many(scans, **options)
+
+
+@pytest.mark.parametrize(
+    "option",
+    [
+        {"seed": True},
+        {"seed": np.int64(3)},
+        {"seed": 0.5},
+        {"seed": None},
+        {"time_limit": np.float32(60)},
+        {"time_limit": 10**400},
+        {"time_limit": float("nan")},
+        {"time_limit": "60"},
+        {"effort": ["fast"]},
+        {"observe": 3},
+    ],
+    ids=lambda option: repr(option)[:30],
+)
+def test_options_of_a_pair_are_read_as_by_register(option: dict[str, Any]) -> None:
+    # One scan is too few, which is found after the options were looked at.
+    with pytest.raises(InputError) as of_many:
+        dqreg.register_many([np.eye(3)], **option)
+    try:
+        dqreg.register(np.eye(3), np.eye(3), "identity", **option)
+        expected = "two scans"
+    except InputError as error:
+        expected = re.escape(str(error))
+    assert re.search(expected, str(of_many.value))
 
 
 def test_scans_may_be_objects_of_other_libraries() -> None:

@@ -158,7 +158,7 @@ def test_rounding_moves_the_products_by_no_more_than_is_said():
         w, far = rng.uniform(0.1, 10, 6), 10.0 ** rng.uniform(0, 6, 2)
         exact = [rng.normal(size=(6, 3)) * 10.0 ** rng.uniform(-6, 0, 3) + far[k] for k in (0, 1)]
         held = [side * (1.0 + EPS / 2 * rng.uniform(-1, 1, side.shape)) for side in exact]
-        one, two = (moments_of(*pair, w) for pair in (exact, held))
+        one, two = (moments_of(*pair, point_weights=w) for pair in (exact, held))
         grains = [SAME_POINT * np.sqrt(w @ (side**2).sum(axis=1)) for side in exact]
         sizes = np.sqrt(one.spread_source), np.sqrt(one.spread_target)
         assert np.linalg.norm(one.point_cross - two.point_cross) <= rounding_of(grains, sizes)

@@ -28,10 +28,10 @@ def by_solve_many(points, directions, beta, alpha):
 
 
 def by_chunks(points, directions, beta, alpha):
-    total = moments_of(np.zeros((0, 3)), np.zeros((0, 3)), None, *(directions or (None, None)), alpha)
+    total = moments_of(np.zeros((0, 3)), np.zeros((0, 3)), *(directions or (None, None)), None, alpha)
     for i in range(0, len(points[0]), 3):
         part = None if beta is None else beta[i : i + 3]
-        total = total + moments_of(points[0][i : i + 3], points[1][i : i + 3], part)
+        total = total + moments_of(points[0][i : i + 3], points[1][i : i + 3], point_weights=part)
     return solve_moments(total).T_target_source
 
 

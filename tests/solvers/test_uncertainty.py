@@ -84,7 +84,7 @@ def test_every_solver_reports_the_same_covariance(absolute):
     # From the residuals: five points and four directions leave 15 + 8 - 6 of them.
     scale = 1.0 if absolute else fit.cost / 17
     np.testing.assert_allclose(expected, scale * _by_information(fit, *rows), rtol=0, atol=0.02 * expected.max())
-    alone = solve_moments(moments_of(p, q[0], beta, d, seen[0], alpha))
+    alone = solve_moments(moments_of(p, q[0], d, seen[0], beta, alpha))
     np.testing.assert_allclose(alone.covariance * scale, expected, rtol=1e-9)
 
 
