@@ -13,7 +13,7 @@ from dqreg.kernels.edge_planes import edge_plane_rows, with_others_rows
 from dqreg.kernels.lined_runs import lined_runs
 from dqreg.kernels.majority_planes import majority_plane_rows
 from dqreg.kernels.morton import count_cells, morton_cells, new_places, sorted_rows, take_points
-from dqreg.kernels.plane_steps import FIGURES, step_on_planes
+from dqreg.kernels.plane_steps import FIGURES, step_on_planes, weigh_by_roughness
 from dqreg.kernels.point_tree import LEAF_POINTS
 from dqreg.kernels.quadric_fits import quadric_residual_rows
 from dqreg.kernels.shift_counts import count_at_shifts, count_on_runs, runs_around
@@ -100,5 +100,6 @@ def keep_maps() -> None:
     count_on_runs(steps, keys, first, grid)
     count_at_shifts(0, 0, steps, steps, np.zeros((1, 1), dtype=np.bool_), grid[0])
     figures, planes = np.zeros(FIGURES), (flat, flat, one, one, one)
+    weigh_by_roughness(one, one.copy(), 1.0)
     step_on_planes(flat, flat, *planes, np.ones(11), 0, np.eye(4), np.zeros(3), figures)
     step_on_planes_of_sweep(flat, one, *planes, np.ones(10), 0, np.eye(4), np.zeros(6), np.zeros(3), figures)

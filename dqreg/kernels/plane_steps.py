@@ -119,6 +119,13 @@ def step_on_planes(
         scale, fraction = figures[SCALE], figures[FRACTION]
 
 
+@compiled
+def weigh_by_roughness(weights: FloatArray, roughness: FloatArray, scale: float) -> None:
+    """Multiply weights as the steps do, (n,), by what planes so rough count beside a kernel of a scale. O(n)."""
+    for i in range(len(weights)):
+        weights[i] *= by_roughness(scale, roughness[i])
+
+
 @inside_kernels
 def by_roughness(scale: float, roughness: float) -> float:
     """What a plane counts from which its points lie off so much, mean square, beside a kernel of a scale.

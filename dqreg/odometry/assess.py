@@ -10,6 +10,7 @@ import numpy as np
 from dqreg._arrays import FloatArray, product
 from dqreg.geometry.vector_rows import nonzero_rows, row_dots
 from dqreg.icp import NO_POSE, Alignment
+from dqreg.kernels.threads import as_plain
 from dqreg.odometry.follow import SPURIOUS_INFORMATION_RATIO
 from dqreg.odometry.frame import DownsampledFrame
 from dqreg.odometry.kiss import rigid
@@ -122,14 +123,14 @@ def information_at(run: Alignment, reach: float, free_axis: FloatArray | None = 
     A wall that lies two centimetres off in the map shifts all of its points the same way; taken as independent, they
     would promise a tenth of a millimetre. So the scatter is estimated from patch to patch.
     """
+    from dqreg.kernels.plane_steps import weigh_by_roughness
+
     T, pairs = run.T_target_source, run.pairs
     points, normals = single_pose.apply(T, pairs.scan.points), pairs.closest.normals
     along = row_dots(points - pairs.closest.points, normals)
     weights = np.where(nonzero_rows(normals), run.weights, 0.0)
     if isinstance(pairs.closest, CellPlanes):
-        # As in the steps.
-        square = run.mixture.scale**2
-        weights *= (square / (square + pairs.closest.roughness)) ** 2
+        weigh_by_roughness(weights, as_plain(pairs.closest.roughness), run.mixture.scale)
     centre = T[:3, 3]
     matches = points, normals, along, weights, reach, centre
     variances = pairs.closest.variances

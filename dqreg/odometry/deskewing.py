@@ -32,8 +32,9 @@ from dqreg.trust.records import Reason
 # The frame is deskewed again while the motion is wrong by this fraction of a voxel at the frame's edge, and so many
 # times at most.
 REPEATED_MISFIT_VOXELS, MAX_ROUNDS = 0.3, 5
-# Share of the correspondences that has to face a motion for it to count: at this share, half of it is believed.
-DAMPING_SHARE = 0.03
+# Share of the correspondences that has to face a motion for it to count: at this share, half of it is believed in a
+# round, of which there are few, each after a search to its end: less is held back than in the steps of `follow`.
+ROUND_DAMPING_SHARE = 0.03
 # Loss of inliers at which a round is rejected, unless the kernel narrows by as much: a narrower one holds fewer.
 MAX_INLIER_FRACTION_LOSS = 0.02
 
@@ -169,7 +170,7 @@ def sweep_steps(frame: DownsampledFrame, aligned: Alignment) -> tuple[FloatArray
     rows = np.hstack([np.cross(points / lever, normals), normals])
     first, second = rows * weights[:, None], rows * (weights * s)[:, None]
     ends, both, sweeps = product(first.T, rows), product(second.T, rows), product(second.T, rows * s[:, None])
-    damping = DAMPING_SHARE * (weights @ (s - weights @ s / weights.sum()) ** 2) * np.eye(6)
+    damping = ROUND_DAMPING_SHARE * (weights @ (s - weights @ s / weights.sum()) ** 2) * np.eye(6)
     full = np.block([[ends + damping, both], [both, sweeps + damping]])
     found = np.linalg.solve(full, -np.concatenate([first.T @ pairs.point_to_plane, second.T @ pairs.point_to_plane]))
     scale = np.array([1.0 / lever] * 3 + [1.0] * 3)

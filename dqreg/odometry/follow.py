@@ -31,8 +31,8 @@ from dqreg.solvers.status import Status
 # A step that is so much shorter than the way since the search waits for the next search.
 DEFERRED_STEP_SHARE = 0.05
 # Share of the correspondences that has to face a motion during the sweep for it to count: at this share, half of it is
-# believed in a step.
-DAMPING_SHARE = 0.05
+# believed in a step, of which each search takes many. Where a whole round follows the search, `deskewing` has its own.
+STEP_DAMPING_SHARE = 0.05
 # Share of the points that has to meet planes in their cells: 0.13 where 6 rings met one sweep, 0.5 where 16 did.
 MIN_SHARE_IN_CELLS = 1.0 / 3.0
 # Information below so many times what the noise of the normals alone would give constrains nothing: on real frames all
@@ -180,7 +180,7 @@ class SweptFrame:
         self._frame.whole.begin()
         found, scan, T = pairs.closest, pairs.scan, pairs.T_target_source.copy()
         weights, figures, change = np.zeros(len(scan)), np.zeros(FIGURES), np.zeros(6)
-        planes, points, limits = _planes(found), as_plain(scan.points), _limits(mixture, ends, DAMPING_SHARE)
+        planes, points, limits = _planes(found), as_plain(scan.points), _limits(mixture, ends, STEP_DAMPING_SHARE)
         step_on_planes_of_sweep(points, self._back, *planes, limits, how.steps, T, change, weights, figures)
         self.is_still = off_at(self._frame.reach, change) <= self._worthwhile
         self._step = self._step + change

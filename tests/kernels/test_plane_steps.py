@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dqreg.kernels.plane_steps import FIGURES, step_on_planes
+from dqreg.kernels.plane_steps import FIGURES, step_on_planes, weigh_by_roughness
 from dqreg.rigid import pose, twist
 
 
@@ -52,6 +52,13 @@ def test_planes_across_an_edge_do_not_pull(is_known: bool) -> None:
     step_on_planes(points, np.zeros((900, 3)), feet, normals, none, none, rough, limits, 20, T, weights, figures)
     assert weights[600:660].mean() > 0.2
     assert (abs(T[2, 3]) < 3e-4) == is_known
+
+
+def test_a_plane_counts_half_squared_where_it_is_as_rough_as_the_kernel_is_wide() -> None:
+    rough = np.array([0.0, 0.02**2, 0.2**2])
+    weights = np.array([0.5, 1.0, 1.0])
+    weigh_by_roughness(weights, rough, 0.02)
+    np.testing.assert_allclose(weights, [0.5, 0.25, 1.0 / 101.0**2], rtol=1e-14)
 
 
 @pytest.mark.parametrize("silent", [0.0, 1.0])
