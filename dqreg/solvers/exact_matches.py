@@ -20,7 +20,7 @@ from dqreg.rigid import quaternion
 from dqreg.solvers.closed_form import Why, best_rotation, require_determined
 from dqreg.solvers.exact_cost import cost_of_pose
 from dqreg.solvers.fit import Fit
-from dqreg.solvers.matches import Matches, refuse_bad_values
+from dqreg.solvers.matches import Matches, refuse_bad_values, weights_of
 from dqreg.solvers.moments import sums_of
 from dqreg.solvers.narrow import Aligned, is_narrow, long_axes, products_in_axes, rotation_of
 from dqreg.solvers.rounding import SAME_POINT, SMALLEST_GAP, grain_of
@@ -82,7 +82,7 @@ def rotation_beside(
         return _about_axis(long_axes(held.direction_cross), others, grains, least_angle)
     m = others
     rows = np.vstack([m.points_source, m.directions_source]), np.vstack([m.points_target, m.directions_target])
-    beta, alpha = _weights(m)
+    beta, alpha = weights_of(m)
     matches = Matches(none, none, *rows, None, np.concatenate([beta, alpha]))
     r, _, gap, H = best_rotation(sums_of(matches), matches)
     R = quaternion.to_matrix(r)
@@ -112,7 +112,7 @@ def solve_beside(
 ) -> Fit:
     """`solve` where some rows, of weight zero in ``matches``, are exact: masks, an entry a row or one for all."""
     m = matches
-    beta, alpha = _weights(m)
+    beta, alpha = weights_of(m)
     held, along = _mask(exact_points, len(beta)), _mask(exact_directions, len(alpha))
     refuse_bad_values(replace(m, direction_weights=alpha + along))
     require_squares(beta, m.points_source, m.points_target)
@@ -139,15 +139,6 @@ def solve_beside(
     return Fit(T, point_cost + direction_cost, rms, found.gap, uncertainty=sums)
 
 
-def _weights(m: Matches) -> Pair:
-    """Weight of every point and of every direction."""
-    beta, alpha = m.point_weights, m.direction_weights
-    return (
-        np.ones(len(m.points_source)) if beta is None else beta,
-        np.ones(len(m.directions_source)) if alpha is None else alpha,
-    )
-
-
 def _mask(exact: BoolArray | None, count: int) -> BoolArray:
     return np.zeros(count, dtype=bool) | (False if exact is None else exact)
 
@@ -167,7 +158,7 @@ def _rotation(m: Matches, held: BoolArray, along: BoolArray, about: Pair, origin
         np.vstack([points[apart] / (_longest(points[apart]) or 1.0), directions])
         for points, directions in zip(about, _units(m, along), strict=True)
     )
-    beta, alpha = _weights(m)
+    beta, alpha = weights_of(m)
     others = Matches(*about, m.directions_source, m.directions_target, beta, alpha)
     grains = [
         grain_of(beta.sum(), math.hypot(*origin), beta @ (points * points).sum(axis=1))

@@ -16,7 +16,7 @@ from dqreg.solvers.exact_cost import cost_of_pose
 from dqreg.solvers.exact_matches import solve_beside, split_weights
 from dqreg.solvers.feature_sums import BLOCK
 from dqreg.solvers.fit import Fit
-from dqreg.solvers.matches import Matches, read_matches, refuse_bad_values
+from dqreg.solvers.matches import Matches, read_matches, refuse_bad_values, weights_of
 from dqreg.solvers.moments import Moments, sums_of
 from dqreg.solvers.rounding import SAME_POINT, SMALLEST_DIFFERENCE
 from dqreg.solvers.uncertainty import FitUncertainty, counted, residual_variance
@@ -108,9 +108,8 @@ def solve(
     return fit if absolute_weights else _scaled(fit, matches)
 
 
-def with_uncertainty(fit: F, matches: Matches, *, absolute_weights: bool) -> F:
+def with_uncertainty(fit: F, matches: Matches, moments: Moments, *, absolute_weights: bool) -> F:
     """The fit of a reference solver with the sums that its covariance follows from."""
-    moments = sums_of(matches)
     H = moments.point_cross + moments.direction_cross
     fit = replace(fit, uncertainty=FitUncertainty(H, moments.point_weight, moments.mean_target, 1.0))
     return fit if absolute_weights else _scaled(fit, matches)
@@ -187,21 +186,12 @@ def centre(matches: Matches) -> Centred:
     return Centred(beta, alpha, mean_source, mean_target, p, q, points + directions)
 
 
-def weights_of(matches: Matches) -> tuple[FloatArray, FloatArray]:
-    """Weights beta (n,) and alpha (m,), ones where none were given."""
-    beta = matches.point_weights
-    alpha = matches.direction_weights
-    return (
-        np.ones(len(matches.points_source)) if beta is None else beta,
-        np.ones(len(matches.directions_source)) if alpha is None else alpha,
-    )
-
-
 def fit_of_rotation(
     R: FloatArray, lambda_1: float, lambda_2: float, matches: Matches, centred: Centred, *, absolute_weights: bool
 ) -> Fit:
     """Fit with this rotation, the translation that belongs to it, and the cost of its residuals. Shapes: R (3, 3)."""
-    floor = SMALLEST_DIFFERENCE * centred.reach + rounding_gap(sums_of(matches))
+    moments = sums_of(matches)
+    floor = SMALLEST_DIFFERENCE * centred.reach + rounding_gap(moments)
     gap = require_determined(
         lambda_1, lambda_1 - lambda_2, centred.reach, floor, lambda words: undetermined(words, matches=matches)
     )
@@ -210,7 +200,7 @@ def fit_of_rotation(
     T[:3, 3] = centred.mean_target - R @ centred.mean_source  # Jia (13)
     point_cost, direction_cost = cost_of_pose(T, matches)
     fit = Fit(T, point_cost + direction_cost, math.sqrt(point_cost / centred.beta.sum()), gap)
-    return with_uncertainty(fit, matches, absolute_weights=absolute_weights)
+    return with_uncertainty(fit, matches, moments, absolute_weights=absolute_weights)
 
 
 def _about_mean(points: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -111,6 +111,15 @@ def read_rows(
     return Matches(*points, *directions, beta, alpha)
 
 
+def weights_of(matches: Matches) -> tuple[FloatArray, FloatArray]:
+    """Weights beta (n,) and alpha (m,), ones where none were given."""
+    beta, alpha = matches.point_weights, matches.direction_weights
+    return (
+        np.ones(len(matches.points_source)) if beta is None else beta,
+        np.ones(len(matches.directions_source)) if alpha is None else alpha,
+    )
+
+
 def refuse_bad_values(matches: Matches) -> None:
     """Raise if a point or direction is not finite, or a direction has no length."""
     for name in ("points_source", "points_target", "directions_source", "directions_target"):

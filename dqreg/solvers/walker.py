@@ -20,8 +20,9 @@ from dqreg.rigid._operands import as_quaternions, as_triples
 from dqreg.solvers.closed_form import require_determined
 from dqreg.solvers.exact_cost import cost_of_pose
 from dqreg.solvers.fit import Fit
-from dqreg.solvers.least_squares import weights_of, with_uncertainty
-from dqreg.solvers.matches import Matches, read_matches, refuse_bad_values
+from dqreg.solvers.least_squares import with_uncertainty
+from dqreg.solvers.matches import Matches, read_matches, refuse_bad_values, weights_of
+from dqreg.solvers.moments import sums_of
 from dqreg.solvers.undetermined import no_weight_message, undetermined
 
 __all__ = ["E", "Q", "W", "WalkerFit", "direction_quaternions", "position_quaternions", "walker1991"]
@@ -120,7 +121,7 @@ def walker1991(
     s = -inverse @ C3 @ r  # (45)
     fit = _as_fit(r, s, values, float(constant), matches, (C1, C2, C3, A))
     quarter = replace(matches, point_weights=0.25 * beta)
-    return with_uncertainty(fit, quarter, absolute_weights=absolute_weights)
+    return with_uncertainty(fit, quarter, sums_of(quarter), absolute_weights=absolute_weights)
 
 
 def position_quaternions(points: ArrayLike) -> FloatArray:
@@ -295,6 +296,5 @@ def _as_fit(
     T[:3, :3] = (W(r).T @ Q(r))[:3, :3]  # (18)
     T[:3, 3] = 2.0 * (W(r).T @ s)[:3]  # (19), (20)
     point_cost, direction_cost = cost_of_pose(T, matches)
-    beta = weights_of(matches)[0]
-    cost, rms = 0.25 * point_cost + direction_cost, math.sqrt(point_cost / beta.sum())  # (31)
-    return WalkerFit(T, cost, rms, gap, r, s, float(values[3]), constant, *sums)
+    rms = math.sqrt(point_cost / weights_of(matches)[0].sum())
+    return WalkerFit(T, 0.25 * point_cost + direction_cost, rms, gap, r, s, float(values[3]), constant, *sums)  # (31)
