@@ -28,7 +28,7 @@ from dqreg.registration.kept_start import LEFT_DIAGONALS
 from dqreg.registration.rivals import NO_POSES, but_symmetric
 from dqreg.rigid import pose
 from dqreg.rigid.rotations import about_axis
-from dqreg.search.axes import cube_rotations
+from dqreg.search.axes import axes_of_normals, cube_rotations
 from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
 from dqreg.search.refine import refine
@@ -107,10 +107,7 @@ def _open_ones(fit: Fit, begun: FloatArray, but: Set[str]) -> FloatArray:
 
 def _cube_turns(normals: FloatArray) -> list[FloatArray]:
     """Rotations of a cube that has faces along normals, (n, 3)."""
-    one, other = _two_of(normals)
-    other = other - (one @ other) * one
-    other /= np.linalg.norm(other)
-    axes = np.stack([one, other, np.cross(one, other)])
+    axes = axes_of_normals(*_two_of(normals))
     return [axes.T @ R @ axes for R in cube_rotations() if not np.array_equal(R, np.eye(3))]
 
 
@@ -151,6 +148,7 @@ def _turned(fit: Fit, target: FloatArray, normals: FloatArray, turns: Sequence[F
     points = np.concatenate([placed, target])
     points = points[sample_rows(len(points), END_POINTS)]
     if len(normals) < CORNER_PLANES:
+        # The faces themselves, square to each other or not, and what is across both.
         one, other = _two_of(normals)
         normals = np.stack([one, other, np.cross(one, other)])
     sides = np.concatenate([normals, -normals])

@@ -68,10 +68,14 @@ def face_axes(mesh: Mesh) -> FloatArray | None:
     across = np.flatnonzero(np.abs(found @ found[0]) < PERPENDICULAR_COS) if len(found) else found
     if not len(across):
         return None
-    first = found[0]
-    second = found[across[0]] - (found[across[0]] @ first) * first
+    return np.ascontiguousarray(axes_of_normals(found[0], found[across[0]]).T)
+
+
+def axes_of_normals(one: FloatArray, other: FloatArray) -> FloatArray:
+    """Right-handed axes, one a row: along a unit normal, along what of another lies across it, and across both."""
+    second = other - (one @ other) * one
     second /= np.linalg.norm(second)
-    return np.stack([first, second, np.cross(first, second)], axis=1)
+    return np.stack([one, second, np.cross(one, second)])
 
 
 def _largest_directions(mesh: Mesh) -> IntArray:

@@ -8,7 +8,7 @@ import pytest
 import dqreg
 from dqreg.geometry import Mesh, PointCloud, prepare_scan, sample_mesh
 from dqreg.rigid import pose
-from dqreg.search.axes import axis_hypotheses, cube_rotations, principal_axes
+from dqreg.search.axes import axes_of_normals, axis_hypotheses, cube_rotations, principal_axes
 from dqreg.synth.parts import box, bracket
 from tests.strategies import FloatArray
 
@@ -128,3 +128,15 @@ def test_without_an_initial_pose_a_full_scan_is_registered(seed: int) -> None:
     result = dqreg.register(cloud, BRACKET, effort="fast")
     assert result.verdict.level == "accepted"
     assert worst_vertex(result.T_target_source, truth, BRACKET) < 1e-6
+
+
+def test_axes_of_two_normals_are_right_handed_and_keep_the_first_and_the_plane_of_both():
+    rng = np.random.default_rng(1)
+    for one, other in rng.normal(size=(20, 2, 3)):
+        one /= np.linalg.norm(one)
+        axes = axes_of_normals(one, other)
+        np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-14)
+        assert np.linalg.det(axes) > 0.0
+        np.testing.assert_array_equal(axes[0], one)
+        np.testing.assert_allclose(axes[2] @ other, 0.0, atol=1e-14)
+        assert axes[1] @ other > 0.0
