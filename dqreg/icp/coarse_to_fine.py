@@ -60,7 +60,7 @@ STOPPED: Final = "stopped by observer"
 PATIENT_SCHEDULE = AnnealingSchedule("coarse", stages=30, iterations=None, rounds=30)
 QUICK_SCHEDULE = AnnealingSchedule("annealed", stages=150, iterations=1, rounds=1)
 # From an initial pose that is near, the scale is learned anew after each step.
-TRACKING_SCHEDULE = AnnealingSchedule(FINE_SCHEDULE.name, stages=30, iterations=1, rounds=30)
+TRACKING_SCHEDULE = replaced(FINE_SCHEDULE, iterations=1)
 
 
 def align_coarse_to_fine(

@@ -140,7 +140,7 @@ WIDE_SCALE_SPACINGS, ROUGH_SCENE_FRACTION = 2.5, 2 / 3
 def finish(level: Level, scan: Scan, counts: list[int], run: Alignment, observe: Observer | None) -> Alignment:
     """Resume on the finer levels; where the time is up within one, what was there before it stays."""
     surface, finest, counts = level.surface, level.plan.finest, _level_counts(level, scan, counts, run)
-    planes = level.plan.fine is not None and bool(run.history) and run.history[-1].stage == FINE_SCHEDULE.name
+    planes = level.plan.fine is not None and run.near
     # Where all points are asked for, each gets an answer of its own.
     long = finest is not None and len(scan) >= MIN_RUN_POINTS * (finest // POINTS_PER_RUN)
     try:
@@ -204,8 +204,8 @@ def _level_on(level: Level, run: Run, scan: Scan) -> Level:
     return replaced(level, scan=scan, contraction=contraction)
 
 
-def _level_with_sample(level: Level, scan: Scan, count: int, *, last: bool, so_far: Run) -> Level:
-    if not so_far.history or so_far.history[-1].stage != FINE_SCHEDULE.name:
+def _level_with_sample(level: Level, scan: Scan, count: int, *, last: bool, so_far: Alignment) -> Level:
+    if not so_far.near:
         # The last step was another estimator's.
         return replaced(level, scan=scan.thinned(count), last=last)
     if level.plan.fine is not None and last and count < len(scan):
@@ -235,5 +235,5 @@ def settled_on_rims(level: Level, run: Alignment, observe: Observer | None) -> A
 
 
 def _is_settled_on_part(plan: IcpSettings, run: Alignment) -> bool:
-    is_settled = run.found and not run.ended_early and run.history[-1].stage == FINE_SCHEDULE.name
+    is_settled = run.found and not run.ended_early and run.near
     return is_settled and plan.last is not None and isinstance(run.pairs.surface, MeshSurface)

@@ -129,7 +129,7 @@ class Level:
             if schedule.iterations is not None and run.status == "iteration limit":
                 # Not a limit of the caller's: the steps at the last widths became no shorter.
                 run = replaced(run, status="stalled")
-        return Alignment.of(replaced(run, history=history), mixture)
+        return Alignment.of(replaced(run, history=history), mixture, near=self.near)
 
     def once(
         self,
@@ -140,7 +140,8 @@ class Level:
         pairs: Correspondences,
     ) -> Alignment:
         """Run at one width from pairs of this level's points, without learning another width."""
-        return Alignment.of(self._run(mixture, pairs.T_target_source, schedule, observe, first, pairs), mixture)
+        run = self._run(mixture, pairs.T_target_source, schedule, observe, first, pairs)
+        return Alignment.of(run, mixture, near=self.near)
 
     def explains(self, run: Run, mixture: InlierMixture) -> bool:
         """Whether nearly all points of a run belong to the inliers of a mixture."""

@@ -75,6 +75,7 @@ class Alignment(Run):
     """Where runs at several kernel scales ended, with the history of all, and the mixture learned from the last."""
 
     mixture: InlierMixture
+    near: bool = False  # Whether the last run is of a level that is near: by the fine estimator, where there is one
 
     @cached_property
     def found(self) -> bool:
@@ -93,10 +94,10 @@ class Alignment(Run):
         return float(self.weights.sum() / self.pairs.scan.represented) if self.found else 0.0
 
     @staticmethod
-    def of(run: Run, mixture: InlierMixture) -> Alignment:
+    def of(run: Run, mixture: InlierMixture, *, near: bool) -> Alignment:
         """A run with what was learned from it."""
         parts = run.T_target_source, run.status, run.history, run.pairs, run.weights, run.earlier
-        return Alignment(*parts, mixture=mixture)
+        return Alignment(*parts, mixture=mixture, near=near)
 
     def after(self, before: Run) -> Alignment:
         """The same with the history of the runs before it."""

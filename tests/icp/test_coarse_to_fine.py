@@ -14,6 +14,8 @@ from dqreg.icp import (
     Run,
     Stopping,
     align_coarse_to_fine,
+    coarse_to_fine,
+    full_resolution,
     level,
     points_and_normals,
     points_to_planes,
@@ -21,6 +23,7 @@ from dqreg.icp import (
 )
 from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.icp.history import Iteration
+from dqreg.icp.noise_by_face import points_to_weighted_faces
 from dqreg.rigid import pose
 from dqreg.synth import disturbance, worst_vertex_displacement
 from dqreg.synth.parts import cylinder
@@ -243,6 +246,22 @@ def test_tracking_takes_few_steps_and_ends_where_patience_does(surface: MeshSurf
     left = worst_vertex_displacement(again.T_target_source, run.T_target_source, PART.vertices)
     assert left <= 2.0 * mixture.scale / np.sqrt(len(scan))
     assert settled.scale == pytest.approx(mixture.scale, rel=0.1)
+
+
+@pytest.mark.parametrize("finest", [None, 15_000])
+def test_no_step_hangs_on_the_word_that_a_schedule_is_shown_by(
+    surface: MeshSurface, dense: Scan, finest: int | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = dataclasses.replace(PLAN, finest=finest, last=points_to_weighted_faces)
+    near = disturbance(np.random.default_rng(0), np.deg2rad(0.5), 2e-3 * SIZE, PART.centre)
+    named = align_coarse_to_fine(dense, surface, near, plan)
+    for room, name in ((coarse_to_fine, "TRACKING_SCHEDULE"), (full_resolution, "FINE_SCHEDULE")):
+        other = dataclasses.replace(getattr(room, name), name=name)
+        monkeypatch.setattr(room, name, other)
+    run = align_coarse_to_fine(dense, surface, near, plan)
+    assert [run.history[0].stage, run.history[-1].stage] == ["TRACKING_SCHEDULE", "FINE_SCHEDULE"]
+    np.testing.assert_array_equal(run.T_target_source, named.T_target_source)
+    assert [record.points for record in run.history] == [record.points for record in named.history]
 
 
 def test_between_clouds_the_noise_of_most_faces_decides() -> None:
