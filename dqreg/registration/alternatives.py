@@ -49,8 +49,9 @@ def alternatives_of(
         axis = _symmetry_between(fit, poses[0], poses[k], offset * diagonal)
         words = symmetry_words(axis.moved(target.origin), fit.problem.units[1], diagonal) if axis else ""
         motion = _motion_words(fit, poses[k] @ pose.inverse(poses[0]))
+        figures = float(-deficit[k]), float(error[k])
         pose_k = fit.problem.to_caller(poses[k])
-        found.append(Alternative(pose_k, float(rms[k]), words, float(-deficit[k]), float(error[k]), motion))
+        found.append(Alternative(pose_k, float(rms[k]), words, *figures, motion, _symmetric=axis is not None))
     return tuple(found)
 
 

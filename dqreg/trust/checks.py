@@ -94,7 +94,7 @@ def _carriers(evidence: Evidence) -> tuple[float, float]:
 
 
 def _others(evidence: Evidence) -> tuple[float, float]:
-    return float(sum(not alternative.symmetry for alternative in evidence.alternatives)), 0.0
+    return float(sum(not alternative._is_symmetric for alternative in evidence.alternatives)), 0.0
 
 
 # Said of figures that exist beyond their limits only.

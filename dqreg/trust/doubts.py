@@ -210,7 +210,7 @@ def _weakly_constrained(evidence: Evidence) -> Iterator[str]:
 
 
 def _alternative_poses(evidence: Evidence) -> Iterator[str]:
-    others = [alternative for alternative in evidence.alternatives if not alternative.symmetry]
+    others = [alternative for alternative in evidence.alternatives if not alternative._is_symmetric]
     if others:
         some = "another pose is" if len(others) == 1 else f"{len(others)} other poses are"
         where = f"; the scan fits as well {others[0].words}" if others[0].words else ""

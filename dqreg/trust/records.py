@@ -215,6 +215,10 @@ class Alternative:
     gain_sigma: float = math.nan
     # Where it is, seen from the answer: "one period (20 mm) along (1.00, 0.00, 0.00)"; "" in a file of old
     words: str = ""
+    # Whether such a symmetry leads to it, so that it is right as well; of a file there are its words alone
+    _symmetric: dataclasses.InitVar[bool | None] = None
+    _is_symmetric: ClassVar[bool]
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, _symmetric: bool | None) -> None:
+        vars(self)["_is_symmetric"] = bool(self.symmetry) if _symmetric is None else _symmetric
         lock(self)

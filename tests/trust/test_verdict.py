@@ -446,6 +446,19 @@ def test_a_part_that_shrank_is_named_before_its_mirror_image() -> None:
     assert [reason.code for reason in found.reasons] == ["stretched", "mirrored"]
 
 
+def test_whether_an_alternative_is_right_as_well_is_told_and_not_read_from_its_words() -> None:
+    for words, is_symmetric in (("", True), ("the part looks nearly the same after a half-turn", False)):
+        other = Alternative(np.eye(4), 0.1, words, _symmetric=is_symmetric)
+        found = judge(dataclasses.replace(GOOD, alternatives=(other,)))
+        assert ("alternative_poses" in found.codes) != is_symmetric
+        rivals = next(check for check in found.checks if check.code == "alternative_poses")
+        assert rivals.value == float(not is_symmetric)
+        assert found._figures["rivals"] == float(not is_symmetric)
+    # Of a file there are the words.
+    assert Alternative(np.eye(4), 0.1, "the part looks the same")._is_symmetric
+    assert not Alternative(np.eye(4), 0.1)._is_symmetric
+
+
 def test_rays_that_agree_speak_for_a_pose_and_where_they_passed_through_much_they_do_not() -> None:
     alike = dataclasses.replace(GOOD, seen_alike=0.6, looked_through=0.0)
     assert judge(alike).confidence > judge(GOOD).confidence
