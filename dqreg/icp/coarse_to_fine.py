@@ -18,7 +18,6 @@ found before the first step, and the run starts with the fine estimator.
 from __future__ import annotations
 
 import dataclasses
-from typing import Final
 
 import numpy as np
 
@@ -32,6 +31,7 @@ from dqreg.icp.full_resolution import FINE_SCHEDULE, MIDDLE_POINTS, finish, sett
 from dqreg.icp.level import EXPLAINED_FRACTION, AnnealingSchedule, IcpSettings, Level
 from dqreg.icp.loop import Alignment, Observer, Run
 from dqreg.solvers.robust import InlierMixture
+from dqreg.solvers.status import INTERRUPTED
 
 # Points of the coarse level, where the basin is decided.
 COARSE_POINTS = 2_000
@@ -53,9 +53,6 @@ SAME_END_SCALES = 0.5
 MIN_COMMON_SHARE = 0.25
 # Points on which it is checked whether the initial pose is near already, and of the coarse level where it is.
 NEAR_POINTS = 1_000
-
-# How a run ends that the caller or the clock stopped.
-STOPPED: Final = "stopped by observer"
 
 PATIENT_SCHEDULE = AnnealingSchedule("coarse", stages=30, iterations=None, rounds=30)
 QUICK_SCHEDULE = AnnealingSchedule("annealed", stages=150, iterations=1, rounds=1)
@@ -113,8 +110,8 @@ def _or_at_narrow_kernel(
     for is_held in (False, True):
         found = narrow.descend(observe, history[-1].number + 1, is_held=is_held)
         history += found.history
-        if found.status == STOPPED:
-            return replaced(best, status=STOPPED, history=history), near
+        if found.status in INTERRUPTED:
+            return replaced(best, status=found.status, history=history), near
         apart = level.scan._spread.motion(best.T_target_source, found.T_target_source)
         if _is_near(level, best.mixture) and apart <= SAME_END_SCALES * best.mixture.scale:
             # Both ways lead to one place.
@@ -148,7 +145,7 @@ class _Narrow:
         if not is_held:
             return self._fall(self.closest, self.before, observe, first)
         held = self.level.once(self.widest, FINE_SCHEDULE, observe, first, self.before)
-        if held.status == STOPPED:
+        if held.status in INTERRUPTED:
             return held
         within = held.pairs.distances[held.pairs.distances <= self.level.plan.max_distance]
         learned = self.widest.fit(within, floor=self.level.floor, rounds=PATIENT_SCHEDULE.rounds)
@@ -178,7 +175,7 @@ def _in_basin(level: Level, start: FloatArray, observe: Observer | None, first: 
     history = run.history + slow.history
     if not slow.ended_early and slow_near.mean_nll(slow) < near.mean_nll(run):
         run, near = slow, slow_near
-    status = slow.status if slow.status == STOPPED else run.status
+    status = slow.status if slow.status in INTERRUPTED else run.status
     return replaced(run, history=history, status=status), near
 
 
@@ -277,7 +274,7 @@ class _Basin:
         if patient is None:
             patient = level.descend(mixture, start, PATIENT_SCHEDULE, observe, first, enough)
         whole = None if is_cut else patient
-        if patient.status == STOPPED or (hasty and found(patient, patient.mixture)):
+        if patient.status in INTERRUPTED or (hasty and found(patient, patient.mixture)):
             return _Basin(patient, whole, is_whole=False)
         quick = level.descend(
             mixture, start, QUICK_SCHEDULE, observe, first + len(patient.history) - len(before), enough
@@ -285,6 +282,6 @@ class _Basin:
         better = patient
         if not quick.ended_early and (patient.ended_early or level.mean_nll(quick) < level.mean_nll(patient)):
             better = quick
-        status = quick.status if quick.status == STOPPED else better.status
+        status = quick.status if quick.status in INTERRUPTED else better.status
         history = patient.history[len(before) :] + quick.history
         return _Basin(replaced(better, status=status, history=history), whole, is_whole=not is_cut)

@@ -153,7 +153,7 @@ def finish(level: Level, scan: Scan, counts: list[int], run: Alignment, observe:
                 level = _level_with_sample(level, scan, count, last=count == counts[-1], so_far=run)
                 run = _continued(level, run, observe)
     except TimeUpError:
-        return replaced(run, status="stopped by observer")
+        return replaced(run, status="time limit")
     return run
 
 

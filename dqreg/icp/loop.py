@@ -7,6 +7,7 @@ import math
 import time
 from collections.abc import Callable
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 
@@ -28,6 +29,8 @@ from dqreg.solvers.status import INTERRUPTED, NO_POSE, Status
 
 Observer = Callable[[Iteration], object]
 
+# What an observer answers that ends the loop for its time, and not for what it saw: for that it answers False.
+TIME_IS_UP: Final = object()
 # A pose has six unknowns and a pair of points fixes at most one of them for good: its distance along the normal.
 MIN_CORRESPONDENCES = 6
 # Inliers that fix a pose at least.
@@ -41,6 +44,11 @@ def contraction_of(history: tuple[Iteration, ...]) -> float | None:
         if (before.stage, before.points) == (after.stage, after.points) and math.isfinite(before.motion):
             return min(after.motion / before.motion, 1.0) if before.motion > 0.0 else 1.0
     return None
+
+
+def _ended_by(answer: object) -> Status | None:
+    """How the answer of an observer ends the loop; None where it goes on."""
+    return "stopped by observer" if answer is False else "time limit" if answer is TIME_IS_UP else None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -153,9 +161,8 @@ class Icp:
             T_next = T_next if sound else T_new
             record = self._record(first + len(history), pairs, weighed, T_next, motions[-1], began)
             history.append(record)
-            if observe is not None and observe(record) is False:
-                return Run(T_next, "stopped by observer", tuple(history), pairs, weights)
-            if status := self.stopping.status(motions):
+            answer = None if observe is None else observe(record)
+            if status := _ended_by(answer) or self.stopping.status(motions):
                 return Run(T_next, status, tuple(history), pairs, weights)
             T, slid = T_new, slid + motions[-1]
             if slid <= self.slides:

@@ -9,9 +9,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from dqreg.icp.history import Iteration
-from dqreg.icp.loop import Observer
+from dqreg.icp.loop import TIME_IS_UP, Observer
 from dqreg.kernels.compiled import CLOCK
-from dqreg.solvers.status import Status
 
 
 class Stopwatch:
@@ -63,10 +62,6 @@ class Stopwatch:
 
         def watch(record: Iteration) -> object:
             answer = None if observe is None else observe(record)
-            return False if self.is_over else answer
+            return TIME_IS_UP if self.is_over else answer
 
         return watch
-
-    def status(self, status: Status) -> Status:
-        """Status of the loop, with the true cause where it was stopped for the time."""
-        return "time limit" if status == "stopped by observer" and self.is_over else status

@@ -283,7 +283,6 @@ def coarse_to_fine(
     run = replaced(
         run,
         T_target_source=constraints.project(run.T_target_source),
-        status=problem.watch.status(run.status),
         history=before + run.history,
     )
     return Fit(problem, prepared, target or problem.target, settings, constraints, run)

@@ -16,6 +16,7 @@ from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
 from dqreg.search.refine import refine
 from dqreg.search.scoring import MAX_EQUAL_LOG_LIKELIHOOD, distances_at
+from dqreg.solvers.status import INTERRUPTED
 
 # Runs at most: each starts with what can be seen at the pose of the last one.
 RUNS = 3
@@ -32,7 +33,7 @@ def on_visible_faces(fit: Fit, viewpoints: FloatArray) -> Fit:
     Shapes: viewpoints (k, 3), in the caller's source frame.
     """
     for _ in range(RUNS):
-        if not fit.found or fit.problem.watch.is_over or fit.run.status == "stopped by observer":
+        if not fit.found or fit.problem.watch.is_over or fit.run.status in INTERRUPTED:
             break
         target = fit.problem.visible_from(viewpoints, fit.T_target_source)
         if _same_faces(target, fit.target):

@@ -249,6 +249,16 @@ def test_tracking_takes_few_steps_and_ends_where_patience_does(surface: MeshSurf
 
 
 @pytest.mark.parametrize("finest", [None, 15_000])
+def test_a_deadline_within_a_finer_level_is_told_as_what_it_is(
+    surface: MeshSurface, dense: Scan, finest: int | None
+) -> None:
+    # The clock is asked between blocks of many rows, of which the levels after the coarse one have some.
+    run = align_coarse_to_fine(dense, surface, start_of(0), dataclasses.replace(PLAN, finest=finest, deadline=0.0))
+    assert run.status == "time limit"
+    assert np.isfinite(run.T_target_source).all()
+
+
+@pytest.mark.parametrize("finest", [None, 15_000])
 def test_no_step_hangs_on_the_word_that_a_schedule_is_shown_by(
     surface: MeshSurface, dense: Scan, finest: int | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -5,8 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dqreg.icp import stopwatch
+from dqreg.geometry import CloudSurface, PointCloud, prepare_scan
+from dqreg.icp import Icp, Stopping, stopwatch
 from dqreg.icp.history import Iteration
+from dqreg.icp.loop import TIME_IS_UP
 from dqreg.icp.stopwatch import Stopwatch
 
 RECORD = Iteration(1, "fine", 10, 10, 1.0, 0.1, 0.1, 0.1, 0.0, 0.0, 0.0, np.eye(4))
@@ -31,13 +33,12 @@ def test_without_a_limit_nothing_ends_and_the_observer_is_itself() -> None:
     assert not watch.is_over
     assert watch.watching(None) is None
     assert watch.watching(print) is print
-    assert watch.status("stopped by observer") == "stopped by observer"
 
 
 def test_an_observer_hears_every_record_and_the_limit_ends_the_loop() -> None:
     seen: list[Iteration] = []
     early, late = Stopwatch(1e3), Stopwatch(1e-9)
-    for watch, answer in ((early, None), (late, False)):
+    for watch, answer in ((early, None), (late, TIME_IS_UP)):
         watching = watch.watching(seen.append)
         assert watching is not None
         assert watching(RECORD) is answer
@@ -46,8 +47,15 @@ def test_an_observer_hears_every_record_and_the_limit_ends_the_loop() -> None:
     assert late.left == pytest.approx(1e-9)
 
 
-def test_only_a_stop_after_the_limit_is_one_of_time() -> None:
-    early, late = Stopwatch(1e3), Stopwatch(1e-9)
-    assert early.status("stopped by observer") == "stopped by observer"
-    assert late.status("stopped by observer") == "time limit"
-    assert late.status("converged") == "converged"
+def test_the_loop_says_who_ended_it() -> None:
+    points = np.random.default_rng(0).normal(size=(200, 3))
+    scan, surface = prepare_scan(PointCloud(points)), CloudSurface(PointCloud(points + 0.01))
+    stopping = Stopping(convergence=-1.0)
+    for limit, observe, status in (
+        (1e-9, None, "time limit"),
+        (1e3, lambda record: False, "stopped by observer"),
+        # Both at once: more time would change it.
+        (1e-9, lambda record: False, "time limit"),
+    ):
+        run = Icp(stopping=stopping).run(scan, surface, np.eye(4), Stopwatch(limit).watching(observe))
+        assert (run.status, len(run.history)) == (status, 1)
