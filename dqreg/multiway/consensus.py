@@ -10,13 +10,14 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.multiway.consistent_set import ConsistentSet, largest_consistent_set
 from dqreg.multiway.edge_selection import EdgeSelection
-from dqreg.multiway.edges import PART, SETTLED_BY_LOOPS, Edge, EdgeCode
+from dqreg.multiway.edges import PART, Edge, EdgeCode
 from dqreg.multiway.outlier_scans import Judge
 from dqreg.multiway.overlap import overlap_matrix
 from dqreg.multiway.pair_runs import PairJob, PairRunner
 from dqreg.registration.result import Registration
 from dqreg.rigid import pose
 from dqreg.solvers.motion_words import Motion
+from dqreg.trust.code_sets import SETTLED_BY_LOOPS
 
 # Scans that are compared: of fewer, a pair says as much; of more, the cloud of all is large.
 MIN_SCANS, MAX_SCANS = 4, 40

@@ -14,7 +14,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.errors import DqregError
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.multiway.edges import PART, WEAKLY_CONSTRAINED, Edge, confidence_of_edge
+from dqreg.multiway.edges import PART, Edge, confidence_of_edge
 from dqreg.multiway.merge import merged_target
 from dqreg.multiway.scans import View
 from dqreg.registration.options import Effort, Search
@@ -22,7 +22,7 @@ from dqreg.registration.register import register
 from dqreg.registration.result import Registration
 from dqreg.registration.target import Target
 from dqreg.rigid import pose
-from dqreg.trust.records import Code
+from dqreg.trust.code_sets import WEAKLY_CONSTRAINED_AMONG_ALL
 
 # Seeds that are grown, and rounds over the scans that are left.
 MAX_SEEDS, MAX_ROUNDS = 3, 4
@@ -32,8 +32,6 @@ POSES_PER_ROUND = 3
 SAME_RAD, SAME_SHIFT_SIZES = np.deg2rad(6.0), 0.05
 # Points by which poses are compared before, and distance in spacings at which one lies on the others.
 COMPARED_POINTS, NEAR_SPACINGS = 600, 2.0
-# What may be doubted of the only pose of a scan that fits all others: how well its motions are known, and its scale.
-WEAKLY_CONSTRAINED_AMONG_ALL: frozenset[Code] = WEAKLY_CONSTRAINED | {"scale_unobservable"}
 # Least confidence of such a pose; and that of the next best one, as a share of it, beyond which they cannot be
 # distinguished.
 MIN_CONFIDENCE, MAX_RIVAL_CONFIDENCE_SHARE = 0.5, 0.65

@@ -10,11 +10,12 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.multiway.confirm import Confirmation, confirm, islands, joined_by
-from dqreg.multiway.edges import PART, SETTLED_BY_LOOPS, Edge, EdgeCode, confidence_of_edge, graph_of
+from dqreg.multiway.edges import PART, Edge, EdgeCode, confidence_of_edge, graph_of
 from dqreg.multiway.equal_steps import EqualSteps
 from dqreg.multiway.graph import PoseGraph, solve_graph
 from dqreg.multiway.loops import CHI2_LIMIT, MAX_LOOP_SIGMA_RAD, MAX_LOOP_SIGMA_SIZES, Loops, covariances_of, find_loops
 from dqreg.rigid import pose
+from dqreg.trust.code_sets import SETTLED_BY_LOOPS
 
 # Rounds in which the cost goes from convex to truncated, and its factor a round (Yang et al. 2020).
 MAX_ROUNDS, CONVEXITY_FACTOR = 40, 1.4

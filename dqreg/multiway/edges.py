@@ -12,7 +12,7 @@ from dqreg._arrays import FloatArray
 from dqreg.multiway.graph import PoseGraph
 from dqreg.registration.result import Registration
 from dqreg.rigid import pose
-from dqreg.trust.records import Code
+from dqreg.trust.code_sets import DOUBTS_OF_RIGHT_POSE
 
 # What an edge was used for, or why it was not.
 EdgeCode = Literal[
@@ -43,13 +43,6 @@ TEXT_OF_CODE: dict[EdgeCode, str] = {
     "ambiguous": "not used: its scan fits all others together in several ways, or is held by too little",
     "elsewhere": "not used: it joins scans that are not placed",
 }
-# What a verdict may doubt of a scan that fits: how well its motions are known.
-WEAKLY_CONSTRAINED: frozenset[Code] = frozenset({"weakly_constrained", "unconstrained", "large_uncertainty"})
-# What it may doubt of a right pose: that, and whether the search and the steps have come to an end. That says nothing
-# against where a scan stands.
-DOUBTS_OF_RIGHT_POSE: frozenset[Code] = WEAKLY_CONSTRAINED | {"alternative_poses", "not_converged", "search_time_limit"}
-# May be doubted of pairs that all agree, since loops tell it: how well motions are held, and whether beyond one plane.
-SETTLED_BY_LOOPS: frozenset[Code] = WEAKLY_CONSTRAINED | {"one_plane"}
 # Node of a part in whose frame all scans are placed.
 PART = -1
 

@@ -13,13 +13,13 @@ from itertools import pairwise
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
-from dqreg.multiway.edges import DOUBTS_OF_RIGHT_POSE, PART, Edge, graph_of
+from dqreg.multiway.edges import PART, Edge, graph_of
 from dqreg.multiway.graph import PoseGraph
 from dqreg.multiway.loops import CHI2_LIMIT, covariances_of
 from dqreg.multiway.scans import View
 from dqreg.multiway.turntable import OTHER_STEP_SHARE, step_of
 from dqreg.rigid import DualQuaternion, pose
-from dqreg.trust.records import Code
+from dqreg.trust.code_sets import SETTLED_BY_STEPS
 
 # Accepted pairs of near places that agree with the step, at least, and their share of all of these.
 MIN_AGREEING_PAIRS, MIN_AGREEING_SHARE = 3, 0.5
@@ -27,8 +27,6 @@ MIN_AGREEING_PAIRS, MIN_AGREEING_SHARE = 3, 0.5
 MAX_PLACES_APART = 2
 # Median of the sum of three squares of unit variance.
 MEDIAN_OF_THREE_SQUARES = 2.366
-# What the steps tell of a pair besides how well it is held: which of several poses it is, and that of one plane.
-SETTLED_BY_STEPS: frozenset[Code] = DOUBTS_OF_RIGHT_POSE | {"one_plane"}
 
 
 @dataclasses.dataclass(frozen=True)

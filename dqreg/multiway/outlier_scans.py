@@ -13,7 +13,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.errors import DqregError
 from dqreg.multiway.edge_selection import EdgeSelection, select_edges
-from dqreg.multiway.edges import SETTLED_BY_LOOPS, WEAKLY_CONSTRAINED, Edge, EdgeCode
+from dqreg.multiway.edges import Edge, EdgeCode
 from dqreg.multiway.equal_steps import EqualSteps
 from dqreg.multiway.merge import merged_target
 from dqreg.multiway.pairs import Pair
@@ -22,18 +22,13 @@ from dqreg.multiway.sides import Sides
 from dqreg.registration.options import Effort
 from dqreg.registration.register import register
 from dqreg.rigid import pose
-from dqreg.trust.records import Code
+from dqreg.trust.code_sets import SETTLED_BY_AGREEMENT, SETTLED_BY_TABLE, WEAKLY_CONSTRAINED
 
 # Scans that are left out for a trial, those first that most speaks against; and share of all that may be left out.
 MAX_TRIALS, MAX_LEFT_OUT_SHARE = 6, 0.5
 # Scans that are put to the test against all others together, those that the others stand without, and scans that make
 # a test.
 MAX_TESTED_SCANS, MIN_SCANS_OF_TEST = 8, 3
-# What may be doubted of a scan that fits, where all pairs agree: how well it is held, also by one plane; and its
-# normals, which are guesses for a plate seen from its edge.
-SETTLED_BY_AGREEMENT: frozenset[Code] = SETTLED_BY_LOOPS | {"disagreeing_normals"}
-# The same where the steps of a table confirm its pairs: they tell which of several poses it is.
-SETTLED_BY_TABLE: frozenset[Code] = SETTLED_BY_AGREEMENT | {"alternative_poses"}
 # Motion, in sizes of a scan, by which a pose may differ from that of its pairs.
 MAX_MOTION_SIZES = 0.05
 

@@ -22,6 +22,7 @@ from dqreg.multiway.refine import Refined
 from dqreg.multiway.scans import typical_size
 from dqreg.multiway.wobble import Line, moved_line, wobble
 from dqreg.rigid import DualQuaternion, pose
+from dqreg.trust.code_sets import HARDLY_HELD
 
 # Share of the pairs that must leave the rotation about one axis next to unheld, and pairs at least.
 MIN_FREE_SHARE, MIN_PAIRS = 0.5, 3
@@ -172,7 +173,7 @@ def _along_surest(lines: Sequence[tuple[Edge, Line]], count: int) -> dict[int, F
 def _line_of(edge: Edge) -> Line | None:
     """The axis, in the target's frame, about which next to nothing holds a pair that is right else."""
     said = edge.registration
-    loose = {"weakly_constrained", "unconstrained"} & set(said.verdict.codes)
+    loose = HARDLY_HELD & set(said.verdict.codes)
     if not edge.found or edge.target == PART or not loose or is_refused(edge) or not said.observability:
         return None
     motion = said.observability[0]

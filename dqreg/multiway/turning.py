@@ -15,6 +15,7 @@ from dqreg.multiway.scans import View, typical_size
 from dqreg.multiway.symmetric_part import symmetric_axis
 from dqreg.rigid import DualQuaternion, pose
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
+from dqreg.trust.code_sets import HARDLY_HELD
 
 # Points of a view that are looked at, and views.
 POINTS_PER_VIEW, MAX_VIEWS = 1_500, 6
@@ -89,8 +90,7 @@ def _from_pairs(edges: Sequence[Edge]) -> Iterator[UnobservableRotation]:
     loose = [
         edge
         for edge in found
-        if edge.registration.observability[0].kind == "rotation"
-        and {"weakly_constrained", "unconstrained"} & set(edge.registration.verdict.codes)
+        if edge.registration.observability[0].kind == "rotation" and HARDLY_HELD & set(edge.registration.verdict.codes)
     ]
     if len(loose) >= MIN_PAIRS and len(loose) > 0.5 * len(found):
         motion = loose[0].registration.observability[0]

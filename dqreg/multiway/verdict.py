@@ -10,13 +10,14 @@ import scipy.sparse as sparse
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.multiway.edge_selection import EdgeSelection
-from dqreg.multiway.edges import DOUBTS_OF_RIGHT_POSE, PART, Edge, is_refused
+from dqreg.multiway.edges import PART, Edge, is_refused
 from dqreg.multiway.left_out import errors, unplaced
 from dqreg.multiway.scan_names import NAMED_SCANS, named, pairs_named
 from dqreg.multiway.scans import View
 from dqreg.multiway.sides import Contradiction
 from dqreg.multiway.turning import UnobservableRotation
 from dqreg.solvers.motion_words import axis_words
+from dqreg.trust.code_sets import VIEWPOINT_OFF
 from dqreg.trust.records import Level, Reason, Verdict
 
 # Standard deviations of a pose beyond these are no answer: rotations, and translations in sizes of a scan.
@@ -210,11 +211,10 @@ def _uncertain(views: Sequence[View], placed: Sequence[int], covariances: FloatA
 def _viewpoints(views: Sequence[View], selection: EdgeSelection) -> Iterator[Reason]:
     """Viewpoints that contradict most pairs, as those do from which the scans were seen through the part."""
     given = {k for k, view in enumerate(views) if view.cloud is not None and view.cloud.viewpoint is not None}
-    sound = DOUBTS_OF_RIGHT_POSE | {"looked_through", "accepted"}
     telling = [
         edge.code == "looked_through" or "looked_through" in edge.registration.verdict.codes
         for edge in selection.edges
-        if edge.found and {edge.target, edge.source} & given and set(edge.registration.verdict.codes) <= sound
+        if edge.found and {edge.target, edge.source} & given and set(edge.registration.verdict.codes) <= VIEWPOINT_OFF
     ]
     if len(telling) >= MIN_TELLING_PAIRS and np.mean(telling) > MAX_CONTRADICTING_SHARE:
         yield Reason(

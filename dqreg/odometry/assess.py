@@ -23,7 +23,8 @@ from dqreg.registration.unmeasured import unmeasured, without_pose
 from dqreg.rigid import single_pose
 from dqreg.solvers.row_sums import MotionSums
 from dqreg.trust import Evidence, Information, information_of, judge
-from dqreg.trust.records import Code, Reason, Verdict
+from dqreg.trust.code_sets import PLACE_UNKNOWN
+from dqreg.trust.records import Reason, Verdict
 
 # Fraction of inliers below which there is no pose to speak of: a frame of another place reaches 0.3.
 LOST_FRACTION = 1.0 / 3.0
@@ -190,20 +191,6 @@ def _without(information: Information, motion: FloatArray) -> Information:
     return dataclasses.replace(
         information, values=np.maximum(values, 0.0), vectors=vectors, carriers=overlap @ information.carriers
     )
-
-
-# Reasons after which the place of a frame is not known.
-PLACE_UNKNOWN: frozenset[Code] = frozenset(
-    {
-        "unconstrained",
-        "alternative_poses",
-        "low_inlier_fraction",
-        "falling_inlier_fraction",
-        "lost",
-        "no_correspondences",
-        "looked_through",
-    }
-)
 
 
 class MapLink:

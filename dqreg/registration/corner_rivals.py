@@ -32,14 +32,11 @@ from dqreg.search.axes import axes_of_normals, cube_rotations
 from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
 from dqreg.search.refine import refine
+from dqreg.trust.code_sets import SIDES_OF_WALL, TOO_LITTLE, TOO_LITTLE_IF_REFUSED
 from dqreg.trust.common_planes import CORNER_PLANES
 from dqreg.trust.limits import DEPTH_CONFLICT_SHARE
-from dqreg.trust.records import Code, Verdict
+from dqreg.trust.records import Verdict
 
-# What a verdict says of a pose that too little speaks for, and nothing against.
-TOO_LITTLE: frozenset[Code] = frozenset({"unconstrained", "large_uncertainty", "weakly_constrained", "not_converged"})
-# And of one beside a pose that the verdict refuses.
-TOO_LITTLE_IF_REFUSED: frozenset[Code] = frozenset({"one_plane"})
 # Share of the points beyond either end of what both show that is left out.
 OUTER_SHARE = 1e-3
 # Points that tell how far both reach.
@@ -175,8 +172,8 @@ def _is_open(fit: Fit, but: Set[str]) -> bool:
     if through > DEPTH_CONFLICT_SHARE:
         return False
     verdict = _verdict(fit)
-    # Both sides of a wall are faces apart that are none: where nothing was looked through, that tells.
-    none = {"faces_apart"} if np.isfinite(through) else set()
+    # Where nothing was looked through, that tells.
+    none = SIDES_OF_WALL if np.isfinite(through) else frozenset()
     return verdict.level == "accepted" or set(verdict.codes) <= but | none
 
 

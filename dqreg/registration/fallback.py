@@ -37,9 +37,9 @@ from dqreg.registration.same_poses import (
 from dqreg.registration.slides import without_slide
 from dqreg.rigid import pose
 from dqreg.solvers.status import INTERRUPTED
+from dqreg.trust.code_sets import REASONS_OF_SCAN, REASONS_OF_SCAN_BETWEEN_CLOUDS
 from dqreg.trust.evidence import Evidence
 from dqreg.trust.limits import own_noise
-from dqreg.trust.records import Code
 
 # Fraction of the points near a part that lie off it beyond which the same is done: right poses leave 0.002, and half
 # of the strays. Fewer than the verdict allows are evidence where they are no strays.
@@ -48,8 +48,6 @@ DOUBTFUL_OFF_SHARE, DOUBTFUL_OFF_PER_OUTLIER = 0.015, 0.7
 DOUBTFUL_TOGETHER_SHARE = 5e-3
 # Fraction of all points off the target, of a scan that is no scene with the part in it, from which on the same is done.
 DOUBTFUL_OFF_TARGET_SHARE = 0.15
-# Reasons of a verdict that another pose cannot mend.
-REASONS_OF_SCAN: frozenset[Code] = frozenset({"unconstrained", "alternative_poses", "outliers", "not_converged"})
 # Poses within so much of the best mean log-likelihood explain the scan about as well; within so many standard errors,
 # and what is left of refinements that have not quite ended, they are as likely as the best.
 EQUAL_LOG_LIKELIHOOD, EQUAL_SIGMAS = 0.02, 3.0
@@ -175,9 +173,8 @@ def is_sound(fit: Fit, *, ask_mirror: bool = False) -> bool:
     gain = mirror_gain(fit, always=ask_mirror)
     evidence = evidence_of(fit, uncertainty_of(fit), mirror_gain=gain)
     verdict = verdict_on(fit, evidence)
-    # A wrong pose of two clouds often lies on one face, where the right one would have more.
-    between: set[Code] = {"unconstrained"} if fit.target.kind == "cloud" else set()
-    return verdict.level == "accepted" or (REASONS_OF_SCAN - between).issuperset(verdict.codes)
+    of_scan = REASONS_OF_SCAN_BETWEEN_CLOUDS if fit.target.kind == "cloud" else REASONS_OF_SCAN
+    return verdict.level == "accepted" or of_scan.issuperset(verdict.codes)
 
 
 def _was_near(fit: Fit) -> bool:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Collection
 
 from dqreg.trust import limits
+from dqreg.trust.code_sets import YES_OR_NO
 from dqreg.trust.deformation import BETWEEN_CLOUDS, ON_A_PART
 from dqreg.trust.doubts import DOUBTS
 from dqreg.trust.evidence import Evidence
@@ -230,8 +231,6 @@ QUESTIONS: dict[Code, tuple[str, Relation, Unit, Figures]] = {
     "search_time_limit": ("The global search was finished", "at most", "", lambda e: (math.nan, 0.0)),
     "not_converged": ("ICP converged", "at most", "", lambda e: (math.nan, 0.0)),
 }
-# Answered without a figure.
-YES_OR_NO: frozenset[Code] = frozenset({"search_time_limit", "not_converged"})
 # Asked in place of the number of points where they are few.
 SLIDING: tuple[str, Relation, Unit, Figures] = (
     "Log-likelihood that a displacement along the weakest motion costs",

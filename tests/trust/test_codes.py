@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 from pathlib import Path
 from typing import get_args
@@ -28,6 +29,18 @@ def test_every_code_is_made_somewhere() -> None:
     source = "".join(path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py") if path.name != "records.py")
     assert {code for code in CODES if f'"{code}"' not in source} == set()
     assert {code for code, _ in DOUBTS} <= CODES
+
+
+def test_sets_of_codes_stand_in_one_place() -> None:
+    # Who adds a code decides there in which it belongs.
+    found = [
+        f"{path.relative_to(PACKAGE)}:{node.lineno}"
+        for path in sorted(PACKAGE.rglob("*.py"))
+        if path.name != "code_sets.py"
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Set) and CODES.issuperset(getattr(each, "value", None) for each in node.elts)
+    ]
+    assert found == []
 
 
 def test_no_file_reads_a_sentence_back() -> None:

@@ -1,0 +1,55 @@
+"""Sets of the codes of verdicts that decisions hang on: who adds a code decides here in which of them it belongs."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+from dqreg.trust.records import Code
+
+Codes: TypeAlias = frozenset[Code]
+
+# Of the questions of a verdict: answered without a figure.
+YES_OR_NO: Codes = frozenset({"search_time_limit", "not_converged"})
+
+# Of one registration: what another pose cannot mend. And of two clouds, of which a wrong pose often lies on one face,
+# where the right one would have more.
+REASONS_OF_SCAN: Codes = frozenset({"unconstrained", "alternative_poses", "outliers", "not_converged"})
+REASONS_OF_SCAN_BETWEEN_CLOUDS: Codes = REASONS_OF_SCAN - {"unconstrained"}
+# What is said of a pose that too little speaks for, and nothing against; of one beside a pose that is refused; and of
+# both sides of a wall, which are faces apart that are none.
+TOO_LITTLE: Codes = frozenset({"unconstrained", "large_uncertainty", "weakly_constrained", "not_converged"})
+TOO_LITTLE_IF_REFUSED: Codes = frozenset({"one_plane"})
+SIDES_OF_WALL: Codes = frozenset({"faces_apart"})
+
+# Of a drive: reasons after which the place of a frame is not known.
+PLACE_UNKNOWN: Codes = frozenset(
+    {
+        "unconstrained",
+        "alternative_poses",
+        "low_inlier_fraction",
+        "falling_inlier_fraction",
+        "lost",
+        "no_correspondences",
+        "looked_through",
+    }
+)
+
+# Of a scan that fits, among many: how well its motions are known. The first of them are said of single ones.
+HARDLY_HELD: Codes = frozenset({"weakly_constrained", "unconstrained"})
+WEAKLY_CONSTRAINED: Codes = HARDLY_HELD | {"large_uncertainty"}
+# What may be doubted of the only pose of one that fits all others: that, and its scale.
+WEAKLY_CONSTRAINED_AMONG_ALL: Codes = WEAKLY_CONSTRAINED | {"scale_unobservable"}
+# What may be doubted of a right pose: how well its motions are known, and whether the search and the steps have come to
+# an end. That says nothing against where a scan stands. And what is said of a pair against which nothing speaks but the
+# viewpoints that were given.
+DOUBTS_OF_RIGHT_POSE: Codes = WEAKLY_CONSTRAINED | {"alternative_poses", "not_converged", "search_time_limit"}
+VIEWPOINT_OFF: Codes = DOUBTS_OF_RIGHT_POSE | {"looked_through", "accepted"}
+# May be doubted of pairs that all agree, since loops tell it: how well motions are held, and whether beyond one plane.
+SETTLED_BY_LOOPS: Codes = WEAKLY_CONSTRAINED | {"one_plane"}
+# Of a scan that fits, where all pairs agree: how well it is held, also by one plane; and its normals, which are guesses
+# for a plate seen from its edge.
+SETTLED_BY_AGREEMENT: Codes = SETTLED_BY_LOOPS | {"disagreeing_normals"}
+# The same where the steps of a table confirm its pairs: they tell which of several poses it is.
+SETTLED_BY_TABLE: Codes = SETTLED_BY_AGREEMENT | {"alternative_poses"}
+# What the steps tell of a pair besides how well it is held: which of several poses it is, and that of one plane.
+SETTLED_BY_STEPS: Codes = DOUBTS_OF_RIGHT_POSE | {"one_plane"}
