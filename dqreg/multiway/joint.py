@@ -8,7 +8,7 @@ for summaries of pairs.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -65,8 +65,7 @@ def refine_jointly(
     pairs: Sequence[tuple[int, int]],
     free: IntArray,
     points: int,
-    observe: Callable[[int, float], object] | None = None,
-    is_over: Callable[[], bool] = lambda: False,
+    *,
     strict: bool = False,
     most: int = 0,
 ) -> Joint:
@@ -89,7 +88,7 @@ def refine_jointly(
     faster = JointAnderson(free, np.array([0.5 * body.surface.diagonal for body in bodies]))
     motions: list[float] = []
     most = most or (MAX_STRICT_ROUNDS if strict else MAX_ROUNDS)
-    while rounds < most and (coarse or soft > 0.0 or not _has_ended(motions)) and not is_over():
+    while rounds < most and (coarse or soft > 0.0 or not _has_ended(motions)):
         rounds, new = rounds + 1, rounds == 0
         if coarse and (moved < COARSE_STILL_SPACINGS or rounds >= MAX_COARSE_ROUNDS):
             # Pairs that met nowhere at first may do so from better poses.
@@ -111,8 +110,6 @@ def refine_jointly(
         moved = _motion(bodies, before, T)
         motions.append(moved)
         T = faster.propose(before, T)
-        if observe is not None and observe(rounds, moved) is False:
-            break
     return Joint(T, tuple(found.values()), rounds, moved < CONVERGED_SPACINGS)
 
 

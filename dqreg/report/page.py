@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 
 from dqreg.files.strict_json import plain
 from dqreg.inspection import Decision, Deviations, Inspection, PlannedReport
-from dqreg.inspection.tolerances import REQUIRED_SHARE
 from dqreg.report import page_tables as tables
 from dqreg.report.cameras import VIEWS
 from dqreg.report.charts import NARROW, WIDE, convergence
@@ -50,10 +49,6 @@ def write_report(
     reach: float | None = None,
     start: ArrayLike | None = None,
     deviations: Deviations | None = None,
-    required_share: float = REQUIRED_SHARE,
-    inspection: Inspection | None = None,
-    head: Mapping[str, str] | None = None,
-    views: Sequence[str] = (),
     decision: Decision | None = None,
 ) -> Path:
     """Write the report of a registration, whole or not at all; a decision that was made is shown as it is."""
@@ -61,8 +56,8 @@ def write_report(
     checked_tolerance(tolerance)
     data = None
     if result.inputs is not None:
-        data = collect(result, result.inputs, tolerance, start, reach, deviations, required_share, inspection, decision)
-    return write_page(goal, to_html(result, data, inspection, head, views=views))
+        data = collect(result, result.inputs, tolerance, start, reach, deviations, decision=decision)
+    return write_page(goal, to_html(result, data))
 
 
 def to_html(

@@ -46,16 +46,16 @@ def decimals_of(uncertainty: float) -> int:
     return max(0, 1 - int(np.floor(np.log10(uncertainty))))
 
 
-def measured_text(value: float, uncertainty: float, *, sign: bool = False) -> tuple[str, str]:
+def measured_text(value: float, uncertainty: float) -> tuple[str, str]:
     """A measured value and its uncertainty with the same decimals, as many as two digits of the uncertainty take.
 
-    >>> measured_text(0.26224, 0.01), measured_text(5.4e-7, 0.0019), measured_text(-3.9e-5, 0.00033, sign=True)
+    >>> measured_text(0.26224, 0.01), measured_text(5.4e-7, 0.0019), measured_text(-3.9e-5, 0.00033)
     (('0.262', '0.010'), ('0.0000', '0.0019'), ('−0.00004', '0.00033'))
     >>> measured_text(float("nan"), float("nan"))
     ('–', '–')
     """
     decimals = decimals_of(uncertainty)
-    return fixed(value, decimals, sign=sign), fixed(uncertainty, decimals)
+    return fixed(value, decimals), fixed(uncertainty, decimals)
 
 
 def fixed(value: float, decimals: int, *, sign: bool = False) -> str:

@@ -68,7 +68,6 @@ def search(
     *,
     time_limit: float | None = None,
     observe: Observer | None = None,
-    now: Callable[[], float] | None = None,
     through: Through | None = None,
     known: FloatArray | None = None,
 ) -> tuple[Candidate, ...]:
@@ -77,7 +76,7 @@ def search(
     Of two scans from known places those fall behind at which rays of one passed through what the other one shows. On a
     part poses may be known, (k, 4, 4), the best first: then those elsewhere that are about as likely as that.
     """
-    watch = StageWatch(time_limit, observe, now)
+    watch = StageWatch(time_limit, observe)
     problem = SearchProblem(scan, surface, target, plan, table, rng, through)
     if known is not None and len(known):
         problem = dataclasses.replace(problem, known=Poses.of(known))
@@ -85,7 +84,7 @@ def search(
     reached: SearchStage = "proposed"
     back: Callable[[Poses], Poses] = _as_they_are
     poses: Poses | None = None
-    # Far within a stage too; a clock that was given says nothing of this one.
+    # Far within a stage too.
     with suppress(TimeUpError), until(watch.deadline):
         searched, back = _smaller_in_larger(problem)
         poses = propose(searched)

@@ -79,22 +79,18 @@ Observer = Callable[[Stage], object]
 class StageWatch:
     """Reports the stages to an observer, and tells after each whether to stop."""
 
-    def __init__(
-        self, limit: float | None = None, observe: Observer | None = None, now: Callable[[], float] | None = None
-    ) -> None:
-        self._now = now or time.perf_counter
-        self._began = self._now()
+    def __init__(self, limit: float | None = None, observe: Observer | None = None) -> None:
+        self._began = time.perf_counter()
         self._limit, self._observe = limit, observe
 
     @property
     def deadline(self) -> float:
-        """When the limit is over, by `time.perf_counter`; infinite without one, and by another clock."""
-        is_own = self._now is time.perf_counter
-        return self._began + self._limit if is_own and self._limit is not None else np.inf
+        """When the limit is over, by `time.perf_counter`; infinite without one."""
+        return np.inf if self._limit is None else self._began + self._limit
 
     def is_over(self, stage: SearchStage, poses: Poses) -> bool:
         """Report a finished stage; whether the search shall end here."""
-        seconds = self._now() - self._began
+        seconds = time.perf_counter() - self._began
         if self._observe is not None and self._observe(Stage(stage, len(poses), seconds)) is False:
             return True
         return self._limit is not None and seconds >= self._limit

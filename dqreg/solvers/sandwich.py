@@ -58,9 +58,6 @@ def scatter_of(
     weights: FloatArray,
     known: FloatArray,
     variance: float,
-    counts: FloatArray | None = None,
-    *,
-    motions: FloatArray | None = None,
 ) -> FloatArray | None:
     """Covariance of a weighted least-squares fit with residuals of one patch taken as dependent.
 
@@ -69,13 +66,12 @@ def scatter_of(
     explains, their covariance is added: a vector field of noise whose correlation falls with the distance by the
     spherical model of geostatistics, its size and range estimated from the products of the patches' means.
 
-    Patches without weight, of a table or beyond the overlap of two scans, are left out of that. Where the rows are
-    combined to motions, (k, m), one a column, known and returned are of those.
+    Patches without weight, of a table or beyond the overlap of two scans, are left out of that.
 
-    Shapes: rows (k, n), known (m, m), returns (m, m).
+    Shapes: rows (k, n), known (k, k), returns (k, k).
     """
-    sums, starts = RowSums(rows, points, normals, residuals, weights), patch_starts(len(weights), counts)
-    return scatter_of_sums(sums, starts, known, variance, motions=motions)
+    sums = RowSums(rows, points, normals, residuals, weights)
+    return scatter_of_sums(sums, patch_starts(len(weights), None), known, variance)
 
 
 def scatter_of_sums(
@@ -86,7 +82,10 @@ def scatter_of_sums(
     *,
     motions: FloatArray | None = None,
 ) -> FloatArray | None:
-    """The same from sums over patches, given the starts of these."""
+    """The same from sums over patches, given the starts of these.
+
+    Where the rows are combined to motions, (k, m), one a column, known and returned are of those. Shapes: known (m, m).
+    """
     large, small = starts.large, starts.small
     information = sums.information()
     mix = np.eye(len(information)) if motions is None else motions

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import itertools
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from dqreg.geometry import CloudSurface, Mesh, MeshSurface, PointCloud, Scan, prepare_scan, sample_mesh
 from dqreg.icp import ESTIMATORS, IcpSettings
 from dqreg.rigid import pose
-from dqreg.search import Candidate, PairTable, search
+from dqreg.search import Candidate, PairTable, search, stages
 from dqreg.synth import worst_vertex_displacement
 from dqreg.synth.parts import block, box, bracket
 
@@ -73,12 +74,16 @@ def test_same_seed_same_poses(part):
     np.testing.assert_array_equal(one[0].T_target_source, other[0].T_target_source)
 
 
-def test_the_time_limit_returns_the_best_so_far_and_says_so(part):
-    # A clock that runs a second at each look: no real time is measured.
+def test_the_time_limit_returns_the_best_so_far_and_says_so(part, monkeypatch):
+    # A clock that runs a second at each look between stages, and ahead of the one that is asked within them: no real
+    # time is measured.
     scan, T = part.scan(3)
+    ahead = float(round(time.perf_counter()) + 10**6)
     for limit, stage in ((1.0, "proposed"), (2.0, "screened"), (4.0, "refined")):
-        ticks = iter(range(100))
-        found = part.search(scan, time_limit=limit, now=lambda ticks=ticks: float(next(ticks)))
+        ticks = itertools.count()
+        clock = SimpleNamespace(perf_counter=lambda ticks=ticks: ahead + next(ticks))
+        monkeypatch.setattr(stages, "time", clock)
+        found = part.search(scan, time_limit=limit)
         assert [candidate.stage for candidate in found] == [stage]
     assert part.error(found[0], T) < 0.02
 
