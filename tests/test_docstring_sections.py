@@ -37,7 +37,6 @@ RAISE_NOTHING = {
     "dqreg.registration.result.Registration",
     "dqreg.rigid.pose.random",
     "dqreg.rigid.screw.DualNumber.extend",
-    "dqreg.solvers.moments.moments_of",
     "dqreg.synth.cameras.Stands.projector_positions",
     "dqreg.synth.cameras.Stands.sensor_positions",
     "dqreg.synth.motion.Motion.twist",
