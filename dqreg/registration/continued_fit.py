@@ -29,9 +29,11 @@ WELL_BELOW = 0.4
 # away from them, and planes of the scan's own on the other side take it back. Of 40 random pairs of scanned parts the
 # error fell to 0.13 to 0.4 there in the median; from twice as much on it gained nothing, above a third it rose.
 CLEAN = 0.1
-# Points of the source that are looked for in the target's cells; so near to one of the target, in spacings, one is its
-# copy. Of points strewn anew 0.03 are by chance.
-ASKED_POINTS, COPY_SPACINGS, COPIED_SHARE = 400, 0.1, 0.2
+# Points of the source that are looked for in the target's cells.
+ASKED_POINTS = 400
+# So near to one of the target, in spacings, one is its copy, and more than such a share of them is no chance: of points
+# strewn anew it is 0.03.
+COPY_SPACINGS, COPIED_SHARE = 0.1, 0.2
 # Points of the scan a cell above which a search costs less than a loop with all of them.
 MOST = 10.0
 # Ways of a loop to end from which it is gone on: motions that little holds come to rest slowly. A limit of fewer
