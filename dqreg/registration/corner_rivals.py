@@ -29,9 +29,7 @@ from dqreg.registration.rivals import NO_POSES, but_symmetric
 from dqreg.rigid import pose
 from dqreg.rigid.rotations import about_axis
 from dqreg.search.axes import axes_of_normals, cube_rotations
-from dqreg.search.oriented_points import OrientedPoints
-from dqreg.search.poses import Poses
-from dqreg.search.refine import refine
+from dqreg.search.refine import Refinement, refined_on
 from dqreg.trust.code_sets import SIDES_OF_WALL, TOO_LITTLE, TOO_LITTLE_IF_REFUSED
 from dqreg.trust.common_planes import CORNER_PLANES
 from dqreg.trust.limits import DEPTH_CONFLICT_SHARE
@@ -47,9 +45,8 @@ ACROSS_COS, MIN_STEP_RAD = 0.1, np.deg2rad(28.0)
 SAME_STEP_RAD = np.deg2rad(3.0)
 # Share of the common places that three planes hold, where others hold hardly more than chance.
 CORNER_SHARE = 0.9
-# Refinement of the poses, on a sample.
-REFINING_POINTS, REFINEMENT_STEPS = 1_000, 10
-FIRST_SCALE_DIAGONALS, LAST_SCALE_DIAGONALS = 0.01, 1e-3
+# Refinement of the poses.
+REFINEMENT = Refinement(first=0.01, steps=10)
 # Share of the scan on the target, and of what is near it, below which no verdict is asked for.
 MIN_SHARE_ON, MIN_SHARE_NEAR = 0.2, 0.9
 
@@ -88,9 +85,8 @@ def corner_rivals(fit: Fit) -> FloatArray:
 
 def _open_ones(fit: Fit, begun: FloatArray, but: Set[str]) -> FloatArray:
     """Those of some poses, (k, 4, 4), refined or as they are, that nothing speaks against but some reasons."""
-    size, points = fit.prepared.surface.diagonal, fit.prepared.scan.thinned(REFINING_POINTS).points
-    widths = np.geomspace(FIRST_SCALE_DIAGONALS, LAST_SCALE_DIAGONALS, REFINEMENT_STEPS) * size
-    ended = refine(Poses.of(begun), OrientedPoints.on_faces(points), fit.prepared.surface, widths).matrices
+    points = fit.prepared.scan.thinned(REFINEMENT.points).points
+    ended = refined_on(begun, points, fit.prepared.surface, REFINEMENT)
     found = []
     for T, refined in zip(begun, ended, strict=True):
         # What little holds slides off in the refinement, and a corner whose faces end elsewhere is off before it.

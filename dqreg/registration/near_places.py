@@ -16,12 +16,10 @@ from dqreg.registration.fit import Fit
 from dqreg.rigid import pose, twist
 from dqreg.search.cloud_rings import ring_turns
 from dqreg.search.near_symmetry import is_symmetry, near_flips
-from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.periods import MIN_PERIOD_DIAGONALS, near_periods
 from dqreg.search.plane_maps import MAX_LOST_SHARE, MIN_FLAT_SHARE, PLANE_POINTS, Planes, plane_maps
-from dqreg.search.poses import Poses
 from dqreg.search.problem import SCENE
-from dqreg.search.refine import refine
+from dqreg.search.refine import Refinement, refined_on
 from dqreg.search.tangent_planes import TangentPlanes
 from dqreg.trust.information import scaling_by
 from dqreg.trust.patch_tests import INLIER_SIGMAS
@@ -29,8 +27,7 @@ from dqreg.trust.patch_tests import INLIER_SIGMAS
 # Points of a scan that are asked how far it reaches.
 EXTENT_POINTS = 5_000
 # Refinement of the flips of a cloud.
-REFINING_POINTS, REFINEMENT_STEPS = 1_000, 10
-FIRST_SCALE_DIAGONALS, LAST_SCALE_DIAGONALS = 0.02, 1e-3
+REFINEMENT = Refinement(first=0.02, steps=10)
 # Points of a cloud whose differences tell its periods: it is asked for one scan.
 PERIOD_POINTS_OF_CLOUD = 600
 # A free motion is a screw where its rotation moves the part by more than this share of the whole, and its shift by more
@@ -233,9 +230,7 @@ def _flips_of_cloud(fit: Fit, surface: CloudSurface) -> FloatArray:
         flips = near_flips(tangent.facets(), tangent) if tangent.has_facets else np.zeros((0, 4, 4))
         if len(flips):
             # Moments of what was seen of a part are not the part's: its axes are off by a degree.
-            sample = OrientedPoints.on_faces(surface._points[sample_rows(len(surface._points), REFINING_POINTS)])
-            widths = np.geomspace(FIRST_SCALE_DIAGONALS, LAST_SCALE_DIAGONALS, REFINEMENT_STEPS) * surface.diagonal
-            flips = refine(Poses.of(flips), sample, surface, widths).matrices
+            flips = refined_on(flips, surface._points, surface, REFINEMENT)
         derived[name] = flips
     found: FloatArray = derived[name]
     return found

@@ -17,9 +17,8 @@ from dqreg.registration.near_places import is_same_place, is_scene, near_maps, r
 from dqreg.rigid import pose
 from dqreg.search.flipped_poses import far_mirrors, flipped_poses, gain_of_mirror
 from dqreg.search.near_symmetry import mirrors_about
-from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
-from dqreg.search.refine import refine
+from dqreg.search.refine import Refinement, refined_on
 from dqreg.search.scoring import PoseScores, distances_at, scored
 from dqreg.search.search import RAY_CONFLICT_MARGIN
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
@@ -124,9 +123,9 @@ def down_to_noise(fit: Fit) -> Fit:
     points = fit.run.pairs.scan.points[near]
     if not near.any():
         return fit
-    sample = OrientedPoints.on_faces(points[sample_rows(len(points), NARROWING_POINTS)])
-    widths = np.geomspace(fit.run.mixture.scale, max(noise_on(scan, surface), fit.floor), NARROWING_STEPS)
-    refined = refine(Poses.of(fit.T_target_source[None]), sample, surface, widths).matrices
+    last = max(noise_on(scan, surface), fit.floor)
+    how = Refinement(fit.run.mixture.scale, NARROWING_STEPS, NARROWING_POINTS, last)
+    refined = refined_on(fit.T_target_source[None], points, surface, how, unit=1.0)
     scores = scores_of(fit, np.concatenate([fit.T_target_source[None], refined]))
     gain, error = float(scores.means[1] - scores.means[0]), float(scores.deficit(1)[1][0])
     return fit.at(refined[0]) if gain > max(MIN_LOG_GAIN, MIN_GAIN_SIGMAS * error) else fit
@@ -252,10 +251,10 @@ def gain_if_freed(fit: Fit) -> tuple[float, float, float]:
         return np.nan, np.nan, np.nan
 
     def freed() -> tuple[float, float, float]:
-        sample = OrientedPoints.on_faces(fit.prepared.scan.thinned(FREEING_POINTS).points)
-        widths = np.geomspace(FREEING_DIAGONALS * fit.prepared.surface.diagonal, fit.floor, FREEING_STEPS)
-        here = fit.T_target_source
-        there = refine(Poses.of(here[None]), sample, fit.prepared.surface, widths).matrices[0]
+        here, surface = fit.T_target_source, fit.prepared.surface
+        points = fit.prepared.scan.thinned(FREEING_POINTS).points
+        how = Refinement(FREEING_DIAGONALS * surface.diagonal, FREEING_STEPS, FREEING_POINTS, fit.floor)
+        there = refined_on(here[None], points, surface, how, unit=1.0)[0]
         scores = scores_of(fit, np.stack([here, there]))
         gain, error = float(scores.means[1] - scores.means[0]), float(scores.deficit(1)[1][0])
         shift = float(np.linalg.norm((there @ pose.inverse(here))[:3, 3]))

@@ -16,16 +16,13 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry import MeshSurface
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.geometry.normals import sample_rows
 from dqreg.icp import find_correspondences
 from dqreg.registration.derived import Key
 from dqreg.registration.fit import Fit
 from dqreg.registration.rivals import JUDGING_POINTS, scores_and_rows, scores_of
 from dqreg.registration.surroundings import surroundings_of
 from dqreg.rigid import pose, twist
-from dqreg.search.oriented_points import OrientedPoints
-from dqreg.search.poses import Poses
-from dqreg.search.refine import refine
+from dqreg.search.refine import Refinement, refined_on
 from dqreg.search.scoring import CLEAR_LOG_RATIO
 from dqreg.trust.information import scaling_by
 from dqreg.trust.limits import CONSTRAINT_LOG_LIKELIHOOD, fewest_carriers
@@ -37,8 +34,7 @@ DISPLACEMENTS_DIAGONALS = (0.01, 0.02, 0.05, 0.1)
 # A refinement that ends this near, in sizes, has led back.
 RETURNED_DIAGONALS = 0.005
 # Refinement of what is displaced.
-REFINING_POINTS, REFINEMENT_STEPS = 1_000, 6
-FIRST_SCALE_DIAGONALS, LAST_SCALE_DIAGONALS = 6e-3, 1e-3
+REFINEMENT = Refinement(first=6e-3, steps=6)
 # Log-likelihood that one point may lose at most: few strays hold nothing.
 MAX_POINT_LOG_LIKELIHOOD = CONSTRAINT_LOG_LIKELIHOOD / 8.0
 # Log-likelihood of all points from which another pose is better; times that one is gone on from.
@@ -83,9 +79,8 @@ def _slide_of(fit: Fit, share: float = 0.0) -> Slide:
     size = fit.prepared.surface.diagonal
     steps = [sign * step * size for step in DISPLACEMENTS_DIAGONALS for sign in (1.0, -1.0)]
     moved = np.stack([twist.exp(step * motion) @ fit.T_target_source for step in steps for motion in motions])
-    sample = OrientedPoints.on_faces(fit.prepared.scan.points[sample_rows(len(fit.prepared.scan), REFINING_POINTS)])
-    widths = np.geomspace(FIRST_SCALE_DIAGONALS, LAST_SCALE_DIAGONALS, REFINEMENT_STEPS) * size
-    refined = refine(Poses.of(moved), sample, fit.prepared.surface, widths).matrices
+    sample = REFINEMENT.sample(fit.prepared.scan.points)
+    refined = refined_on(moved, sample.points, fit.prepared.surface, REFINEMENT)
     poses = np.concatenate([fit.T_target_source[None], moved, refined])
     ends = sample.points[[*sample.points.argmin(axis=0), *sample.points.argmax(axis=0)]]
     here = pose.apply(poses[0], ends)
@@ -146,7 +141,7 @@ def without_slide(fit: Fit, share: float = 0.0) -> tuple[Fit, Slide]:
             break
         # The loop may lead back to where it was: then the pose of the refinement stays.
         there = fit.at(slide.best)
-        other = fit.resumed(slide.best, LAST_SCALE_DIAGONALS * fit.prepared.surface.diagonal)
+        other = fit.resumed(slide.best, REFINEMENT.last * fit.prepared.surface.diagonal)
         better = other if other.found and _gain(there, other) >= 0.0 else there
         if share and fit.agreement.stretch and better.agreement.stretch:
             break

@@ -12,9 +12,8 @@ from dqreg.geometry.normals import sample_rows
 from dqreg.registration.fit import Fit
 from dqreg.registration.rivals import JUDGING_POINTS, limit_of, of_those_on
 from dqreg.registration.target_index import TargetIndex
-from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
-from dqreg.search.refine import refine
+from dqreg.search.refine import Refinement, refined_on
 from dqreg.search.scoring import MAX_EQUAL_LOG_LIKELIHOOD, distances_at
 from dqreg.solvers.status import INTERRUPTED
 
@@ -24,7 +23,7 @@ RUNS = 3
 # have held the pose off by the thickness of a wall.
 WIDER, WIDEST = 3.0, 0.01
 # Refinement of another pose on the faces that it sees.
-REFINING_POINTS, REFINEMENT_STEPS = 1_000, 6
+REFINEMENT_STEPS = 6
 
 
 def on_visible_faces(fit: Fit, viewpoints: FloatArray) -> Fit:
@@ -62,9 +61,9 @@ def is_worse_where_seen(fit: Fit, T_target_source: FloatArray) -> bool:
         # No face of the part would be seen, and the scan shows some.
         return True
     points, limit = fit.prepared.scan.points, limit_of(fit)
-    sample = OrientedPoints.on_faces(points[sample_rows(len(points), REFINING_POINTS)])
-    widths = np.geomspace(WIDEST * surface.diagonal, max(fit.run.mixture.scale, fit.floor), REFINEMENT_STEPS)
-    refined = refine(Poses.of(T_target_source[None]), sample, there, widths)
+    last = max(fit.run.mixture.scale, fit.floor)
+    how = Refinement(WIDEST * surface.diagonal, REFINEMENT_STEPS, last=last)
+    refined = Poses.of(refined_on(T_target_source[None], points, there, how, unit=1.0))
     asked = points[sample_rows(len(points), JUDGING_POINTS)]
     here = distances_at(Poses.of(fit.T_target_source[None]), asked, surface, limit)
     scores = of_those_on(fit, np.concatenate([here, distances_at(refined, asked, there, limit)]))[0]

@@ -29,9 +29,8 @@ from dqreg.registration.rivals import JUDGING_POINTS, NO_POSES
 from dqreg.registration.slides import losses_and_scatter, losses_at
 from dqreg.rigid import pose, twist
 from dqreg.search.near_symmetry import is_symmetry
-from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
-from dqreg.search.refine import refine
+from dqreg.search.refine import Refinement, refined_on
 from dqreg.search.thin_walls import ThinWalls
 from dqreg.trust.limits import CONSTRAINT_LOG_LIKELIHOOD
 from dqreg.trust.patch_tests import INLIER_SIGMAS
@@ -286,9 +285,7 @@ def _other_places(fit: Fit, poses: FloatArray, least: float) -> FloatArray:
 
 
 def _refined(fit: Fit, poses: FloatArray, least: float, points: int, steps: int) -> FloatArray:
-    scan = fit.prepared.scan
-    sample = OrientedPoints.on_faces(scan.points[sample_rows(len(scan), points)])
     # From a half to the next: at one that is much narrower nothing holds what a wider one drew to where a part bends.
     widest, width = 0.5 * least, _width(fit)
-    widths = np.geomspace(widest, width, max(steps, math.ceil(math.log2(widest / width)) + 1))
-    return refine(Poses.of(poses), sample, fit.prepared.surface, widths).matrices
+    how = Refinement(widest, max(steps, math.ceil(math.log2(widest / width)) + 1), points, width)
+    return refined_on(poses, fit.prepared.scan.points, fit.prepared.surface, how, unit=1.0)

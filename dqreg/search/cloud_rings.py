@@ -13,10 +13,8 @@ from dqreg.geometry import CloudSurface
 from dqreg.geometry.normals import sample_rows
 from dqreg.rigid import pose, twist
 from dqreg.rigid.rotations import angle_of
-from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.plane_maps import PLANE_POINTS, Planes
-from dqreg.search.poses import Poses
-from dqreg.search.refine import refine
+from dqreg.search.refine import Refinement, refined_on
 from dqreg.search.rings import RING_POINTS, Ring, ring_steps
 from dqreg.search.tangent_planes import TangentPlanes
 
@@ -27,10 +25,8 @@ MIN_PLANE_SHARE, MAX_AXIS_DISTANCE_SHARE = 0.08, 0.25
 TRIED_DIRECTIONS = 3
 # Rounds of the median of those distances and the least weighed one, in sizes.
 MEDIAN_ROUNDS, MIN_DISTANCE_DIAGONALS = 6, 1e-3
-# Points and steps that refine one step of a ring.
-REFINING_POINTS, REFINEMENT_STEPS = 1_000, 10
-# First and last kernel scale, in sizes.
-FIRST_SCALE_DIAGONALS, LAST_SCALE_DIAGONALS = 0.01, 1e-3
+# Refinement of one step of a ring.
+REFINEMENT = Refinement(first=0.01, steps=10)
 # The order of a ring is a whole number within this: holes of another order draw the refinement of a step a little to
 # none. It moves nothing along the axis by more, in sizes.
 ORDER_TOLERANCE, MAX_AXIAL_DIAGONALS = 0.4, 5e-3
@@ -49,10 +45,8 @@ def ring_turns(surface: CloudSurface, tangent: TangentPlanes) -> FloatArray:
     steps = ring_steps(Ring(axis, centre, np.eye(3), arms, tangent))
     if not steps:
         return none
-    sample = OrientedPoints.on_faces(surface._points[sample_rows(len(surface._points), REFINING_POINTS)])
-    widths = np.geomspace(FIRST_SCALE_DIAGONALS, LAST_SCALE_DIAGONALS, REFINEMENT_STEPS) * surface.diagonal
     step = pose.from_parts(steps[0], centre - steps[0] @ centre)
-    return _multiples(refine(Poses.of(step[None]), sample, surface, widths).matrices[0], surface.diagonal)
+    return _multiples(refined_on(step[None], surface._points, surface, REFINEMENT)[0], surface.diagonal)
 
 
 def _axis(points: FloatArray, normals: FloatArray, size: float) -> tuple[FloatArray, FloatArray] | None:

@@ -5,8 +5,6 @@ Few points refine and compare them first, and more of them what these leave.
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
@@ -15,7 +13,7 @@ from dqreg.geometry.normals import sample_rows
 from dqreg.rigid import pose
 from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
-from dqreg.search.refine import refine
+from dqreg.search.refine import LAST_SCALE_DIAGONALS, Refinement, refine
 from dqreg.search.scoring import PoseScores, distances_at, likely_by, mean_gains, score_poses, scored
 
 # Points that screen a flipped pose, and the mean gain that it may lack by them: few first, which most flips fail.
@@ -37,8 +35,8 @@ CLEAR_SIGMAS, FITTED_LOG_LIKELIHOOD = 2.5, 6.0 / FIRST_REFINEMENT[0]
 CERTAIN_POINT_RATIO, MAX_MOVE_WIDTHS = 2.0, 0.5
 # Times that number, of a fifth of the points and fewer: what so few say all the others say too.
 FEW_POINTS_FACTOR = 2.0
-# First and last kernel scale of the refinement, in sizes.
-FIRST_SCALE_DIAGONALS, LAST_SCALE_DIAGONALS = 6e-3, 1e-3
+# First kernel scale of the refinement, in sizes.
+FIRST_SCALE_DIAGONALS = 6e-3
 # Points, steps and first kernel scale of mirrors that may leave little of a part in place.
 FAR_MIRROR_REFINEMENT = (300, 1_000, 10), 5e-2
 # Flips within so much mean log-likelihood are equally likely: half of what the notch of a block costs that is 0.7 % of
@@ -128,8 +126,8 @@ def _refined(
 
     Where distances of many points at the pose are known, see `flipped_poses`, some of those points compare.
     """
-    sample = OrientedPoints.on_faces(scan.points[sample_rows(len(scan), points[0])])
-    widths = _widths(wide, points[2]) * surface.diagonal
+    how = Refinement(wide, points[2], points[0])
+    sample, widths = how.sample(scan.points), how.widths(surface.diagonal)
     if 0.0 < scale < widths[-1]:
         halvings = int(np.ceil(np.log2(widths[-1] / scale)))
         widths = np.concatenate([widths, np.geomspace(widths[-1], scale, halvings + 1)[1:]])
@@ -140,11 +138,6 @@ def _refined(
     rows = sample_rows(len(asked[0]), points[1])
     there = distances_at(refined, np.take(asked[0], rows, axis=0), surface, limit)
     return poses, scored(np.concatenate([asked[1][None, rows], there]), limit, floor)
-
-
-@lru_cache(maxsize=8)
-def _widths(wide: float, steps: int) -> FloatArray:
-    return np.geomspace(wide, LAST_SCALE_DIAGONALS, steps)
 
 
 def _not_clearly_worse(scores: PoseScores, best: int) -> IntArray:

@@ -19,9 +19,8 @@ from dqreg.geometry.sampling import places_on
 from dqreg.rigid import pose
 from dqreg.rigid.rotations import angle_of
 from dqreg.search.axes import cube_rotations, face_axes, half_sphere, moments, principal_axes
-from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
-from dqreg.search.refine import refine
+from dqreg.search.refine import Refinement, refined_on
 from dqreg.search.rings import Ring, ring_flips, ring_steps
 from dqreg.search.scoring import distances_at, mean_gains
 from dqreg.search.symmetry import NEAR_SYMMETRY_DIAGONALS, NEAR_SYMMETRY_FRACTION, ON_PART_DIAGONALS
@@ -42,12 +41,11 @@ SAME_MAP_RAD = np.deg2rad(5.0)
 # Shifts of a rotation that differ by less, in sizes, are one.
 SAME_SHIFT_DIAGONALS = 0.5 * NEAR_SYMMETRY_DIAGONALS
 # Planes through the centre, evenly in all directions, in which a part is mirrored; points that screen these, with the
-# reach of their gain in sizes; and how many are kept, refined by so many points, steps and from that kernel scale on.
+# reach of their gain in sizes; and how many are kept, and their refinement.
 MIRROR_PLANES = 200
 SCREENING_POINTS, SCREENING_REACH_DIAGONALS = 100, 0.1
 MIRRORS_KEPT = 12
-REFINING_POINTS, REFINEMENT_STEPS = 300, 10
-FIRST_SCALE_DIAGONALS, LAST_SCALE_DIAGONALS = 5e-2, 1e-3
+REFINEMENT = Refinement(first=5e-2, steps=10, points=300)
 # Points and edge of the bins of heights that find them.
 PROFILE_POINTS, BIN_DIAGONALS = 1_000, 0.5 * NEAR_SYMMETRY_DIAGONALS
 
@@ -113,15 +111,14 @@ def _about_centre(mesh: Mesh, turns: Sequence[FloatArray]) -> list[FloatArray]:
 
 def _in_any_plane(mesh: Mesh, surface: Surface) -> FloatArray:
     """Reflections that may leave most of a part in place, (k, 4, 4), refined on it from planes through its centre."""
-    points = places_on(mesh, REFINING_POINTS, np.random.default_rng(0))[0]
+    points = places_on(mesh, REFINEMENT.points, np.random.default_rng(0))[0]
     normals = half_sphere(MIRROR_PLANES)
     turns = list(np.eye(3) - 2.0 * normals[:, :, None] * normals[:, None])
     mirrors = Poses.of(np.array(_about_centre(mesh, turns)))
     some = points[sample_rows(len(points), SCREENING_POINTS)]
     gains = mean_gains(mirrors, some, surface, SCREENING_REACH_DIAGONALS)
     kept = mirrors[np.argsort(-gains, kind="stable")[:MIRRORS_KEPT]]
-    widths = np.geomspace(FIRST_SCALE_DIAGONALS, LAST_SCALE_DIAGONALS, REFINEMENT_STEPS) * surface.diagonal
-    return refine(kept, OrientedPoints.on_faces(points), surface, widths).matrices
+    return refined_on(kept.matrices, points, surface, REFINEMENT)
 
 
 def _laid_into_itself(mesh: Mesh, turns: Sequence[FloatArray], size: float) -> list[FloatArray]:

@@ -15,7 +15,7 @@ from dqreg.rigid import pose
 from dqreg.search.features import rarity
 from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
-from dqreg.search.refine import refine
+from dqreg.search.refine import Refinement, refine
 
 # Points that are drawn, rare directions as likely as common ones, and those of them whose differences are counted.
 DRAWN_POINTS, COUNTED_POINTS = 6_000, 1_000
@@ -28,13 +28,9 @@ CELL_DIAGONALS = 1.0 / 60.0
 # A peak of the counts stands out of the cells around it by so many standard deviations; so many are looked at, the
 # densest first.
 PEAK_SIGMAS, MAX_PEAKS = 12.0, 16
-# Points that screen, refine and check: each asks about the translations that the one before leaves.
-SCREENING_POINTS = 100
-REFINING_POINTS = 200
-CHECKING_POINTS = 400
-# Kernel scales of the refinement, in sizes, and its steps.
-FIRST_SCALE_DIAGONALS, LAST_SCALE_DIAGONALS = 0.012, 2e-3
-REFINEMENT_STEPS = 4
+# Points that screen and check, and the refinement between: each asks about what the one before leaves.
+SCREENING_POINTS, CHECKING_POINTS = 100, 400
+REFINEMENT = Refinement(first=0.012, last=2e-3, steps=4, points=200)
 # Distances within which points are in place, before and after the refinement, in sizes.
 SCREENING_DISTANCE_DIAGONALS, CHECKING_DISTANCE_DIAGONALS = 0.01, 3e-3
 # A translation is a period where this fraction of the part comes into place; less by few points, before the refinement.
@@ -76,19 +72,14 @@ def near_periods(mesh: Mesh, surface: Surface, counted: int = COUNTED_POINTS) ->
         return np.zeros((0, 4, 4))
     few, some, checks = (
         OrientedPoints.on_faces(points[rows[:k]], normals[rows[:k]])
-        for k in (SCREENING_POINTS, REFINING_POINTS, CHECKING_POINTS)
+        for k in (SCREENING_POINTS, REFINEMENT.points, CHECKING_POINTS)
     )
     shifts = np.concatenate([shifts / k for k in PERIOD_DIVISORS])
     shifts = shifts[np.linalg.norm(shifts, axis=1) >= MIN_PERIOD_DIAGONALS * surface.diagonal]
     poses = Poses(np.tile(np.eye(3), (len(shifts), 1, 1)), shifts)
     poses = poses[np.flatnonzero(_in_place(poses, few, surface, SCREENING_DISTANCE_DIAGONALS) >= MIN_SCREENED_FRACTION)]
     poses = poses[poses.distinct(np.zeros(3), np.pi, CELL_DIAGONALS * surface.diagonal, MAX_REFINED)]
-    poses = refine(
-        poses,
-        some,
-        surface,
-        np.geomspace(FIRST_SCALE_DIAGONALS, LAST_SCALE_DIAGONALS, REFINEMENT_STEPS) * surface.diagonal,
-    )
+    poses = refine(poses, some, surface, REFINEMENT.widths(surface.diagonal))
     poses = poses[_periodic(poses, checks, surface)]
     kept = poses[_shortest(poses.t)].matrices
     return np.concatenate([kept, [pose.inverse(T) for T in kept]]) if len(kept) else kept

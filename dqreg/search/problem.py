@@ -20,7 +20,7 @@ from dqreg.search.grids import OccupancyGrid
 from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.pairs import PairTable
 from dqreg.search.poses import Poses
-from dqreg.search.refine import refine
+from dqreg.search.refine import Refinement, refine
 from dqreg.search.scoring import OUTLIER_DISTANCE_SHARE, PoseScores, score_poses, symmetric_scores
 
 # A scan so many times larger than the target is a scene with the part in it.
@@ -135,7 +135,7 @@ class SearchProblem:
     ) -> Poses:
         """All poses after a step at each width: first, last, in sizes, and their number."""
         first, last, steps = widths
-        falling = np.geomspace(first, last, steps) * self.size
+        falling = Refinement(first, steps, last=last).widths(self.size)
         return refine(poses, sample, self.surface if surface is None else surface, falling, self.table.edges)
 
     def sample(self, count: int) -> OrientedPoints:

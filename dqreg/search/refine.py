@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
+from functools import lru_cache
+
 import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Surface
+from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.surface import Hint
 from dqreg.kernels.threads import ask_clock
 from dqreg.search.grids import Edges, PlaneGrid
@@ -23,6 +27,42 @@ EDGE_WEIGHT = 0.3
 WIDTHS = 8.0
 # Points that are summed in one go.
 POINTS = 8_192
+# Points on which poses are refined, and the kernel scale that this ends with, in sizes: where nothing else is said.
+SAMPLE_POINTS, LAST_SCALE_DIAGONALS = 1_000, 1e-3
+
+
+@dataclasses.dataclass(frozen=True)
+class Refinement:
+    """How poses are refined: on so many points, in so many steps, at kernel scales that fall from first to last."""
+
+    first: float  # Of the kernel scales, in sizes
+    steps: int
+    points: int = SAMPLE_POINTS
+    last: float = LAST_SCALE_DIAGONALS
+
+    def sample(self, points: FloatArray) -> OrientedPoints:
+        """That many of some points, (n, 3), evenly taken; their normals are unknown."""
+        return OrientedPoints.on_faces(points[sample_rows(len(points), self.points)])
+
+    def widths(self, size: float) -> FloatArray:
+        """A kernel scale for each step, (k,)."""
+        return _falling(self.first, self.last, self.steps) * size
+
+
+@lru_cache(maxsize=32)
+def _falling(first: float, last: float, steps: int) -> FloatArray:
+    return np.geomspace(first, last, steps)
+
+
+def refined_on(
+    T: FloatArray, points: FloatArray, surface: Surface, how: Refinement, unit: float | None = None
+) -> FloatArray:
+    """Poses, (k, 4, 4), refined on a sample of points, (n, 3).
+
+    Kernel scales are in sizes of the surface, or in another unit: 1.0 where they are lengths.
+    """
+    widths = how.widths(surface.diagonal if unit is None else unit)
+    return refine(Poses.of(T), how.sample(points), surface, widths).matrices
 
 
 def refine(

@@ -21,7 +21,7 @@ from dqreg.search.axes import moments, principal_axes
 from dqreg.search.grids import PlaneGrid
 from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
-from dqreg.search.refine import refine
+from dqreg.search.refine import Refinement, refine
 from dqreg.solvers.motion_words import axis_words
 
 # Distance from the part, in sizes, within which a point lies on it: the facets of a round hole are no feature.
@@ -39,11 +39,9 @@ FIT_POINTS = 200
 CHECK_POINTS = 2_000
 # Reach of the gain in the screening, in sizes.
 SCREEN_REACH_DIAGONALS = 0.06
-# Kernel scales of the refinement, in sizes: on the grid from the first to the second, on the surface to the last.
-FIRST_SCALE_DIAGONALS = 0.04
-GRID_SCALE_DIAGONALS = 6e-3
-LAST_SCALE_DIAGONALS = 5e-4
-REFINEMENT_STEPS = 6
+# Refinement on the grid, and from where that ends on the surface.
+ON_GRID = Refinement(first=0.04, last=6e-3, steps=6, points=FIT_POINTS)
+ON_SURFACE = Refinement(first=ON_GRID.last, last=5e-4, steps=6, points=FIT_POINTS)
 # Rotations are refined on the surface with this mean gain on the grid, at this reach beyond a cell, in sizes.
 FINE_REACH_DIAGONALS, MIN_FINE_GAIN = 0.01, 0.55
 # Highest order that is looked for about the principal axes; above it a part is as good as round.
@@ -146,15 +144,11 @@ def _candidates(part: _Part, grid: PlaneGrid) -> Poses:
     ]
     sample = part.sample[rng.choice(count, size=min(FIT_POINTS, count), replace=False)]
     poses = poses[poses.distinct(part.centre, APART_RAD, np.inf, REFINED_ROTATIONS)]
-    poses = refine(
-        poses, sample, grid, np.geomspace(FIRST_SCALE_DIAGONALS, GRID_SCALE_DIAGONALS, REFINEMENT_STEPS) * size
-    )
+    poses = refine(poses, sample, grid, ON_GRID.widths(size))
     poses = poses[
         np.flatnonzero(grid.scores(poses, sample.points, FINE_REACH_DIAGONALS * size + grid.cell) > MIN_FINE_GAIN)
     ]
-    return refine(
-        poses, sample, part.surface, np.geomspace(GRID_SCALE_DIAGONALS, LAST_SCALE_DIAGONALS, REFINEMENT_STEPS) * size
-    )
+    return refine(poses, sample, part.surface, ON_SURFACE.widths(size))
 
 
 def _matrices(q: FloatArray) -> FloatArray:

@@ -6,7 +6,7 @@ from dqreg.geometry import Mesh, MeshSurface, sample_mesh
 from dqreg.rigid import pose
 from dqreg.search.oriented_points import OrientedPoints
 from dqreg.search.poses import Poses
-from dqreg.search.refine import refine
+from dqreg.search.refine import Refinement, refine, refined_on
 from dqreg.search.scoring import score_poses
 from dqreg.synth import disturbance, worst_vertex_displacement
 from dqreg.synth.parts import bracket
@@ -67,3 +67,15 @@ def test_outliers_cost_all_poses_the_same():
     scores = score_poses(poses, np.concatenate([clean, outliers]), SURFACE, 0.05 * PART.diagonal, 1e-3 * PART.diagonal)
     assert scores.means.argmax() == 0
     assert scores.likelihoods[:, 2_000:].std(axis=1).max() < 1e-12
+
+
+def test_a_sample_is_as_large_as_said_and_its_kernel_scales_are_in_sizes_or_lengths() -> None:
+    how = Refinement(first=0.02, steps=3, points=100, last=0.005)
+    assert len(how.sample(np.zeros((1_000, 3)))) == 100
+    assert np.allclose(how.widths(2.0), [0.04, 0.02, 0.01], rtol=1e-12)
+    points = sample_mesh(PART, 400, np.random.default_rng(0)).points
+    T = disturbance(np.random.default_rng(1), 0.02, 0.005 * PART.diagonal, PART.centre)[None]
+    in_lengths = Refinement(0.02 * SURFACE.diagonal, 3, 100, 0.005 * SURFACE.diagonal)
+    same = refined_on(T, points, SURFACE, how), refined_on(T, points, SURFACE, in_lengths, unit=1.0)
+    assert np.abs(same[0] - T).max() > 1e-4
+    assert np.allclose(*same, rtol=0.0, atol=1e-9)
