@@ -22,6 +22,7 @@ from dqreg.multiway.pooled import Pieces, Pooled, centred
 from dqreg.multiway.spread import root_of
 from dqreg.multiway.step_prior import step_prior
 from dqreg.rigid import pose
+from dqreg.rigid.twist import scaling_by
 
 # The scale of the first round, in spacings, and its least factor a round.
 FIRST_SCALE_SPACINGS, MIN_SCALE_FACTOR = 0.4, 0.7
@@ -281,7 +282,7 @@ def _root_of_covariance(pieces: Pieces, T: FloatArray, places: _Places, unit: fl
     prior = places.about(T)[1]
     solve = factorised((counts.T @ matrix @ counts).tocsc() + prior, each).solve
     scores = counts.T @ pieces.scores(slopes, len(T))
-    units = np.tile(np.r_[[1.0] * 3, [unit] * 3], len(T))
+    units = np.tile(scaling_by(1.0, unit), len(T))
     return np.asarray(units[:, None] * solve(root_of(((scores @ scores.T) + prior).toarray())))
 
 

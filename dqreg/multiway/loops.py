@@ -11,6 +11,7 @@ from dqreg.multiway import dual_poses
 from dqreg.multiway.edges import with_lower_targets
 from dqreg.multiway.graph import PoseGraph
 from dqreg.rigid import pose
+from dqreg.rigid.twist import scaling_by
 
 # Chi-square of six degrees of freedom that one good loop in a thousand exceeds.
 CHI2_LIMIT = 22.46
@@ -50,10 +51,10 @@ def covariances_of(graph: PoseGraph, size: float, floor: float) -> FloatArray:
 
     Free motions are as wide as a radian and the size of a scan.
     """
-    scale = np.r_[[1.0] * 3, [size] * 3]
+    scale = scaling_by(1.0, size)
     scaled = graph.information * scale[:, None] * scale
     covariance = np.linalg.inv(scaled + np.eye(6)) * scale[:, None] * scale
-    covariance[:, range(6), range(6)] += (floor * np.r_[[2.0 / size] * 3, [1.0] * 3]) ** 2
+    covariance[:, range(6), range(6)] += (floor * scaling_by(2.0 / size)) ** 2
     return np.asarray(covariance)
 
 

@@ -19,6 +19,7 @@ from dqreg.multiway.graph import PoseGraph, factorised, normal_matrix
 from dqreg.multiway.joint import linearised
 from dqreg.multiway.planes import WeighedMatches
 from dqreg.rigid import pose
+from dqreg.rigid.twist import scaling_by
 
 # Variance of a scaled motion, in squares of a radian or of the size, beyond which it is free.
 FREE_VARIANCE = 1.0
@@ -58,7 +59,7 @@ def joint_covariance(
     middle += alike * (float(np.trace(inverse @ middle)) / max(float(np.trace(inverse @ held)), 1.0) * held - middle)
     root = solve(root_of(middle + beside))
     covariance = root @ root.T
-    scale = np.tile(np.r_[[1.0] * 3, [size] * 3], len(free))
+    scale = np.tile(scaling_by(1.0, size), len(free))
     # Nothing is known of a node that met no other one.
     loose = (np.diag(covariance) / scale**2 > FREE_VARIANCE) | (np.diag(held + beside) <= 0.0)
     covariance[loose] = np.nan

@@ -20,7 +20,7 @@ from dqreg.odometry.rivals import ComparedFrame
 from dqreg.registration.assess import Uncertainty
 from dqreg.registration.result import Registration
 from dqreg.registration.unmeasured import unmeasured, without_pose
-from dqreg.rigid import single_pose
+from dqreg.rigid import single_pose, twist
 from dqreg.solvers.row_sums import MotionSums
 from dqreg.trust import Evidence, Information, information_of, judge
 from dqreg.trust.code_sets import PLACE_UNKNOWN
@@ -142,7 +142,7 @@ def information_at(run: Alignment, reach: float, free_axis: FloatArray | None = 
         return information
     if free_axis is not None:
         information = _without(information, np.concatenate([np.zeros(3), free_axis]))
-    twists = information.vectors[:, ~information.free] / np.r_[[reach] * 3, [1.0] * 3][:, None]
+    twists = information.vectors[:, ~information.free] / twist.scaling_by(reach)[:, None]
     if not twists.shape[1]:
         return information
     # What is free now was not when the scatter was estimated.

@@ -27,6 +27,7 @@ from dqreg.odometry.starts import predict
 from dqreg.odometry.sweep import swept
 from dqreg.odometry.voxel_map import VoxelMap
 from dqreg.rigid import Trajectory, pose, twist
+from dqreg.rigid.twist import scaling_by
 from dqreg.trust.records import Reason
 
 # The frame is deskewed again while the motion is wrong by this fraction of a voxel at the frame's edge, and so many
@@ -173,7 +174,7 @@ def sweep_steps(frame: DownsampledFrame, aligned: Alignment) -> tuple[FloatArray
     damping = ROUND_DAMPING_SHARE * (weights @ (s - weights @ s / weights.sum()) ** 2) * np.eye(6)
     full = np.block([[ends + damping, both], [both, sweeps + damping]])
     found = np.linalg.solve(full, -np.concatenate([first.T @ pairs.point_to_plane, second.T @ pairs.point_to_plane]))
-    scale = np.array([1.0 / lever] * 3 + [1.0] * 3)
+    scale = scaling_by(1.0 / lever)
     return scale * found[:6], scale * found[6:]
 
 

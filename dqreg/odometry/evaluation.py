@@ -13,6 +13,7 @@ from dqreg.files.trajectories import found_rows
 from dqreg.odometry.kiss import load_kiss, rigid
 from dqreg.odometry.trajectory import bridge_gaps
 from dqreg.rigid import pose, twist
+from dqreg.rigid.twist import scaling_by
 
 # A single step worse than this is a lost frame, whatever the scene: half the everyday lattice, which finds its way.
 LOST_DEG = 5.0
@@ -106,7 +107,7 @@ def nees(
     """
     P, C, G = (as_float(v, n) for v, n in ((poses, "poses"), (covariances, "covariances"), (truth, "truth")))
     values = np.full(max(len(P) - 1, 0), np.nan)
-    noise = np.diag(np.r_[[np.deg2rad(truth_sigma_deg) ** 2] * 3, [truth_sigma**2] * 3])
+    noise = np.diag(scaling_by(np.deg2rad(truth_sigma_deg) ** 2, truth_sigma**2))
     usable = found_rows(P) & np.isfinite(C).all(axis=(1, 2))
     for i in np.flatnonzero(usable[1:] & usable[:-1]):
         step, true = (pose.inverse(rigid(T[i])) @ rigid(T[i + 1]) for T in (P, G))

@@ -10,6 +10,7 @@ import numpy as np
 from dqreg._arrays import FloatArray, as_pose
 from dqreg.errors import InputError
 from dqreg.rigid import pose, twist
+from dqreg.rigid.twist import scaling_by
 from dqreg.trust.records import Reason, Verdict
 
 # A motion that an alignment leaves as it was has less than that share of its largest variance.
@@ -63,7 +64,7 @@ def _after(before: FloatArray, alignment: Alignment, centre: FloatArray) -> Floa
     # Rotations count by what they move at the arm that makes both parts of the covariance alike.
     turning, shifting = float(np.trace(spread[:3, :3])), float(np.trace(spread[3:, 3:]))
     lever = float(np.sqrt(shifting / turning)) if turning > 0.0 < shifting else 1.0
-    scale = np.r_[[lever] * 3, [1.0] * 3]
+    scale = scaling_by(lever)
     variances, axes = np.linalg.eigh(spread * scale * scale[:, None])
     left = axes[:, variances <= LEFT * max(float(variances[-1]), 0.0)]
     if not left.shape[1] or not alignment.covariance.any():

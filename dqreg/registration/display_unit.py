@@ -15,6 +15,7 @@ from dqreg.errors import InputError, UnitsError
 from dqreg.files.setting_lengths import SETTING_LENGTHS
 from dqreg.files.units import factor
 from dqreg.geometry import Mesh
+from dqreg.rigid.twist import scaling_by
 
 if TYPE_CHECKING:
     from dqreg.geometry import PointCloud
@@ -105,7 +106,7 @@ def _shown(path: Path, geometry: Mesh | PointCloud, unit: str, wanted: str) -> S
 def in_unit(result: Registration, unit: str) -> Registration:
     """A result with all its numbers in another unit of the target; its sentences name the unit that they are in."""
     k = factor(str(result.settings["target_units"]), unit)
-    spread = np.r_[[1.0] * 3, [k] * 3]
+    spread = scaling_by(1.0, k)
     settings = dict(result.settings) | {"target_units": unit}
     for name in SETTING_LENGTHS:
         if settings.get(name) is not None:

@@ -36,9 +36,9 @@ from dqreg.registration.held_motions import own_normals, stretch_of
 from dqreg.registration.prepared import Prepared
 from dqreg.registration.problem import Problem, SourceAndTarget
 from dqreg.registration.target_index import TargetIndex
+from dqreg.rigid.twist import scaling_by
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN, InlierMixture
 from dqreg.trust import Evidence, Information, information_of
-from dqreg.trust.information import scaling_by
 
 T = TypeVar("T")
 

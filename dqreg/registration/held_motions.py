@@ -12,8 +12,9 @@ from dqreg.geometry.mesh_normals import smooth_normals_of
 from dqreg.icp import Alignment, Correspondences
 from dqreg.icp.noise_by_face import motions_of_creases, weights_by_face
 from dqreg.rigid import twist
+from dqreg.rigid.twist import scaling_by
 from dqreg.solvers.quadratic import plane_rows
-from dqreg.trust.information import held_part, scaling_by
+from dqreg.trust.information import held_part
 
 # The least share of a motion that points are said to follow: of few points it is as good as chance.
 LEAST_RESPONSE = 0.1

@@ -14,6 +14,7 @@ from dqreg.kernels.threads import unlocked_property
 from dqreg.registration.derived import Key
 from dqreg.registration.fit import Fit
 from dqreg.rigid import pose, twist
+from dqreg.rigid.twist import scaling_by
 from dqreg.search.cloud_rings import ring_turns
 from dqreg.search.near_symmetry import is_symmetry, near_flips
 from dqreg.search.periods import MIN_PERIOD_DIAGONALS, near_periods
@@ -21,7 +22,6 @@ from dqreg.search.plane_maps import MAX_LOST_SHARE, MIN_FLAT_SHARE, PLANE_POINTS
 from dqreg.search.problem import SCENE
 from dqreg.search.refine import Refinement, refined_on
 from dqreg.search.tangent_planes import TangentPlanes
-from dqreg.trust.information import scaling_by
 from dqreg.trust.patch_tests import INLIER_SIGMAS
 
 # Points of a scan that are asked how far it reaches.

@@ -13,6 +13,7 @@ from dqreg.registration.rivals import MIN_GAIN_SIGMAS, MIN_LOG_GAIN, NO_POSES, s
 from dqreg.rigid import pose, twist
 from dqreg.rigid.rotations import angle_of
 from dqreg.rigid.symmetry import SAME_AXIS_RAD
+from dqreg.rigid.twist import scaling_by
 from dqreg.search.near_symmetry import EXACT_DIAGONALS, is_symmetry
 
 # A pose this near to a symmetric copy of another one, in radians and sizes, is that copy.
@@ -110,7 +111,7 @@ def _is_slid(fit: Fit, T: FloatArray, other: FloatArray) -> bool:
 
     Such motions are a group: the logarithm of any of them is a mixture of the free ones, however far it goes.
     """
-    information, scale = fit.information, np.r_[[fit.information.lever] * 3, [1.0] * 3]
+    information, scale = fit.information, scaling_by(fit.information.lever)
     free, motion = information.vectors[:, information.free], twist.log(other @ pose.inverse(T))
     along = twist.exp(free @ (free.T @ (scale * motion)) / scale) @ T
     return displacement_between(fit, along, other) <= FOUND

@@ -22,9 +22,9 @@ from dqreg.registration.fit import Fit
 from dqreg.registration.rivals import JUDGING_POINTS, scores_and_rows, scores_of
 from dqreg.registration.surroundings import surroundings_of
 from dqreg.rigid import pose, twist
+from dqreg.rigid.twist import scaling_by
 from dqreg.search.refine import Refinement, refined_on
 from dqreg.search.scoring import CLEAR_LOG_RATIO
-from dqreg.trust.information import scaling_by
 from dqreg.trust.limits import CONSTRAINT_LOG_LIKELIHOOD, fewest_carriers
 from dqreg.trust.patch_tests import INLIER_SIGMAS, is_background
 

@@ -11,7 +11,7 @@ from dqreg._arrays import FloatArray, as_float, as_vectors
 from dqreg.errors import InputError
 from dqreg.files.cloud_data import finite_rows
 from dqreg.rigid import DualQuaternion, pose
-from dqreg.rigid.twist import TRANSLATION_FIRST
+from dqreg.rigid.twist import TRANSLATION_FIRST, scaling_by
 from dqreg.trust.covariance import TOUCHED
 from dqreg.trust.records import Direction, Verdict
 
@@ -222,7 +222,7 @@ class UncertainPose:
         else:
             # In displacements on the part, so that rotations and translations compare.
             turns, shifts = np.diag(self.partial_information).reshape(2, 3).sum(axis=1)
-            size = np.r_[[np.sqrt(turns / shifts) if turns > 0.0 < shifts else 1.0] * 3, [1.0] * 3]
+            size = scaling_by(np.sqrt(turns / shifts) if turns > 0.0 < shifts else 1.0)
             values, vectors = np.linalg.eigh(self.partial_information / size[:, None] / size)
             count = sum(direction.is_free for direction in self.observability)
             half = vectors[:, count:] / np.sqrt(values[count:]) / size[:, None]

@@ -68,6 +68,15 @@ def exp(twist: ArrayLike) -> FloatArray:
     return T
 
 
+def scaling_by(rotations: float, translations: float = 1.0) -> FloatArray:
+    """What a twist is multiplied with, (6,): by a lever its rotations are displacements there.
+
+    >>> scaling_by(0.5).tolist()
+    [0.5, 0.5, 0.5, 1.0, 1.0, 1.0]
+    """
+    return np.array([rotations] * 3 + [translations] * 3)
+
+
 def log(T: ArrayLike) -> FloatArray:
     """Twist of a pose: the inverse of `exp`, with a rotation of at most pi.
 

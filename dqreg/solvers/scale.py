@@ -15,6 +15,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.errors import DegenerateGeometryError
 from dqreg.rigid import pose, twist
+from dqreg.rigid.twist import scaling_by
 
 # Share of the scale's own information that must be left once the pose is free: of a flat or round part nothing is.
 HELD = 1e-8
@@ -99,7 +100,7 @@ def scale_step(matches: SurfaceMatches, *, hold: bool = False) -> ScaleStep:
     motion = inverse @ right[:6] + log * pull
     residuals = gaps - rows @ np.append(motion, log)
     alone = rows[:, 6] + rows[:, :6] @ pull
-    lengths = np.r_[[1.0] * 3, [size] * 3]
+    lengths = scaling_by(1.0, size)
     return ScaleStep(
         math.exp(log),
         math.nan if hold else _sigma(alone, residuals, weights, held),

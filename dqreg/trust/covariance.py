@@ -8,8 +8,9 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.rigid import pose, twist
+from dqreg.rigid.twist import scaling_by
 from dqreg.solvers.motion_words import Kind, Motion
-from dqreg.trust.information import Information, scaling_by
+from dqreg.trust.information import Information
 from dqreg.trust.records import Direction
 
 # A coordinate takes part in a free motion from this fraction on: less of it is the noise of the fit, and half a turn

@@ -9,6 +9,7 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, dot
 from dqreg._records import replaced
+from dqreg.rigid.twist import scaling_by
 from dqreg.solvers.row_sums import FREE_SHARE, MotionSums
 from dqreg.solvers.sandwich import Starts, patch_starts, scatter_of_sums, with_few, with_known
 from dqreg.trust.both_sides import carriers_of, unconfirmed
@@ -94,11 +95,6 @@ class Information:
         alone = float((1.0 / self.values[held]).sum()) * self.sigma**2
         found = float(np.trace(self.scatter))
         return alone / found if found > 0.0 else self.weight
-
-
-def scaling_by(lever: float) -> FloatArray:
-    """What a twist is multiplied with, so that its rotations are displacements at a lever, (6,)."""
-    return np.array([lever, lever, lever, 1.0, 1.0, 1.0])
 
 
 def information_of(

@@ -213,7 +213,7 @@ class Overlap:
             return np.zeros(6), self.residuals, np.ones(len(self.residuals))
         rows = plane_rows(self.points, self.normals, middle, lever)
         fit = robust_fit(rows, self.residuals, lever, weights_of(self.residuals))
-        return -fit.fitted / np.r_[[lever] * 3, [1.0] * 3], fit.left, fit.weights
+        return -fit.fitted / twist.scaling_by(lever), fit.left, fit.weights
 
     @property
     def _moved(self) -> FloatArray:

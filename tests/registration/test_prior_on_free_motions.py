@@ -7,9 +7,10 @@ import pytest
 
 import dqreg
 from dqreg.rigid import pose
+from dqreg.rigid.twist import scaling_by
 from dqreg.solvers.quadratic import QuadraticForm, derivatives, plane_form, projected_form
 from dqreg.synth import parts
-from dqreg.trust.information import information_of, scaling_by
+from dqreg.trust.information import information_of
 from tests.strategies import FloatArray
 
 VERTICES, FACES = parts.cylinder()

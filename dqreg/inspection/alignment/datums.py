@@ -13,6 +13,7 @@ from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.inspection.alignment.priors import inverse_within, prior_about
 from dqreg.inspection.features import Feature
 from dqreg.rigid import pose, single_pose, twist
+from dqreg.rigid.twist import scaling_by
 from dqreg.solvers import Freedom
 
 # A motion is constrained by a datum from that share of its full effect on: less of it is the tilt of a hole that
@@ -151,7 +152,7 @@ def _solved(
     """The pose, the degrees of freedom that each datum constrains, and twists about the centre that none does."""
     centre = datums[0].nominal.point
     size = max((float(np.linalg.norm(datum.nominal.point - centre)) for datum in datums[1:]), default=1.0) or 1.0
-    scale = np.r_[[1.0] * 3, [size] * 3]
+    scale = scaling_by(1.0, size)
     T, free = start, np.eye(6)
     if freedom.count < 6:
         free = np.linalg.qr(freedom.twists(start, start, centre) / scale[:, None])[0]
