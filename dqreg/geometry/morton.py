@@ -11,7 +11,6 @@ CodeArray = NDArray[np.uint64]
 # Lowest and highest coordinates of points.
 Ends = tuple[FloatArray, FloatArray]
 
-BITS = 21
 # Points coded in one go: some milliseconds.
 CHUNK = 65_536
 # Points from which on a kernel that goes over all of them runs aside, so that an interrupt is seen at once.
@@ -82,7 +81,7 @@ def morton_codes(points: FloatArray, size: float = 0.0, ends: Ends | None = None
     >>> morton_codes(np.array([[0.0, 0, 0], [0.4, 0, 0], [0, 0, 1.2]]), 1.0).tolist()
     [0, 0, 1]
     """
-    from dqreg.kernels.morton import morton_cells
+    from dqreg.kernels.morton import BITS, morton_cells
     from dqreg.kernels.threads import as_plain, over_chunks
 
     low, high = bounds(points) if ends is None else ends
@@ -100,5 +99,7 @@ def edge_of_cells(points: FloatArray, size: float = 0.0, ends: Ends | None = Non
     >>> edge_of_cells(np.array([[0.0, 0, 0], [0.4, 0, 1.2]]), 1.0)
     1.0
     """
+    from dqreg.kernels.morton import BITS
+
     low, high = bounds(points) if ends is None else ends
     return max(size, float((high - low).max() / (2**BITS - 1)))

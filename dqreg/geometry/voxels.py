@@ -11,7 +11,7 @@ from dqreg._arrays import FloatArray, bounds
 from dqreg.geometry.boundary import lie_in_rings
 from dqreg.geometry.cells import Cells, CellSurface
 from dqreg.geometry.cloud import PointCloud
-from dqreg.geometry.morton import BITS, Ends, morton_codes, sorted_codes
+from dqreg.geometry.morton import Ends, morton_codes, sorted_codes
 
 # A cloud is downsampled from so many times the wanted points on: below, it costs accuracy and saves little.
 DENSE = 3.0
@@ -149,7 +149,7 @@ def first_size(points: FloatArray, count: int, ends: Ends | None = None, dense: 
 
 def cell_size(points: FloatArray, count: int, ends: Ends | None = None) -> float:
     """Edge of the cubic cells of which the points fill about so many."""
-    from dqreg.kernels.morton import count_cells
+    from dqreg.kernels.morton import BITS, count_cells
 
     if len(points) <= count:
         return 0.0

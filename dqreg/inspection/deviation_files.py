@@ -17,6 +17,7 @@ from dqreg._arrays import FloatArray, IntArray
 from dqreg.errors import InputError
 from dqreg.files import write_cloud
 from dqreg.files.atomic import write_atomically
+from dqreg.inspection.membership import FLAGS_IN_WORDS, ON_PART
 from dqreg.inspection.tolerances import PointLimits
 
 # Blue and vermilion are those of Okabe and Ito (2008); either branch only darkens from the middle, and beyond the
@@ -63,7 +64,7 @@ def colours_of(values: FloatArray, limit: float, reach: float = np.inf) -> ByteA
 
 
 SUFFIXES = (".ply", ".csv", ".npy")
-# flag: 0 the part, 1 beyond reach, 2 another surface, 3 an outlier, 4 excluded; within: 1 in tolerance, 0 out of it.
+# flag: see `membership`; within: 1 in tolerance, 0 out of it.
 LENGTHS = ("x", "y", "z", "deviation", "closest_x", "closest_y", "closest_z")
 OTHERS = ("face", "row", "normal_x", "normal_y", "normal_z", "flag")
 # Digits of lengths in a table: a step of that share of the scan's noise, which rounding widens by 2e-5, or of the
@@ -167,10 +168,10 @@ def write_coloured(
         comments.append(f"grey: farther than {reach:.6g} {unit}, taken for something else")
     if units:
         comments.append(f"units {units}")
-    comments.append("flag: 0 the part, 1 beyond reach, 2 another surface, 3 an outlier, 4 excluded; 0 is coloured")
+    comments.append(f"flag: {FLAGS_IN_WORDS}; {ON_PART} is coloured")
     colours = colours_of(values, limit)
     if allowed is not None:
         colours[values < allowed.low], colours[values > allowed.high] = BELOW, ABOVE
         comments.append("dark also: out of the tolerance of its own face")
-    colours[flags != 0] = BEYOND
+    colours[flags != ON_PART] = BEYOND
     write_cloud(path, points, colors=colours, fields={"deviation": values, "flag": flags}, comments=comments)

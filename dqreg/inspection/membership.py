@@ -23,12 +23,17 @@ BEYOND: Final = 1
 OTHER_SURFACE: Final = 2
 OUTLIER: Final = 3
 EXCLUDED: Final = 4
+# The same for those who read such a file.
+FLAGS_IN_WORDS = (
+    f"{ON_PART} the part, {BEYOND} beyond reach, {OTHER_SURFACE} another surface, {OUTLIER} an outlier, "
+    f"{EXCLUDED} excluded"
+)
 # What the reach follows from: the caller, the size of the part, or whichever is the largest of the scan's noise, its
 # spacing and the deviations of the part.
 ReachFrom = Literal["given", "size", "noise", "spacing", "deviations"]
 
 # A point is off the surface from that many sigmas of the scan's noise, or from one spacing, whichever is more ...
-OFF, OFF_SPACINGS = 6.0, 1.0
+OFF_SIGMAS, OFF_SPACINGS = 6.0, 1.0
 # ... and lies beside another surface, not on the part, from that many sigmas on.
 BESIDE = 3.0
 # Less than this share of the spacing is no noise: files in single precision round there.
@@ -121,7 +126,7 @@ def membership(
     """
     distances = np.abs(values)
     # What is left of exact data is rounding, of which neighbours know nothing.
-    noisy, spaced = OFF * max(noise, ROUNDED * spacing), OFF_SPACINGS * spacing
+    noisy, spaced = OFF_SIGMAS * max(noise, ROUNDED * spacing), OFF_SPACINGS * spacing
     begins = max(noisy, spaced)
     flags = by_reach(values, limit)
     off = np.flatnonzero(distances > begins)

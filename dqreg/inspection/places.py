@@ -9,6 +9,7 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.inspection.deviations import Deviations
+from dqreg.inspection.membership import OFF_SIGMAS
 from dqreg.inspection.regions import Outcome
 from dqreg.inspection.statistics import PROBED
 from dqreg.inspection.tolerances import PointLimits
@@ -24,8 +25,6 @@ NAMED = 50
 ASKED, NEIGHBOURS = 20_000, 1_000_000
 # Standard deviation of a median of n normal values: 1.2533 sigma / sqrt(n).
 MEDIAN_SIGMA = 1.2533
-# A point is off the part from that many sigmas of the noise on.
-OFF = 6.0
 # Neighbours that lie farther apart than usual by this factor are strays; so many points say what is usual.
 SPARSE, SAMPLED = 3.0, 1_000
 
@@ -97,7 +96,7 @@ def _medians(deviations: Deviations, rows: IntArray, asked: IntArray) -> tuple[F
     # Far off a part it stands with those that were measured beside it as well: what closes a hole has its feet along
     # the rim, where good points have theirs too. Nearer, those beside a point that noise has raised are raised as well.
     sigma = deviations.noise or GAUSSIAN_MEDIAN * float(np.median(np.abs(values - np.median(values))))
-    far = np.flatnonzero(np.abs(values[asked]) > OFF * sigma)
+    far = np.flatnonzero(np.abs(values[asked]) > OFF_SIGMAS * sigma)
     if len(far):
         points = (deviations.points[rows] - deviations.origin)[::step]
         beside, widths = _beside(points, deviations.points[rows[asked[far]]] - deviations.origin)

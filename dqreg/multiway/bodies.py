@@ -10,7 +10,6 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry import Closest, CloudSurface, Scan, Surface
-from dqreg.geometry.normals import NEIGHBOURS
 
 if TYPE_CHECKING:
     from dqreg.kernels.point_tree import PointTree
@@ -74,9 +73,7 @@ class Body:
     def spread(self) -> FloatArray:
         """Variance of the normal of each point of the scan, (n,); one that was given counts as exact."""
         assert self.scan is not None
-        with np.errstate(divide="ignore", invalid="ignore"):
-            moves = self.scan.residuals**2 / (NEIGHBOURS * self.scan.levers)
-        return np.asarray(np.nan_to_num(moves, nan=0.0, posinf=1.0))
+        return self.scan._variances
 
     @cached_property
     def single(self) -> BoolArray:

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.multiway.scans import View
+from dqreg.multiway.scans import View, every_so_many
 from dqreg.multiway.viewpoints import Viewpoints
 from dqreg.rigid import pose
 from dqreg.trust.free_space import MIN_COMPARED, DepthImage
@@ -29,7 +29,9 @@ class FreeSpace:
     @staticmethod
     def of(views: Sequence[View], viewpoints: Viewpoints) -> FreeSpace:
         """Images of the scans whose viewpoints are known."""
-        points = tuple(_some(view.scan.points) + view.origin if view.usable else None for view in views)
+        points = tuple(
+            every_so_many(view.scan.points, COMPARED_POINTS) + view.origin if view.usable else None for view in views
+        )
         images = tuple(
             None if some is None or viewpoint is None else DepthImage.of(some, viewpoint.place + view.origin)
             for view, some, viewpoint in zip(views, points, viewpoints, strict=True)
@@ -72,8 +74,3 @@ class FreeSpace:
 
     def _stands(self, k: int, T_world_scan: FloatArray) -> bool:
         return self.points[k] is not None and bool(np.isfinite(T_world_scan[k]).all())
-
-
-def _some(rows: FloatArray) -> FloatArray:
-    some: FloatArray = rows[:: max(1, len(rows) // COMPARED_POINTS)]
-    return some

@@ -8,13 +8,15 @@ import numpy as np
 import scipy.sparse as sparse
 
 from dqreg._arrays import FloatArray, IntArray
-from dqreg.multiway.scans import View
+from dqreg.multiway.scans import View, every_so_many
 from dqreg.rigid import pose
 
 # Edge of a cell in typical sizes of a scan, and points that fill the cells of one.
 CELL_SIZES, COMPARED_POINTS = 0.03, 4_000
 # Bits of a cell's number along one axis.
 AXIS_BITS = 21
+# Pairs that share fewer cells than this, of the smaller scan, have nothing in common but their borders.
+MIN_OVERLAP = 0.08
 
 
 def overlap_matrix(
@@ -49,5 +51,4 @@ def cell_numbers(points: FloatArray, edge: float) -> IntArray:
 
 def _some(view: View) -> FloatArray:
     assert view.cloud is not None
-    points = view.cloud.points
-    return points[:: max(1, len(points) // COMPARED_POINTS)]
+    return every_so_many(view.cloud.points, COMPARED_POINTS)

@@ -12,15 +12,13 @@ from dqreg.multiway.bodies import Body
 from dqreg.multiway.common_planes import PlacedBodies, refine_on_planes
 from dqreg.multiway.edges import PART
 from dqreg.multiway.joint import refine_jointly
-from dqreg.multiway.overlap import CELL_SIZES, overlap_matrix
+from dqreg.multiway.overlap import CELL_SIZES, MIN_OVERLAP, overlap_matrix
 from dqreg.multiway.scans import View, typical_spacing
 from dqreg.multiway.spread import beyond_noise, joint_covariance
 from dqreg.registration.options import Effort
 from dqreg.registration.target import Target
 from dqreg.rigid import pose
 
-# Pairs that share fewer cells than this, of the smaller scan, add nothing but their borders.
-MIN_OVERLAP = 0.08
 # Points of a scan in the joint cost.
 POINTS_OF_EFFORT: dict[str, int] = {"fast": 5_000, "normal": 20_000, "best": 10**9}
 # Points and rounds of pairs alone, before faces are planes in common.

@@ -162,6 +162,12 @@ def _seen(views: Sequence[View]) -> list[View]:
     ]
 
 
+def every_so_many(rows: FloatArray, count: int) -> FloatArray:
+    """Rows as far from each other as leaves so many of them, or less than twice as many."""
+    some: FloatArray = rows[:: max(1, len(rows) // count)]
+    return some
+
+
 def _hidden_share(cloud: PointCloud) -> float:
     """Share of the points of a scan that stand behind others, seen from its viewpoint; 0 where it has none."""
     return 0.0 if cloud.viewpoint is None else hidden_share(cloud.points, cloud.viewpoint)

@@ -19,8 +19,9 @@ from dqreg.geometry.normals import orient_towards
 from dqreg.multiway.bodies import Body
 from dqreg.multiway.edges import PART, Edge, EdgeCode
 from dqreg.multiway.free_space import FreeSpace
+from dqreg.multiway.overlap import MIN_OVERLAP
 from dqreg.multiway.pairs import Order
-from dqreg.multiway.scans import View
+from dqreg.multiway.scans import View, every_so_many
 from dqreg.multiway.viewpoints import Viewpoint, Viewpoints, common_viewpoints, given_viewpoints
 from dqreg.rigid import pose
 from dqreg.trust.limits import DEPTH_CONFLICT_SHARE
@@ -31,8 +32,6 @@ NEAR_SPACINGS, NEAR_NOISES = 2.0, 4.0
 MIN_NORMAL_COS = 0.8
 # Share of opposite sides, and matches, from which a pair is wrong.
 MAX_OPPOSITE_SHARE, MIN_MATCHES = 0.3, 50
-# Overlap from which it is looked at.
-MIN_OVERLAP = 0.08
 # Share of what was looked through from which a pair is wrong: a pose of a pair is a little off.
 LOOKED_THROUGH_SHARE = 0.1
 # Accepted pairs that tell whether a line of sight is right, at least and at most, and the share that must agree.
@@ -169,7 +168,7 @@ def opposed(a: Body, b: Body, T_a_b: FloatArray) -> float:
     """
     if a.scan is None or b.scan is None or not (a.scan.oriented and b.scan.oriented and a.surface.oriented):
         return np.nan
-    points, normals = _some(b.scan.points), _some(b.scan.normals)
+    points, normals = (every_so_many(rows, COMPARED_POINTS) for rows in (b.scan.points, b.scan.normals))
     moved = pose.apply(T_a_b, points)
     found = a.surface.closest(moved)
     cosines = np.einsum("ij,ij->i", normals @ T_a_b[:3, :3].T, found.normals)
@@ -178,8 +177,3 @@ def opposed(a: Body, b: Body, T_a_b: FloatArray) -> float:
     near = (found.distances <= NEAR_SPACINGS * max(a.scan.spacing, b.scan.spacing)) & (along <= NEAR_NOISES * noise)
     alike = near & (np.abs(cosines) >= MIN_NORMAL_COS)
     return float(np.mean(cosines[alike] < 0.0)) if np.count_nonzero(alike) >= MIN_MATCHES else np.nan
-
-
-def _some(rows: FloatArray) -> FloatArray:
-    some: FloatArray = rows[:: max(1, len(rows) // COMPARED_POINTS)]
-    return some

@@ -9,7 +9,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Scan
-from dqreg.multiway.scans import View
+from dqreg.multiway.scans import View, every_so_many
 from dqreg.trust.free_space import MAX_HIDDEN_FROM_ORIGIN
 
 # Directions that are tried, and points of a scan that are looked at.
@@ -81,7 +81,7 @@ def _line_of_sight(views: Sequence[View]) -> FloatArray | None:
 
 def _hidden(scan: Scan, direction: FloatArray) -> tuple[float, float]:
     """Shares of the points behind others, and on faces seen at a grazing angle."""
-    points, normals = _some(scan.points), _some(scan.normals)
+    points, normals = (every_so_many(rows, POINTS_PER_SCAN) for rows in (scan.points, scan.normals))
     across = np.linalg.svd(direction[None])[2][1:]
     pixel = PIXEL_SPACINGS * scan.spacing * np.sqrt(len(scan.points) / len(points))
     cells = np.floor(points @ across.T / pixel).astype(np.int64)
@@ -94,8 +94,3 @@ def _hidden(scan: Scan, direction: FloatArray) -> tuple[float, float]:
         float(np.mean(nearest[rows] - depth > HIDDEN_DEPTH_PIXELS * pixel)),
         float(np.mean(np.abs(normals @ direction) < GRAZING_COS)),
     )
-
-
-def _some(rows: FloatArray) -> FloatArray:
-    some: FloatArray = rows[:: max(1, len(rows) // POINTS_PER_SCAN)]
-    return some

@@ -36,6 +36,7 @@ from dqreg.registration.same_poses import (
 )
 from dqreg.registration.slides import without_slide
 from dqreg.rigid import pose
+from dqreg.search.scoring import EQUAL_LOG_LIKELIHOOD
 from dqreg.solvers.status import INTERRUPTED
 from dqreg.trust.code_sets import REASONS_OF_SCAN, REASONS_OF_SCAN_BETWEEN_CLOUDS
 from dqreg.trust.evidence import Evidence
@@ -49,8 +50,8 @@ DOUBTFUL_TOGETHER_SHARE = 5e-3
 # Fraction of all points off the target, of a scan that is no scene with the part in it, from which on the same is done.
 DOUBTFUL_OFF_TARGET_SHARE = 0.15
 # Poses within so much of the best mean log-likelihood explain the scan about as well; within so many standard errors,
-# and what is left of refinements that have not quite ended, they are as likely as the best.
-EQUAL_LOG_LIKELIHOOD, EQUAL_SIGMAS = 0.02, 3.0
+# and what is left of refinements that have not quite ended, they are as likely as the best: how much says `scoring`.
+EQUAL_SIGMAS = 3.0
 REFINEMENT_ROUNDING = 5e-4
 # Displacement of a point from the initial pose, in sizes, beyond which the loop between two clouds is in no basin that
 # was meant; a rotation by 23 degrees, or less with a shift.

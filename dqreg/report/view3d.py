@@ -29,6 +29,7 @@ MAX_TARGET_POINTS, MAX_TRIANGLES = 120_000, 100_000
 ALTERNATIVES, POSES = 6, 160
 # Clutter farther off than this, in sizes of the target, is left out of the view.
 FAR = 3.0
+# A coordinate is so many steps at most, in 16 bits.
 STEPS = 65535
 # Longest semi-axis of the ellipsoid as it is drawn, in sizes of the target.
 ELLIPSOID = 0.12

@@ -36,6 +36,8 @@ CHANCE_LOG_RATIO = 20.0
 # A pose within so many standard errors of another one's mean log-likelihood is as likely, but never one farther behind
 # than the last number.
 EQUAL_SIGMAS, MAX_EQUAL_LOG_LIKELIHOOD = 2.0, 0.05
+# One this close to the best is equally likely, whatever its standard error.
+EQUAL_LOG_LIKELIHOOD = 0.02
 # Blocks of neighbouring points whose errors are taken as independent.
 BLOCKS = 60
 

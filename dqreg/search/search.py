@@ -19,7 +19,7 @@ from dqreg.search.axes import axis_hypotheses
 from dqreg.search.pairs import PairTable
 from dqreg.search.poses import Poses
 from dqreg.search.problem import PASSED, SCENE, SearchProblem, Through
-from dqreg.search.scoring import PoseScores
+from dqreg.search.scoring import EQUAL_LOG_LIKELIHOOD, PoseScores
 from dqreg.search.stages import (
     FINE_APART,
     FINE_SCORING_POINTS,
@@ -37,10 +37,8 @@ from dqreg.solvers.search_stage import SearchStage
 HASTY_POSES, AXIS_POSES = 4_000, 48
 # Points that score at the end, where poses are compared.
 LAST_SCORED = 20_000
-# A pose this close to the best in mean log-likelihood is equally likely, whatever its standard error.
-EQUAL_LOG_LIKELIHOOD = 0.02
-# One at which rays passed through so many more of the points of two scans is not: half-turns of furnished rooms came to
-# 0.05 and more, right poses to 0.006, and to 0.026 where things move.
+# A pose at which rays passed through so many more of the points of two scans is not as likely as the best: half-turns
+# of furnished rooms came to 0.05 and more, right poses to 0.006, and to 0.026 where things move.
 RAY_CONFLICT_MARGIN = 0.03
 
 

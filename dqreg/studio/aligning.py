@@ -22,7 +22,7 @@ from dqreg.report.progress import NEXT, Steps
 from dqreg.solvers import Fit, solve
 from dqreg.studio.cleaning import cleaned_file, scan_cloud
 from dqreg.studio.drawing import drawn_pose, frame_of, true_pose
-from dqreg.studio.visit import PROGRESS, Visit
+from dqreg.studio.visit import PROGRESS, START, Visit
 from dqreg.studio.worker_cache import Place, cached, mirrored, remember
 
 # Points and seconds that tell a mirror image.
@@ -30,7 +30,7 @@ FEW, SECONDS = 5_000, 20.0
 # Yaw and pitch in degrees from which the part may be looked at; the first unless another shows so many times as much.
 SIDES = [(35.0 + 45.0 * k, pitch) for pitch in (30.0, -30.0) for k in range(8)]
 CLEARLY = 1.1
-RESULT, ASKED, START = "result.json", "result_of.json", "start.txt"
+RESULT, ASKED = "result.json", "result_of.json"
 
 
 class Story:

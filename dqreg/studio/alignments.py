@@ -18,14 +18,13 @@ from dqreg.registration.inspected import Inspected, inspect_registration
 from dqreg.studio.aligning import result_of
 from dqreg.studio.plans import is_judged, plan_text
 from dqreg.studio.reading import faces_of_part, measure
-from dqreg.studio.visit import Visit
+from dqreg.studio.visit import PLAN, Visit
 from dqreg.studio.worker_cache import Place, cached
 
 # Normals of datums turn from each other by more than this cosine.
 SQUARE = 0.1
 # A place of the part is measured by the median of so many points; farther off than that many spacings it was not.
 AROUND, SPACINGS = 25, 12.0
-PLAN = "plan.toml"
 
 
 def deviations_of(place: Place) -> Deviations:

@@ -6,9 +6,8 @@ import shlex
 from pathlib import PurePath
 
 from dqreg.studio.plans import is_judged
-from dqreg.studio.visit import Visit
+from dqreg.studio.visit import PLAN, START, Visit
 
-START, PLAN = "start.txt", "plan.toml"
 READ = "from dqreg.files import read_geometry\n\n"
 AGAIN = "dqreg studio --replay visit.json --out ."
 REPLAY = "from dqreg.studio import replay\n\nreplay('visit.json', '.')"

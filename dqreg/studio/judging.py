@@ -15,12 +15,13 @@ from dqreg.report.page_file import write_page
 from dqreg.report.report_data import collect
 from dqreg.report.section_picture import section_picture
 from dqreg.report.sheet import Label
-from dqreg.studio.aligning import RESULT, START
-from dqreg.studio.alignments import PLAN, deviations_of, judged, measured_at
+from dqreg.studio.aligning import RESULT
+from dqreg.studio.alignments import deviations_of, judged, measured_at
 from dqreg.studio.drawing import drawn_pose, frame_of
 from dqreg.studio.equivalent_commands import cleaned_name
 from dqreg.studio.payloads import cloud_payload, rows_to_draw
 from dqreg.studio.plans import is_judged
+from dqreg.studio.visit import PLAN, START
 from dqreg.studio.worker_cache import Place
 
 # Worst places that are listed, and the share of the points that the colours reach where no tolerance is given.

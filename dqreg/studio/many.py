@@ -13,7 +13,7 @@ from dqreg.errors import InputError
 from dqreg.files.untrusted import read_record
 from dqreg.inspection.plan.file import HEAD
 from dqreg.registration.batch.file_digests import digest_of
-from dqreg.registration.batch.resume import RESULTS
+from dqreg.registration.batch.line import RESULTS
 from dqreg.registration.batch.row import BATCH
 from dqreg.registration.batch.run import SUMMARY_CSV
 from dqreg.studio.plans import with_plan

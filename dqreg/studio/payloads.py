@@ -11,7 +11,7 @@ from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg._open3d import load_open3d
 from dqreg.geometry import Mesh, MeshSurface, PointCloud
 from dqreg.geometry.morton import morton_order
-from dqreg.report.view3d import fewer_triangles, sharp_edges
+from dqreg.report.view3d import STEPS, fewer_triangles, sharp_edges
 from dqreg.studio.drawing import Frame
 
 # What is drawn at most.
@@ -19,7 +19,6 @@ MAX_POINTS, MAX_POINTS_OFF_PART = 200_000, 40_000
 MAX_TRIANGLES = 120_000
 # Triangles of the surfaces that stand for the part while the view moves, each where there are more than twice as many.
 MOVING = (12_000, 3_000)
-STEPS = 65535
 # Points that a normal is estimated of for the light, and where that comes from.
 NEIGHBOURS, LIGHT = 12, np.array([0.36, -0.48, 0.8])
 

@@ -26,6 +26,8 @@ Goal = Literal["best-fit", "tolerance", "minimax"]
 FORMAT, VERSION = "dqreg_studio", 1
 # File of a visit that a run writes a line to at each stage and iteration; the server reads on in it.
 PROGRESS = "progress.jsonl"
+# Files of the initial pose and of the plan, beside it.
+START, PLAN = "start.txt", "plan.toml"
 # Largest numbers of each, so that a visit stays small.
 MAX_CUTS, MAX_PAIRS = 100, 200
 MAX_CORNERS, MAX_WORDS = 2_000, 400

@@ -25,7 +25,7 @@ from dqreg.trust.limits import CLOSED_HOLE_DIAGONALS, SHARED_RIM_SHARE_OF_MANY_P
 from dqreg.trust.opposed_edges import Opposed, opposed_share
 from dqreg.trust.overlap import IndexedPoints, Overlap
 from dqreg.trust.shown_planes import ShownPlanes
-from dqreg.trust.turning_rims import Turning, shared_turning
+from dqreg.trust.turning_rims import CERTAIN_SIGMAS, Turning, shared_turning
 
 # Planes of a corner, which fix a pose and leave nothing to check it by.
 CORNER_PLANES = 3
@@ -48,8 +48,6 @@ WALL_NORMAL_COS = np.cos(np.deg2rad(30.0))
 MIN_WALL_SHARE = 0.125
 # Points of the faces in more planes than a corner has of which it is asked first whether they are rims of both clouds.
 FIRST_RIM_POINTS = 2_000
-# Standard errors by which a share of them is above its limit for certain.
-CERTAIN_SIGMAS = 4.0
 # Share of its limit below which a hole in them is none.
 MIN_HOLE_RATIO = 0.5
 # Slides that are tried, in sizes.

@@ -16,6 +16,7 @@ from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.scan import Scan
 from dqreg.solvers.quadratic import plane_rows
+from dqreg.trust.strain import COMPONENTS
 
 # Neighbouring points of a patch, and the kernel scales that its median may deviate: for 32 points of independent noise
 # the median is good to a quarter of one.
@@ -246,8 +247,6 @@ FEWEST = 3 * 12
 OUTSIDE = 4.5
 # Eigenvalues below this fraction of the largest: a strain that the faces do not show.
 UNOBSERVABLE = 1e-6
-# Of a symmetric 3 x 3 tensor.
-COMPONENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
 def stretch_of(points: FloatArray, normals: FloatArray, residuals: FloatArray) -> tuple[float, FloatArray]:

@@ -18,7 +18,7 @@ RIM_NEIGHBOURS, RIM_REACH_SPACINGS = 20, 3.0
 MIN_TURNING_NEIGHBOURS, ONE_SIDE_SHARE = 2, 0.9
 # Rims that both clouds have in a plane without which nothing is said of them.
 MIN_TURNING_RIMS = 10
-# Standard errors by which the share of some rims is below its limit for certain.
+# Standard errors by which a share of some rims is below its limit, or above it, for certain.
 CERTAIN_SIGMAS = 4.0
 
 

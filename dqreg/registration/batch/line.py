@@ -10,6 +10,7 @@ from typing import Any
 from dqreg.files.units import factor
 from dqreg.registration.batch.row import BATCH, Row, RowResult
 
+# Folders of what each row left.
 RESULTS, REPORTS = "results", "reports"
 
 

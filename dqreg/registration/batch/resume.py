@@ -18,11 +18,12 @@ from typing import IO, Any
 from dqreg.errors import DqregError, InputError
 from dqreg.files.atomic import write_atomically
 from dqreg.files.untrusted import read_record
+from dqreg.registration.batch.line import REPORTS, RESULTS
 from dqreg.registration.batch.row import BATCH, Row, RowResult, inputs_of
 from dqreg.registration.inspected import require_record
 from dqreg.registration.result import Registration
 
-RESULTS, THUMBNAILS, REPORTS, LOCK = "results", "thumbnails", "reports", ".lock"
+THUMBNAILS, LOCK = "thumbnails", ".lock"
 # What `write_atomically` leaves where it is killed.
 LEFT_OVER = re.compile(r"\.[0-9a-f]{16}\.tmp")
 
