@@ -8,12 +8,12 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg._records import replaced
-from dqreg.geometry import MeshSurface, PointCloud, Surface
+from dqreg.geometry import PointCloud, Surface
 from dqreg.geometry.morton import distinct_in_order
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.vector_rows import row_dots
 from dqreg.icp import find_correspondences
-from dqreg.registration.between_clouds import between_clouds, have_planes_alone, planes_of
+from dqreg.registration.between_clouds import evidence_between_clouds, have_planes_alone, planes_of
 from dqreg.registration.common_faces import OVERLAP, begin_sampling, overlap_at
 from dqreg.registration.derived import Key
 from dqreg.registration.exposures import second_pose
@@ -134,7 +134,7 @@ def evidence_of(
 
 def _may_be_turned_over(fit: Fit) -> bool:
     """Whether the scan of a part lies in one plane and nothing tells its sides."""
-    if not fit.found or fit.run.pairs.same_sign or fit.problem.viewpoints is not None or fit.target.kind != "mesh":
+    if not fit.found or fit.run.pairs.same_sign or fit.problem.viewpoints is not None or fit.between_clouds:
         return False
     points = fit.prepared.scan.points
     spreads = np.linalg.eigvalsh(np.cov(points[sample_rows(len(points), SPREAD)].T))
@@ -145,7 +145,7 @@ def _measured(fit: Fit, covariance: FloatArray) -> Evidence:
     """What the fit and its covariance tell alone."""
     drift, drift_rad, drift_along = max(_drift(fit), (*second_pose(fit), STILL))
     looked_through, seen_alike = looked_through_at(fit, by_rays=have_planes_alone(fit))
-    measured = between_clouds(fit, covariance)
+    measured = evidence_between_clouds(fit, covariance)
     if measured.patches_deformed and may_confuse_sides(fit):
         # A face on the wrong side of its wall lies on the other one, but for where it bends.
         measured = replaced(measured, patches_deformed=0.0, share_deformed=0.0)
@@ -194,7 +194,7 @@ def begin_comparing(fit: Fit) -> None:
     """
     if not fit.found or fit.is_late or not _is_worth_it(fit.prepared) or fit.problem.options.time_limit is not None:
         return
-    if not isinstance(fit.target.geometry, PointCloud):
+    if not fit.between_clouds:
         return
     if (planes := planes_of(fit)) is not None:
         planes.begin()
@@ -248,7 +248,7 @@ def _drift(fit: Fit) -> tuple[float, float, Vector]:
     surface, source = fit.prepared.surface, fit.problem.source
     points, times = source.cloud.points, moments(source.cloud.times)
     # Between the points of two clouds planes are guesses: their order alone tells nothing.
-    if not fit.found or fit.is_late or not (isinstance(surface, MeshSurface) or times is not None) or source.mesh:
+    if not fit.found or fit.is_late or (fit.between_clouds and times is None) or source.mesh:
         return NO_DRIFT
     if fit.agreement.width < SHOWN * MIN_DRIFT_DIAGONALS * surface.diagonal:
         # A drift that matters would have left larger residuals.

@@ -21,13 +21,13 @@ PLANES: Key[CommonPlanes | None] = Key()
 
 def have_planes_alone(fit: Fit) -> bool:
     """Whether two clouds have hardly more than planes in common: other places fit these as well."""
-    if not fit.found or fit.is_late or not isinstance(fit.target.geometry, PointCloud):
+    if not fit.found or fit.is_late or not fit.between_clouds:
         return False
     planes = planes_of(fit)
     return planes is not None and planes.are_all
 
 
-def between_clouds(fit: Fit, covariance: FloatArray) -> Evidence:
+def evidence_between_clouds(fit: Fit, covariance: FloatArray) -> Evidence:
     """The agreement, of two clouds with what is left between them; as it is where hardly a face is on both."""
     target = fit.target.geometry
     if not fit.found or fit.is_late or not isinstance(target, PointCloud):

@@ -64,10 +64,7 @@ def on_common_faces(fit: Fit) -> Fit:
     another face beside an edge. Distances along the mean of both normals, at places on one face of both, are free of
     that. From a stand they are few and near, and cells beyond them have their say in the loop alone.
     """
-    options = fit.problem.options
-    if not isinstance(fit.target.geometry, PointCloud) or options.method != "auto" or fit.constraints.any:
-        return fit
-    if fit.prepared.is_from_a_stand:
+    if not fit.between_clouds or not fit.may_be_moved or fit.prepared.is_from_a_stand:
         return fit
     for _ in range(MAX_STEPS):
         began = time.perf_counter()

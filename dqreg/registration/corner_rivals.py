@@ -54,7 +54,7 @@ MIN_SHARE_ON, MIN_SHARE_NEAR = 0.2, 0.9
 def beside_corners(known: BestPoses, start: FloatArray | None) -> BestPoses:
     """The best poses, with the other corners that a scan may be laid on where no initial pose meant this one."""
     fit, others = known.fit, NO_POSES
-    if fit.target.kind != "cloud" or not fit.found or fit.is_late:
+    if not fit.between_clouds or not fit.found or fit.is_late:
         return known
     if start is not None and not is_elsewhere(fit, fit.T_target_source, start):
         return known
@@ -66,9 +66,8 @@ def beside_corners(known: BestPoses, start: FloatArray | None) -> BestPoses:
 
 def corner_rivals(fit: Fit) -> FloatArray:
     """Poses of the scan on other corners that nothing speaks against, (k, 4, 4): none where more is in common."""
-    options = fit.problem.options
     planes, target = planes_of(fit), fit.target.geometry
-    if options.method != "auto" or fit.constraints.any or not isinstance(target, PointCloud):
+    if not fit.may_be_moved or not isinstance(target, PointCloud):
         return NO_POSES
     if planes is None or not planes.are_all:
         return NO_POSES

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg.geometry import MeshSurface
 from dqreg.geometry.normals import sample_rows
 from dqreg.registration.fit import Fit
 from dqreg.rigid import pose
@@ -26,7 +25,7 @@ ON_TARGET_DIAGONALS, MIN_FITTED_SHARE = 2e-3, 0.8
 def second_pose(fit: Fit) -> tuple[float, float]:
     """Displacement and rotation of the pose at which the points beside the target lie on it; zeros if there is none."""
     surface, scan = fit.prepared.surface, fit.prepared.scan
-    if not fit.found or fit.is_late or not isinstance(surface, MeshSurface):
+    if not fit.found or fit.is_late or fit.between_clouds:
         return 0.0, 0.0
     size, within = surface.diagonal, INLIER_SIGMAS * fit.run.mixture.scale
     # Faces that are deformed beside their place have not moved.

@@ -8,7 +8,6 @@ import functools
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.geometry import MeshSurface
 from dqreg.registration.assess import evidence_of, is_partial, uncertainty_of, verdict_on
 from dqreg.registration.derived import Key
 from dqreg.registration.displacement import FEW, displacement_between, offset_from_start
@@ -113,7 +112,7 @@ def _compared(fit: Fit) -> FloatArray | None:
 
     What few planes show may fit elsewhere; near symmetries of the pose were asked all that the search would ask.
     """
-    if fit.problem.options.search == "always" or not isinstance(fit.prepared.surface, MeshSurface):
+    if fit.problem.options.search == "always" or fit.between_clouds:
         return None
     if fit.problem.options.method != "auto" or is_scene(fit) or is_doubtful(fit, ask_mirror=True):
         return None
@@ -127,7 +126,7 @@ def _is_astray(fit: Fit, start: InitialPose) -> bool:
     Two clouds fit at many poses, with less in common: what lies off the target may be what it does not show. Where the
     place of a scanner is known, its free space tells.
     """
-    if fit.target.kind != "cloud" or not fit.found or np.isfinite(looked_through_at(fit)[0]):
+    if not fit.between_clouds or not fit.found or np.isfinite(looked_through_at(fit)[0]):
         return False
     return (
         fit.agreement.share_near < 1.0 - DOUBTFUL_APART_SHARE_OF_CLOUDS
@@ -138,9 +137,7 @@ def _is_astray(fit: Fit, start: InitialPose) -> bool:
 def may_search(fit: Fit) -> bool:
     """Whether a global search beside the initial pose is allowed; what was asked for in so many words is done alone."""
     options = fit.problem.options
-    return options.search == "always" or (
-        options.search == "doubt" and options.method == "auto" and not fit.constraints.any
-    )
+    return options.search == "always" or (options.search == "doubt" and fit.may_be_moved)
 
 
 def is_doubtful(fit: Fit, *, ask_mirror: bool = False) -> bool:
@@ -233,7 +230,7 @@ class _Candidates:
         best = next((k for k in self._likely if self._is_sound(k) and not self._is_doubtful(k)), None)
         # How much two clouds have in common differs from place to place: where nothing speaks against either pose, the
         # one that the start leads to is meant.
-        if best and self._has_first and self._fits[0].target.kind == "cloud" and not self._is_doubtful(0):
+        if best and self._has_first and self._fits[0].between_clouds and not self._is_doubtful(0):
             return best if self._gains(best, MIN_GAIN_SIGMAS) else 0
         return best
 

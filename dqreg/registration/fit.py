@@ -8,11 +8,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, median
+from dqreg._arrays import BoolArray, FloatArray
 from dqreg._records import replaced
-from dqreg.geometry import CloudSurface, Mesh, PointCloud, prepare_scan
-from dqreg.geometry.normals import sample_rows
-from dqreg.geometry.vector_rows import nonzero_rows, row_dots
+from dqreg.geometry import Mesh, PointCloud, prepare_scan
 from dqreg.icp import (
     ESTIMATORS,
     Alignment,
@@ -32,20 +30,16 @@ from dqreg.registration.constraints import PoseConstraints
 from dqreg.registration.derived import Derived, Key
 from dqreg.registration.even_correspondences import evenly_asked
 from dqreg.registration.evidence import agreement_in_time, agreement_of
-from dqreg.registration.held_motions import own_normals, stretch_of
+from dqreg.registration.held_motions import followed_by, own_normals, stretch_of
 from dqreg.registration.prepared import Prepared
 from dqreg.registration.problem import Problem, SourceAndTarget
 from dqreg.registration.target_index import TargetIndex
 from dqreg.rigid.twist import scaling_by
-from dqreg.solvers.robust import GAUSSIAN_MEDIAN, InlierMixture
+from dqreg.solvers.robust import InlierMixture
 from dqreg.trust import Evidence, Information, information_of
 
 T = TypeVar("T")
 
-# Points that are asked how residuals follow a displacement by their usual size.
-FOLLOWING_POINTS = 1_000
-# Points beyond so many of these are of another face; the share of it that residuals follow at least.
-SAME_FACE_SIGMAS, MIN_FOLLOWED_SHARE = 3.0, 0.05
 # Rounds of EM that learn the mixture at a pose where the loop has not ended.
 EM_ROUNDS = 30
 
@@ -88,6 +82,16 @@ class Fit:
     def is_late(self) -> bool:
         """Whether the time limit ended the loop: such a pose is not accepted, and little is asked of it."""
         return self.run.status == "time limit"
+
+    @property
+    def between_clouds(self) -> bool:
+        """Whether the target is a cloud, as a scan is: it ends somewhere, and is known as badly."""
+        return self.target.kind == "cloud"
+
+    @property
+    def may_be_moved(self) -> bool:
+        """Whether another pose may be the answer: no method was chosen, and no motion is locked or known beforehand."""
+        return self.problem.options.method == "auto" and not self.constraints.any
 
     @property
     def floor(self) -> float:
@@ -185,30 +189,7 @@ class Fit:
         Where noise is no less than the spacing, the nearest point is another one after it, again near: the cost is
         flatter than its Gauss-Newton Hessian says, and the pose errs by so much more.
         """
-        return self.derived.once(FOLLOWED, self._followed)
-
-    def _followed(self) -> float:
-        surface, pairs = self.prepared.surface, self.run.pairs
-        if not isinstance(surface, CloudSurface):
-            return 1.0
-        rows = np.flatnonzero((self.run.weights > 0.0) & nonzero_rows(pairs.closest.normals))
-        if not len(rows):
-            return 1.0
-        rows = rows[sample_rows(len(rows), FOLLOWING_POINTS)]
-        aside = np.abs(pairs.point_to_plane[rows])
-        size = GAUSSIAN_MEDIAN * median(aside)
-        rows = rows[aside <= SAME_FACE_SIGMAS * size]
-        if not size > 0.0:
-            return 1.0
-        moved, found = np.take(pairs.moved, rows, axis=0), pairs.closest._taken(rows)
-        normals, sides = found.normals, []
-        for step in (size, -size):
-            points = moved + step * normals
-            closest = surface.closest(points, (moved, found))
-            along = row_dots(points - closest.points, closest.normals)
-            along *= np.where(row_dots(closest.normals, normals) < 0.0, -1.0, 1.0)
-            sides.append(np.clip(along, -SAME_FACE_SIGMAS * size, SAME_FACE_SIGMAS * size))
-        return float(np.clip(np.mean(sides[0] - sides[1]) / (2.0 * size), MIN_FOLLOWED_SHARE, 1.0))
+        return self.derived.once(FOLLOWED, lambda: followed_by(self.run, self.prepared.surface))
 
     def at(self, T: FloatArray) -> Fit:
         """The same run, ended at another pose: its correspondences, and the mixture that these teach."""

@@ -6,18 +6,25 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, product
+from dqreg._arrays import FloatArray, median, product
 from dqreg.geometry import CloudSurface, MeshSurface, Surface
 from dqreg.geometry.mesh_normals import smooth_normals_of
+from dqreg.geometry.normals import sample_rows
+from dqreg.geometry.vector_rows import nonzero_rows, row_dots
 from dqreg.icp import Alignment, Correspondences
 from dqreg.icp.noise_by_face import motions_of_creases, weights_by_face
 from dqreg.rigid import twist
 from dqreg.rigid.twist import scaling_by
 from dqreg.solvers.quadratic import plane_rows
+from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 from dqreg.trust.information import held_part
 
 # The least share of a motion that points are said to follow: of few points it is as good as chance.
 LEAST_RESPONSE = 0.1
+# Points that are asked how residuals follow a displacement by their usual size.
+FOLLOWING_POINTS = 1_000
+# Points beyond so many of these are of another face; the share of it that residuals follow at least.
+SAME_FACE_SIGMAS, MIN_FOLLOWED_SHARE = 3.0, 0.05
 
 
 def own_normals(surface: Surface, pairs: Correspondences) -> FloatArray | None:
@@ -75,3 +82,28 @@ def stretch_of(run: Alignment, lever: float, beside: Callable[[FloatArray], Alig
     more = 1.0 / np.clip(shares, LEAST_RESPONSE, 1.0) - 1.0
     unit = unit @ mixtures
     return np.asarray(np.eye(6) + motions @ (unit * more) @ np.linalg.inv(unit) @ motions.T @ whole)
+
+
+def followed_by(run: Alignment, surface: Surface) -> float:
+    """Share of a displacement along the normals that residuals follow, see `Fit.followed`; 1 on a mesh."""
+    pairs = run.pairs
+    if not isinstance(surface, CloudSurface):
+        return 1.0
+    rows = np.flatnonzero((run.weights > 0.0) & nonzero_rows(pairs.closest.normals))
+    if not len(rows):
+        return 1.0
+    rows = rows[sample_rows(len(rows), FOLLOWING_POINTS)]
+    aside = np.abs(pairs.point_to_plane[rows])
+    size = GAUSSIAN_MEDIAN * median(aside)
+    rows = rows[aside <= SAME_FACE_SIGMAS * size]
+    if not size > 0.0:
+        return 1.0
+    moved, found = np.take(pairs.moved, rows, axis=0), pairs.closest._taken(rows)
+    normals, sides = found.normals, []
+    for step in (size, -size):
+        points = moved + step * normals
+        closest = surface.closest(points, (moved, found))
+        along = row_dots(points - closest.points, closest.normals)
+        along *= np.where(row_dots(closest.normals, normals) < 0.0, -1.0, 1.0)
+        sides.append(np.clip(along, -SAME_FACE_SIGMAS * size, SAME_FACE_SIGMAS * size))
+    return float(np.clip(np.mean(sides[0] - sides[1]) / (2.0 * size), MIN_FOLLOWED_SHARE, 1.0))

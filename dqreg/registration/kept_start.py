@@ -33,7 +33,7 @@ def but_start_kept(begun: Fit, known: BestPoses, start: FloatArray, kernel_scale
     that. Nothing is kept that is contradicted.
     """
     found = known.fit
-    if begun.target.kind != "cloud" or not begun.found or not found.found:
+    if not begun.between_clouds or not begun.found or not found.found:
         return known
     if not any(is_elsewhere(found, found.T_target_source, T) for T in (begun.T_target_source, start)):
         return known
@@ -80,9 +80,8 @@ def meant_copy(fit: Fit, start: FloatArray, kernel_scale: float) -> tuple[Fit, F
 
     And, if so, the pose that was left, (k, 4, 4), unless it is the same place.
     """
-    options = fit.problem.options
     # On a part the points decide: what a notch speaks against is not meant.
-    asked = fit.target.kind == "cloud" and options.method == "auto" and not fit.constraints.any
+    asked = fit.between_clouds and fit.may_be_moved
     if not asked or not fit.found or not is_elsewhere(fit, fit.T_target_source, start):
         return fit, NO_POSES
     copies = near_maps(fit, of_any=True) @ fit.T_target_source

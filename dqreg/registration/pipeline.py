@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from dqreg._records import replaced
-from dqreg.geometry import MeshSurface
 from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.icp.rejectors import beyond_boundary
 from dqreg.kernels.threads import TimeUpError, until
@@ -123,7 +122,7 @@ def concluded(fit: Fit, whole: Fit, known: BestPoses, search: SearchStage, gain:
     Whole is the fit to all faces, where this one is to those that could be seen.
     """
     found, deadline = None, fit.problem.watch.deadline
-    with suppress(TimeUpError), until(deadline if fit.problem.target.kind == "cloud" else np.inf):
+    with suppress(TimeUpError), until(deadline if fit.between_clouds else np.inf):
         found = judged(fit, whole, known, search, gain)
     if found is None:
         fit = fit.late()
@@ -174,7 +173,7 @@ def second_try(fit: Fit, start: InitialPose, search: GlobalSearch) -> BestPoses:
         if is_doubtful(known.fit):
             known = replaced(known, fit=without_slide(known.fit, MAY_HOLD)[0])
         is_other = known.fit is not fit
-        if is_other or (not is_given and isinstance(fit.prepared.surface, MeshSurface)):
+        if is_other or (not is_given and not fit.between_clouds):
             # A search sees a sample: few points may tell its pose from a nearly symmetric one that it missed.
             best, equals = best_near_symmetric(known.fit, kernel_scale, T_given)
             known = replaced(known, fit=best)

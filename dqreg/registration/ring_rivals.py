@@ -89,8 +89,8 @@ def best_on_ring(fit: Fit, start: FloatArray | None, kernel_scale: float) -> tup
 
     An initial pose less than half a step off decides: no others are asked. Shapes: returns (k, 4, 4).
     """
-    options, excess, poses = fit.problem.options, np.zeros(0), NO_POSES
-    if not fit.found or fit.is_late or options.method != "auto" or fit.constraints.any:
+    excess, poses = np.zeros(0), NO_POSES
+    if not fit.found or fit.is_late or not fit.may_be_moved:
         return fit, NO_POSES
     for _ in range(MAX_ROUNDS):
         if fit.problem.watch.is_over or not len(turns := _not_meant(fit, start)):
@@ -107,7 +107,7 @@ def best_on_ring(fit: Fit, start: FloatArray | None, kernel_scale: float) -> tup
 
 def _not_meant(fit: Fit, start: FloatArray | None) -> FloatArray:
     """Turns of the ring that two clouds show, (k, 4, 4), unless an initial pose tells a pose from all of them."""
-    if not isinstance(fit.prepared.surface, CloudSurface):
+    if not fit.between_clouds:
         return NO_POSES
     off = np.inf if start is None else pose.angle_between(fit.T_target_source, start)
     if off < np.pi / TEETH[-1]:

@@ -114,10 +114,7 @@ def down_to_noise(fit: Fit) -> Fit:
     """
     scan, surface = fit.prepared.scan, fit.prepared.surface
     wide = fit.run.mixture.scale > WIDE_SCALE_NOISE_RATIO * noise_on(scan, surface) > 0.0
-    options = fit.problem.options
-    if not fit.found or not wide or not isinstance(surface, MeshSurface) or fit.problem.watch.is_over:
-        return fit
-    if options.method != "auto" or fit.constraints.any:
+    if not fit.found or not wide or fit.between_clouds or fit.problem.watch.is_over or not fit.may_be_moved:
         return fit
     near = fit.run.pairs.distances <= INLIER_SIGMAS * fit.run.mixture.scale
     points = fit.run.pairs.scan.points[near]
@@ -184,9 +181,8 @@ def best_near_symmetric(fit: Fit, kernel_scale: float, start: FloatArray | None 
     is named alone. Shapes: returns (k, 4, 4).
     """
     others, distances = _as_likely(fit)
-    is_mesh = fit.problem.target.kind == "mesh"
-    narrowest = MIN_WIDTH_DIAGONALS * fit.prepared.surface.diagonal if is_mesh else np.inf
-    if fit.problem.options.method != "auto" or fit.constraints.any:
+    narrowest = np.inf if fit.between_clouds else MIN_WIDTH_DIAGONALS * fit.prepared.surface.diagonal
+    if not fit.may_be_moved:
         return fit, but_symmetric(fit, others)
     # Several periods away the next one is better each time.
     for _ in range(MAX_STEPS):
@@ -207,7 +203,7 @@ def best_near_symmetric(fit: Fit, kernel_scale: float, start: FloatArray | None 
 def _are_allowed(fit: Fit, others: FloatArray, start: FloatArray | None) -> BoolArray:
     """Whether a fit, and which of other poses, (k, 4, 4), may be the answer by what they have in common, (k+1,)."""
     allowed = np.ones(len(others) + 1, dtype=bool)
-    if fit.target.kind == "cloud" and not is_elsewhere(fit, fit.T_target_source, start):
+    if fit.between_clouds and not is_elsewhere(fit, fit.T_target_source, start):
         allowed[1:] = [not is_elsewhere(fit, T, start) for T in others]
     return allowed
 
@@ -220,7 +216,7 @@ def mirror_gain(fit: Fit, *, always: bool = False) -> float:
     """
     target = fit.problem.target
     if (
-        target.kind == "cloud"
+        fit.between_clouds
         or not fit.found
         or fit.problem.watch.is_over
         or not (

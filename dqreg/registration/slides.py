@@ -14,7 +14,6 @@ from collections.abc import Callable
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
-from dqreg.geometry import MeshSurface
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.icp import find_correspondences
 from dqreg.registration.derived import Key
@@ -71,7 +70,7 @@ def slide_of(fit: Fit) -> Slide:
 
 
 def _slide_of(fit: Fit, share: float = 0.0) -> Slide:
-    if not fit.found or not isinstance(fit.prepared.surface, MeshSurface) or fit.problem.watch.is_over:
+    if not fit.found or fit.between_clouds or fit.problem.watch.is_over:
         return Slide()
     motions, by_rims = _motions(fit, share)
     if not len(motions):
