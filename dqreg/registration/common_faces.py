@@ -39,6 +39,9 @@ OVERLAP: Key[Compared] = Key()
 # Of a problem.
 SAMPLED_SOURCE: Key[IndexedPoints] = Key()
 INDEXED_TARGET: Key[IndexedPoints] = Key()
+# Of a target: of its surface, or of so many of its points.
+SURFACE_COMPARED: Key[IndexedPoints] = Key()
+POINTS_COMPARED: Key[IndexedPoints] = Key()
 
 
 def overlap_of(fit: Fit) -> Compared:
@@ -132,15 +135,14 @@ def indexed_target(index: TargetIndex, surface: Surface, target: PointCloud) -> 
     in_rings = _are_few_in_rings(surface, target)
     is_whole = len(points) <= COMPARED and isinstance(surface, CloudSurface) and surface._rows == len(points)
     if isinstance(surface, CloudSurface) and (in_rings or is_whole):
-        known: IndexedPoints | None = derived.get("surface compared")
+        known = derived.known(SURFACE_COMPARED)
         if known is None or known.tree is not surface._tree:
             known = IndexedPoints(surface._points, surface._tree, is_remembered=not in_rings)
-            derived["surface compared"] = known
+            derived.put(SURFACE_COMPARED, known)
         return known
-    if "compared" not in derived:
-        derived["compared"] = IndexedPoints.of(np.take(points, sample_rows(len(points), COMPARED), axis=0))
-    found: IndexedPoints = derived["compared"]
-    return found
+    return derived.once(
+        POINTS_COMPARED, lambda: IndexedPoints.of(np.take(points, sample_rows(len(points), COMPARED), axis=0))
+    )
 
 
 def _are_few_in_rings(surface: Surface, target: PointCloud) -> bool:

@@ -34,6 +34,9 @@ MET: Key[Met] = Key()
 SEEN: Key[tuple[Seen, Seen]] = Key()
 BOTH_RAYS: Key[BothRays | None] = Key()
 VIEWPOINT_BEHIND: Key[float] = Key()
+# Of a target.
+RAYS_OF_TARGET: Key[Rays | None] = Key()
+SEEN_OF_TARGET: Key[Seen] = Key()
 
 
 def looked_through_at(fit: Fit, *, by_rays: bool = False) -> tuple[float, float]:
@@ -90,14 +93,14 @@ def _rays_of_target(index: TargetIndex) -> Rays | None:
     geometry = index.geometry
     if not isinstance(geometry, PointCloud):
         return None
-    if "rays" not in index.derived:
+
+    def rays() -> Rays | None:
         place = geometry.viewpoint
         is_one = place is not None or _seen_target(index, geometry).one_place
         eye = -index.origin if place is None else place
-        found = Rays.of(_some(geometry.points, OF_RAYS), eye, is_known=place is not None) if is_one else None
-        index.derived["rays"] = found
-    rays: Rays | None = index.derived["rays"]
-    return rays
+        return Rays.of(_some(geometry.points, OF_RAYS), eye, is_known=place is not None) if is_one else None
+
+    return index.derived.once(RAYS_OF_TARGET, rays)
 
 
 def _asks_rays(fit: Fit) -> bool:
@@ -122,10 +125,7 @@ def _seen_both(problem: Problem, target: PointCloud) -> tuple[Seen, Seen]:
 
 def _seen_target(index: TargetIndex, target: PointCloud) -> Seen:
     """What the target's scanner saw: the same for every scan that is registered to it."""
-    if "seen" not in index.derived:
-        index.derived["seen"] = _seen(target.points, target.viewpoint, -index.origin)
-    found: Seen = index.derived["seen"]
-    return found
+    return index.derived.once(SEEN_OF_TARGET, lambda: _seen(target.points, target.viewpoint, -index.origin))
 
 
 def take_as_merged(index: TargetIndex) -> None:
@@ -133,7 +133,7 @@ def take_as_merged(index: TargetIndex) -> None:
     geometry = index.geometry
     if isinstance(geometry, PointCloud):
         seen = _seen(geometry.points, None, -index.origin)
-        index.derived["seen"] = dataclasses.replace(seen, one_place=False)
+        index.derived.put(SEEN_OF_TARGET, dataclasses.replace(seen, one_place=False))
 
 
 def viewpoint_behind(problem: Problem) -> float:

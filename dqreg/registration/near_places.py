@@ -62,6 +62,13 @@ class _Places:
         return _extent(self.points)
 
 
+# Of a target: of each surface that stands for it.
+PLACES: Key[_Places] = Key()
+RING_TURNS: Key[FloatArray] = Key()
+FLIPS: Key[FloatArray] = Key()
+TANGENT: Key[TangentPlanes] = Key()
+
+
 def near_maps(fit: Fit, *, of_any: bool = False) -> FloatArray:
     """Those that leave most of the target in place, and that put the scan's planes into others of its, (k, 4, 4).
 
@@ -93,11 +100,7 @@ def ring_maps(fit: Fit) -> FloatArray:
     surface, derived = fit.prepared.surface, fit.problem.target.derived
     if not isinstance(surface, CloudSurface):
         return np.zeros((0, 4, 4))
-    name = f"ring {_counted(surface)}"
-    if name not in derived:
-        derived[name] = ring_turns(surface, _tangent(fit, surface))
-    found: FloatArray = derived[name]
-    return found
+    return derived.once(RING_TURNS, lambda: ring_turns(surface, _tangent(fit, surface)), of=_counted(surface))
 
 
 def _periods(fit: Fit) -> FloatArray:
@@ -200,12 +203,12 @@ def _half_screws(fit: Fit) -> FloatArray:
 
 
 def _places(fit: Fit) -> _Places:
-    target, surface = fit.problem.target, fit.prepared.surface
-    name = f"near places {_counted(surface)}"
-    if name not in target.derived:
-        target.derived[name] = _of_cloud(fit, surface) if isinstance(surface, CloudSurface) else _of_mesh(fit)
-    found: _Places = target.derived[name]
-    return found
+    surface = fit.prepared.surface
+    return fit.problem.target.derived.once(
+        PLACES,
+        lambda: _of_cloud(fit, surface) if isinstance(surface, CloudSurface) else _of_mesh(fit),
+        of=_counted(surface),
+    )
 
 
 def _of_mesh(fit: Fit) -> _Places:
@@ -224,24 +227,20 @@ def _of_cloud(fit: Fit, surface: CloudSurface) -> _Places:
 
 def _flips_of_cloud(fit: Fit, surface: CloudSurface) -> FloatArray:
     """Rotations that leave most of a target cloud in place, (k, 4, 4)."""
-    derived, name = fit.problem.target.derived, f"flips {_counted(surface)}"
-    if name not in derived:
+
+    def found() -> FloatArray:
         tangent = _tangent(fit, surface)
         flips = near_flips(tangent.facets(), tangent) if tangent.has_facets else np.zeros((0, 4, 4))
         if len(flips):
             # Moments of what was seen of a part are not the part's: its axes are off by a degree.
             flips = refined_on(flips, surface._points, surface, REFINEMENT)
-        derived[name] = flips
-    found: FloatArray = derived[name]
-    return found
+        return flips
+
+    return fit.problem.target.derived.once(FLIPS, found, of=_counted(surface))
 
 
 def _tangent(fit: Fit, surface: CloudSurface) -> TangentPlanes:
-    target, name = fit.problem.target, f"tangent planes {_counted(surface)}"
-    if name not in target.derived:
-        target.derived[name] = TangentPlanes(surface)
-    found: TangentPlanes = target.derived[name]
-    return found
+    return fit.problem.target.derived.once(TANGENT, lambda: TangentPlanes(surface), of=_counted(surface))
 
 
 def _counted(surface: Surface) -> int:

@@ -6,6 +6,7 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
 from dqreg.geometry import Mesh
+from dqreg.registration.derived import Key
 from dqreg.registration.displacement import displacement_between
 from dqreg.registration.fit import Fit
 from dqreg.registration.initial_pose import FOUND
@@ -20,6 +21,9 @@ from dqreg.search.near_symmetry import EXACT_DIAGONALS, is_symmetry
 COPY = 2e-3
 # Poses of a search that are refined.
 TRIED = 8
+
+# Of a target.
+EXACT_SYMMETRIES: Key[list[FloatArray]] = Key()
 
 
 def is_copy_of(fit: Fit, others: FloatArray) -> BoolArray:
@@ -53,12 +57,11 @@ def exact_symmetries(fit: Fit) -> FloatArray:
     target, surface = fit.problem.target, fit.prepared.surface
     found = [np.eye(4)]
     if target.pairs.symmetry is not None and isinstance(target.geometry, Mesh):
-        if "exact symmetries" not in target.derived:
-            poses = target.pairs.symmetry.poses[1:]
-            target.derived["exact symmetries"] = [
-                T for T in poses if is_symmetry(T, target.geometry, surface, EXACT_DIAGONALS)
-            ]
-        found += target.derived["exact symmetries"]
+        part, poses = target.geometry, target.pairs.symmetry.poses[1:]
+        exact = target.derived.once(
+            EXACT_SYMMETRIES, lambda: [T for T in poses if is_symmetry(T, part, surface, EXACT_DIAGONALS)]
+        )
+        found += exact
     return np.stack(found)
 
 

@@ -25,6 +25,7 @@ from dqreg.geometry.unit_check import principal_spreads
 from dqreg.geometry.visibility import VisibleSurface, visible_faces
 from dqreg.geometry.voxels import DENSE, EVENLY_DENSE, VoxelCloud, first_size
 from dqreg.kernels.threads import Later, until
+from dqreg.registration.derived import Derived
 from dqreg.registration.source import require_spread
 from dqreg.search import PairTable
 from dqreg.search.near_symmetry import near_flips, near_mirrors
@@ -37,8 +38,6 @@ OF_NOISE, OF_SPACING = 0.1, 0.05
 FINEST, COARSEST = 1e-6, 1e-3
 # Points at which planes are fitted for it.
 FITTED = 2_000
-# Name of the near symmetries among what is derived, while they are found beside.
-FLIPS = "near rotations"
 # What is derived and goes along with a copy: a few numbers that took longer to find than a tree takes to build.
 SMALL = ("spreads", "diagonal", "near_rotations", "near_periods", "near_reflections")
 
@@ -57,8 +56,10 @@ class TargetIndex:
     fitted: FloatArray | None = dataclasses.field(default=None, repr=False)
     visible: BoolArray | None = dataclasses.field(default=None, repr=False)  # (n,): Faces to ask; None asks all
     _lock: threading.Lock = dataclasses.field(default_factory=threading.Lock, repr=False, compare=False)
-    # What the rooms above derive of it by name, kept for the next scan; made twice alike where threads meet
-    derived: dict[str, Any] = dataclasses.field(default_factory=dict, init=False, repr=False, compare=False)
+    # What is derived of it elsewhere, kept for the next scan; made twice alike where threads meet
+    derived: Derived = dataclasses.field(default_factory=Derived, init=False, repr=False, compare=False)
+    # Near symmetries while they are found beside
+    _flips: Later[FloatArray] | None = dataclasses.field(default=None, init=False, repr=False, compare=False)
     _evened: dict[tuple[int, float], VoxelCloud] = dataclasses.field(default_factory=dict, repr=False, compare=False)
 
     @cached_property
@@ -81,7 +82,7 @@ class TargetIndex:
             return surface
 
     def __getstate__(self) -> dict[str, Any]:
-        if FLIPS in self.derived:
+        if self._flips is not None:
             _ = self.near_rotations
         # Locks and Open3D's trees have no copy: what takes long stays, and the rest is built anew when it is asked for.
         kept = {field.name: self.__dict__[field.name] for field in dataclasses.fields(self) if field.repr}
@@ -93,7 +94,7 @@ class TargetIndex:
         return {**kept, **small, "geometry": _without_caches(self.geometry), "fitted": fitted, "visible": self.visible}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state, _lock=threading.Lock(), derived={}, _evened={})
+        self.__dict__.update(state, _lock=threading.Lock(), derived=Derived(), _flips=None, _evened={})
 
     def build(self) -> TargetIndex:
         """Itself, with all built that registrations ask for; near symmetries, asked for late, beside what follows."""
@@ -101,8 +102,8 @@ class TargetIndex:
         mesh, surface = self.geometry, self.surface
         if isinstance(mesh, Mesh) and "near_rotations" not in self.__dict__:
             with until(np.inf):
-                self.derived[FLIPS] = Later(lambda: near_flips(mesh, surface))
-            if not self.derived[FLIPS].is_beside:
+                self.__dict__["_flips"] = begun = Later(lambda: near_flips(mesh, surface))
+            if not begun.is_beside:
                 _ = self.near_rotations
         return self
 
@@ -183,9 +184,8 @@ class TargetIndex:
     @cached_property
     def near_rotations(self) -> FloatArray:
         """Rotations that leave most of a part in place, (k, 4, 4); none for a cloud."""
-        if FLIPS in self.derived:
-            found: FloatArray = self.derived[FLIPS].result_in_time()
-            return found
+        if self._flips is not None:
+            return self._flips.result_in_time()
         return near_flips(self.geometry, self.surface) if isinstance(self.geometry, Mesh) else np.zeros((0, 4, 4))
 
     @cached_property

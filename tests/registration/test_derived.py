@@ -38,3 +38,12 @@ def test_what_the_pose_alone_decides_goes_along() -> None:
     derived.hand_on(after)
     assert after.once(OF_POSE, lambda: "after") == "before"
     assert after.once(COUNT, lambda: 2) == 2
+
+
+def test_a_value_of_each_surface_is_its_own_and_what_is_not_there_is_not_known() -> None:
+    derived, numbers = Derived(), count()
+    assert derived.known(COUNT) is None
+    assert [derived.once(COUNT, lambda: next(numbers), of=n) for n in (5, 7, 5)] == [0, 1, 0]
+    assert derived.known(COUNT) is None
+    derived.begin(COUNT, lambda: 9)
+    assert derived.known(COUNT) == 9
