@@ -12,6 +12,7 @@ from dqreg._arrays import FloatArray
 from dqreg.multiway.graph import PoseGraph
 from dqreg.registration.result import Registration
 from dqreg.rigid import pose
+from dqreg.rigid.twist import scaling_by
 from dqreg.trust.code_sets import DOUBTS_OF_RIGHT_POSE
 
 # What an edge was used for, or why it was not.
@@ -127,7 +128,7 @@ def information_of_edge(result: Registration) -> FloatArray:
 def _by_motions(result: Registration) -> FloatArray:
     """What a file of old says motion by motion, each a displacement at half of the diagonal, of which none is free."""
     lever, centre = 0.5 * float(result.settings["diagonal"]), centre_of(result)
-    information, scale = np.zeros((6, 6)), np.r_[[lever] * 3, [1.0] * 3]
+    information, scale = np.zeros((6, 6)), scaling_by(lever)
     free = [np.zeros(6)]
     for motion in result.observability:
         axis, point = np.array(motion.axis), np.array(motion.point)

@@ -19,6 +19,7 @@ from dqreg.multiway.loops import CHI2_LIMIT, covariances_of
 from dqreg.multiway.scans import View
 from dqreg.multiway.turntable import OTHER_STEP_SHARE, step_of
 from dqreg.rigid import DualQuaternion, pose
+from dqreg.rigid.twist import scaling_by
 from dqreg.trust.code_sets import SETTLED_BY_STEPS
 
 # Accepted pairs of near places that agree with the step, at least, and their share of all of these.
@@ -93,12 +94,12 @@ class EqualSteps:
         """Whether as many steps as there are scans come back to the first."""
         count, inward = len(self.places), pose.from_parts(np.eye(3), -self.centres[next(iter(self.places))])
         twist = pose.log(inward @ (self.step ** float(count)).as_matrix() @ pose.inverse(inward))
-        floor = np.r_[[2.0 * self.floor / self.size] * 3, [self.floor] * 3]
+        floor = scaling_by(2.0 * self.floor / self.size, self.floor)
         return bool((twist**2 / (self._variances(np.array([float(count)]))[0] + floor**2)).sum() <= CHI2_LIMIT)
 
     def _variances(self, apart: FloatArray) -> FloatArray:
         """Of the motion between places so far apart: the step's own error adds up, (m, 6)."""
-        least = (1e-3 * self.floor * np.r_[[2.0 / self.size] * 3, [1.0] * 3]) ** 2
+        least = (1e-3 * self.floor * scaling_by(2.0 / self.size)) ** 2
         return np.asarray(np.maximum(self.variances, least) * (1.0 + apart**2 / self.agreeing)[:, None])
 
     def _apart(self, target: int, source: int) -> int:

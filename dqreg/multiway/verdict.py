@@ -18,10 +18,9 @@ from dqreg.multiway.sides import Contradiction
 from dqreg.multiway.turning import UnobservableRotation
 from dqreg.solvers.motion_words import axis_words
 from dqreg.trust.code_sets import VIEWPOINT_OFF
+from dqreg.trust.limits import MAX_SIGMA_DIAGONALS, MAX_SIGMA_RAD
 from dqreg.trust.records import Level, Reason, Verdict
 
-# Standard deviations of a pose beyond these are no answer: rotations, and translations in sizes of a scan.
-MAX_SIGMA_RAD, MAX_SIGMA_SIZES = np.deg2rad(2.0), 0.02
 # Loops that confirm a scan none of whose edges is accepted.
 MIN_CONFIRMING_LOOPS = 2
 # Pairs that can tell whether the viewpoints are right, at least, and the share of them that may contradict these: where
@@ -198,12 +197,14 @@ def _uncertain(views: Sequence[View], placed: Sequence[int], covariances: FloatA
     wide = []
     for k in placed:
         variances = np.diag(covariances[k])
-        if (np.sqrt(variances[:3]) > MAX_SIGMA_RAD).any() or (np.sqrt(variances[3:]) > MAX_SIGMA_SIZES * size).any():
+        if (np.sqrt(variances[:3]) > MAX_SIGMA_RAD).any() or (
+            np.sqrt(variances[3:]) > MAX_SIGMA_DIAGONALS * size
+        ).any():
             wide.append(k)
     if wide:
         yield Reason(
             f"{named(views, wide)}: the pose is uncertain by more than {np.rad2deg(MAX_SIGMA_RAD):.0f} degrees or "
-            f"{100 * MAX_SIGMA_SIZES:.0f} % of a scan's size",
+            f"{100 * MAX_SIGMA_DIAGONALS:.0f} % of a scan's size",
             "large_uncertainty",
         )
 
