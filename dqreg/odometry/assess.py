@@ -14,7 +14,7 @@ from dqreg.kernels.threads import as_plain
 from dqreg.odometry.follow import SPURIOUS_INFORMATION_RATIO
 from dqreg.odometry.frame import DownsampledFrame
 from dqreg.odometry.kiss import rigid
-from dqreg.odometry.map_surface import CellPlanes
+from dqreg.odometry.map_surface import MapPlanes
 from dqreg.odometry.prediction import Prediction, contradiction, held_directions, held_notes
 from dqreg.odometry.rivals import ComparedFrame
 from dqreg.registration.assess import Uncertainty
@@ -130,7 +130,7 @@ def information_at(run: Alignment, reach: float, free_axis: FloatArray | None = 
     points, normals = single_pose.apply(T, pairs.scan.points), pairs.closest.normals
     along = row_dots(points - pairs.closest.points, normals)
     weights = np.where(nonzero_rows(normals), run.weights, 0.0)
-    if isinstance(pairs.closest, CellPlanes):
+    if isinstance(pairs.closest, MapPlanes):
         weigh_by_roughness(weights, as_plain(pairs.closest.roughness), run.mixture.scale)
     centre = T[:3, 3]
     matches = points, normals, along, weights, reach, centre

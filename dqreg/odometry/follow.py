@@ -22,7 +22,7 @@ from dqreg.icp.loop import MIN_CORRESPONDENCES, Run
 from dqreg.kernels.threads import as_plain
 from dqreg.odometry.frame import DownsampledFrame
 from dqreg.odometry.kiss import rigid
-from dqreg.odometry.map_surface import CellPlanes, MapSurface
+from dqreg.odometry.map_surface import MapPlanes, MapSurface
 from dqreg.odometry.sweep import swept_by
 from dqreg.rigid import single_pose
 from dqreg.solvers.robust import LEAST_FRACTION
@@ -142,7 +142,7 @@ def _limits(mixture: InlierMixture, ends: tuple[float, float, float, float], *ow
 def _planes(found: Closest) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Feet, normals, distances, variances of the normals: the map knows all. And how rough the planes of cells are."""
     assert found.variances is not None
-    rough = found.roughness if isinstance(found, CellPlanes) else np.zeros(len(found.points))
+    rough = found.roughness if isinstance(found, MapPlanes) else np.zeros(len(found.points))
     places = as_plain(found.points), as_plain(found.normals), as_plain(found.distances)
     return *places, as_plain(found.variances), as_plain(rough)
 
@@ -150,7 +150,7 @@ def _planes(found: Closest) -> tuple[FloatArray, FloatArray, FloatArray, FloatAr
 def is_in_cells(run: Run) -> bool:
     """Whether a frame was followed on the planes of cells, and met enough of them."""
     found = run.pairs.closest
-    return isinstance(found, CellPlanes) and bool(np.mean(found.variances < np.inf) >= MIN_SHARE_IN_CELLS)
+    return isinstance(found, MapPlanes) and bool(np.mean(found.variances < np.inf) >= MIN_SHARE_IN_CELLS)
 
 
 class SweptFrame:
@@ -196,7 +196,7 @@ def off_at(reach: float, change: FloatArray) -> float:
 def _in_cells(scan: Scan, surface: MapSurface, T: FloatArray, before: Correspondences | None) -> Correspondences:
     """The planes of the cells that the points lie in."""
     moved, known = moved_points(T, scan.points), None if before is None else before.closest
-    hint = known if isinstance(known, CellPlanes) and len(known.points) == len(moved) else None
+    hint = known if isinstance(known, MapPlanes) and len(known.points) == len(moved) else None
     pairs = Correspondences(scan, T, surface.planes_at(moved, hint), same_sign=False, surface=surface)
     vars(pairs)["moved"] = moved
     return pairs

@@ -44,7 +44,7 @@ PLANE_NUMBERS = 9
 
 
 @dataclasses.dataclass(frozen=True)
-class CellPlanes(Closest):
+class MapPlanes(Closest):
     """What `MapSurface.planes_at` finds; the element is a cell, -1 where nothing stands."""
 
     variances: FloatArray = dataclasses.field(kw_only=True)
@@ -52,18 +52,18 @@ class CellPlanes(Closest):
     asked: IntArray = dataclasses.field(kw_only=True)  # (n, 3): Cells of the queries
 
     @staticmethod
-    def none(count: int) -> CellPlanes:
+    def none(count: int) -> MapPlanes:
         """Of so many queries that were never asked."""
         (points, normals), rows = np.zeros((2, count, 3)), np.full(count, -1)
         asked, (distances, roughness) = np.full((count, 3), np.iinfo(np.int64).min), np.zeros((2, count))
         unknown = np.full(count, np.inf)
-        return CellPlanes(points, normals, distances, rows, variances=unknown, roughness=roughness, asked=asked)
+        return MapPlanes(points, normals, distances, rows, variances=unknown, roughness=roughness, asked=asked)
 
-    def copied(self) -> CellPlanes:
+    def copied(self) -> MapPlanes:
         """The same, to be written over."""
         places = self.points.copy(), self.normals.copy(), self.distances.copy(), self.elements.copy()
         variances, roughness = self.variances.copy(), self.roughness.copy()
-        return CellPlanes(*places, variances=variances, roughness=roughness, asked=self.asked.copy())
+        return MapPlanes(*places, variances=variances, roughness=roughness, asked=self.asked.copy())
 
 
 class MapSurface:
@@ -200,7 +200,7 @@ class MapSurface:
         over_chunks(closest_in_voxels, count, as_plain(points), *asked, *was, *found, chunk=NEAREST_CHUNK_QUERIES)
         return Closest(feet, normals, distances, rows, others, variances)
 
-    def planes_at(self, points: FloatArray, before: CellPlanes | None = None) -> CellPlanes:
+    def planes_at(self, points: FloatArray, before: MapPlanes | None = None) -> MapPlanes:
         """Plane of the cell of each query, (n, 3), or of the nearest cell beside it.
 
         Points of it are the middle of those that the plane was fitted to, distances those from the plane. What was
@@ -209,7 +209,7 @@ class MapSurface:
         from dqreg.kernels.cell_matches import planes_in_cells
         from dqreg.kernels.threads import as_plain, over_chunks
 
-        found = CellPlanes.none(len(points)) if before is None else before.copied()
+        found = MapPlanes.none(len(points)) if before is None else before.copied()
         places = found.asked, found.elements, found.distances, found.points
         columns = *places, found.normals, found.variances, found.roughness
         held = self._size, self._table, self._keys, self._cells, self._sums.reshape(-1, VOXEL_SUMS[1])

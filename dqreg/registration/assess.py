@@ -94,9 +94,9 @@ def uncertainty_of(fit: Fit, *, by_rims: bool = True) -> Uncertainty:
     def uncertainty() -> Uncertainty:
         # The pose errs by so much more as residuals follow less of a displacement.
         known, share = fit.information, fit.followed
-        scatter, stretch = known.scatter, fit.stretch
-        if stretch is not None:
-            scatter = stretch @ known.spread @ stretch.T
+        scatter, inflation = known.scatter, fit.inflation
+        if inflation is not None:
+            scatter = inflation @ known.spread @ inflation.T
         scatter = None if scatter is None else scatter / share**2
         rims = slide_of(fit).by_rims if by_rims else np.nan
         known = replaced(known, sigma=known.sigma / share, scatter=scatter, by_rims=rims)

@@ -30,7 +30,7 @@ from dqreg.registration.constraints import PoseConstraints
 from dqreg.registration.derived import Derived, Key
 from dqreg.registration.even_correspondences import evenly_asked
 from dqreg.registration.evidence import agreement_in_time, agreement_of
-from dqreg.registration.held_motions import followed_by, own_normals, stretch_of
+from dqreg.registration.held_motions import followed_by, inflation_of, own_normals
 from dqreg.registration.prepared import Prepared
 from dqreg.registration.problem import Problem, SourceAndTarget
 from dqreg.registration.target_index import TargetIndex
@@ -48,7 +48,7 @@ STRAIN_AXIS: Key[tuple[float, float, float]] = Key()
 EVENLY_ASKED: Key[Correspondences] = Key()
 INFORMATION: Key[Information] = Key(of_pose=True)
 FOLLOWED: Key[float] = Key(of_pose=True)
-STRETCH: Key[FloatArray | None] = Key(of_pose=True)
+INFLATION: Key[FloatArray | None] = Key(of_pose=True)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -169,18 +169,18 @@ class Fit:
         return replaced(information, centre=self.target.origin)
 
     def _beside_the_pairs(self, prior: FloatArray) -> FloatArray:
-        # Standard deviations will be divided by the share that is followed, and stretched: those of the prior as well.
-        lever, stretch = scaling_by(0.5 * self.prepared.surface.diagonal), self.stretch
-        stretch = np.eye(6) if stretch is None else stretch * lever / lever[:, None]
-        return np.asarray(stretch.T @ prior @ stretch / self.followed**2)
+        # Standard deviations will be divided by the share that is followed, and inflated: those of the prior as well.
+        lever, inflation = scaling_by(0.5 * self.prepared.surface.diagonal), self.inflation
+        inflation = np.eye(6) if inflation is None else inflation * lever / lever[:, None]
+        return np.asarray(inflation.T @ prior @ inflation / self.followed**2)
 
     @property
-    def stretch(self) -> FloatArray | None:
-        """What errors of the scaled twist are multiplied with, see `stretch_of`; None by nothing."""
+    def inflation(self) -> FloatArray | None:
+        """What errors of the scaled twist are multiplied with, see `inflation_of`; None by nothing."""
         if self.is_late or self.problem.watch.is_over:
             return None
         lever = 0.5 * self.prepared.surface.diagonal
-        return self.derived.once(STRETCH, lambda: stretch_of(self.run, lever, lambda T: self.beside(T).run))
+        return self.derived.once(INFLATION, lambda: inflation_of(self.run, lever, lambda T: self.beside(T).run))
 
     @property
     def followed(self) -> float:

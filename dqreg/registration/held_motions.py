@@ -48,7 +48,7 @@ def held_by_shape(pairs: Correspondences, weights: FloatArray) -> FloatArray | N
     return held_part(pairs.moved, found.normals, weights, 0.5 * surface.diagonal, smooth, own)
 
 
-def stretch_of(run: Alignment, lever: float, beside: Callable[[FloatArray], Alignment]) -> FloatArray | None:
+def inflation_of(run: Alignment, lever: float, beside: Callable[[FloatArray], Alignment]) -> FloatArray | None:
     """What errors of the scaled twist are multiplied with, (6, 6), where points near creases alone hold motions.
 
     Points that noise carries over an edge lie on the wall behind it, which no one may have seen, and points within the

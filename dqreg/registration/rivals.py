@@ -50,7 +50,7 @@ FREEING_POINTS, FREEING_STEPS = 2_000, 15
 FREEING_DIAGONALS = 0.05
 
 APART_FROM_TARGET: Key[bool] = Key()
-MIRROR_GAIN: Key[float] = Key()
+GAIN_IN_MIRROR: Key[float] = Key()
 FREED: Key[tuple[float, float, float]] = Key()
 NO_POSES: FloatArray = np.zeros((0, 4, 4))
 
@@ -235,7 +235,7 @@ def mirror_gain(fit: Fit, *, always: bool = False) -> float:
             mirrors = np.concatenate([mirrors, far])
         return gain_of_mirror(fit.T_target_source, mirrors, *asked)
 
-    return fit.derived.once(MIRROR_GAIN, gain)
+    return fit.derived.once(GAIN_IN_MIRROR, gain)
 
 
 def gain_if_freed(fit: Fit) -> tuple[float, float, float]:

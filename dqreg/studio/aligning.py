@@ -33,7 +33,7 @@ CLEARLY = 1.1
 RESULT, ASKED = "result.json", "result_of.json"
 
 
-class Story:
+class ScanProgress:
     """The stages and iterations of a run, a line each, with the time that is left."""
 
     def __init__(self, place: Place, searching: bool) -> None:
@@ -100,14 +100,14 @@ def result_of(place: Place) -> Registration:
 
 def _registered(place: Place) -> Registration:
     start = start_of(place)
-    story = Story(place, start is None)
-    story.tell(kind="stage", words="looking for the pose" if start is None else "refining the pose")
+    progress = ScanProgress(place, start is None)
+    progress.tell(kind="stage", words="looking for the pose" if start is None else "refining the pose")
     result = register(
         cleaned_file(place),
         _target(place),
         start,
-        observe=story.iteration,
-        observe_search=story.stage,
+        observe=progress.iteration,
+        observe_search=progress.stage,
         **register_options(place.visit),
     )
     result.save(place.folder / RESULT)
