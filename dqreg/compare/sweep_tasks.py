@@ -42,7 +42,7 @@ def build(cell: Cell, **options: Any) -> BenchmarkCase:
     if cell.axis == "frame":
         # Coordinates far from the origin come with an initial pose near the identity, as from a surveyed scanner.
         source, T_truth, T_start = pose.apply(T_start, source), T_truth @ pose.inverse(T_start), np.eye(4)
-    frame, symmetry = Frame.named(cell.frame), symmetry_of(cell.part)
+    frame, symmetry = UnitFrame.named(cell.frame), symmetry_of(cell.part)
     axis = symmetry.axis
     truth = TruePoses(
         np.stack([frame.pose(symmetric @ T_truth) for symmetric in symmetry.poses]),
@@ -66,7 +66,7 @@ def build(cell: Cell, **options: Any) -> BenchmarkCase:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Frame:
+class UnitFrame:
     """Unit and origin of coordinates: p' = scale p + offset, for source and target alike."""
 
     units: str
@@ -74,10 +74,10 @@ class Frame:
     offset: FloatArray  # (3,): Position of the old origin
 
     @staticmethod
-    def named(name: str) -> Frame:
+    def named(name: str) -> UnitFrame:
         """Frame of a sweep."""
         units, scale, offset = FRAMES[name]
-        return Frame(units, scale, np.array(offset))
+        return UnitFrame(units, scale, np.array(offset))
 
     def move(self, points: FloatArray) -> FloatArray:
         """Points in this frame. Shapes: points (..., 3), returns (..., 3)."""

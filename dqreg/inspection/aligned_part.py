@@ -20,7 +20,7 @@ from dqreg.inspection.alignment import (
     align_points,
     align_surface,
 )
-from dqreg.inspection.characteristics import Frame
+from dqreg.inspection.characteristics import KnownFrame
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.facing import closest_as_before
 from dqreg.inspection.places import MEDIAN_SIGMA, PLACE
@@ -64,7 +64,7 @@ class AlignedPart:
     """The part with the scan under its alignment."""
 
     part: ScannedPart
-    frame: Frame
+    frame: KnownFrame
     steps: tuple[AlignedStep, ...]  # None for the best fit
 
     @property
@@ -80,7 +80,7 @@ class AlignedPart:
 def aligned_part(deviations: Deviations, plan: Plan) -> AlignedPart:
     """Carry out the alignment of a plan."""
     part = ScannedPart.of(deviations)
-    frame = Frame(np.nan_to_num(deviations.covariance, nan=0.0), deviations.centre - deviations.origin)
+    frame = KnownFrame(np.nan_to_num(deviations.covariance, nan=0.0), deviations.centre - deviations.origin)
     planned = plan.steps
     if plan.alignment == "datums":
         planned = (PlannedStep("datums", "datums"),)
@@ -94,7 +94,7 @@ def aligned_part(deviations: Deviations, plan: Plan) -> AlignedPart:
                 found = _found(part, deviations, plan, step, T, start)
                 T = found.T_target_source @ T
                 part = part.moved(found.T_target_source)
-        frame = Frame(found.covariance, found.centre)
+        frame = KnownFrame(found.covariance, found.centre)
         steps.append(AlignedStep(step.name, step.kind, shift @ T @ pose.inverse(shift), found))
     return AlignedPart(part, frame, tuple(steps))
 

@@ -46,7 +46,7 @@ class Measured:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Frame:
+class KnownFrame:
     """How well the frame is known that positions and profiles are measured in."""
 
     covariance: FloatArray  # (6, 6): Of a left increment about the centre, rotation first
@@ -61,7 +61,7 @@ class Frame:
 Value = Callable[[Sequence[Feature]], float]
 
 
-def propagated(value: Value, features: Sequence[Feature], frame: Frame | None = None) -> Measured:
+def propagated(value: Value, features: Sequence[Feature], frame: KnownFrame | None = None) -> Measured:
     """A function of features with the uncertainty that follows from their covariances, to first order.
 
     Where few points leave the covariance itself uncertain, it is wider as Student's distribution is.
@@ -160,7 +160,7 @@ def orientation(feature: Feature, datum: Feature, points: FloatArray, nominal_de
     return _from_nothing(propagated(width, [feature, datum]), min(feature.freedom, datum.freedom))
 
 
-def position(feature: Feature, nominal: Feature, frame: Frame | None = None) -> Measured:
+def position(feature: Feature, nominal: Feature, frame: KnownFrame | None = None) -> Measured:
     """Diameter of the least zone about the nominal place that holds the feature: twice its distance from there."""
     if nominal.kind == "plane":
         return propagated(lambda f: 2.0 * abs(float((f[0].point - nominal.point) @ nominal.axis)), [feature], frame)

@@ -17,7 +17,7 @@ from dqreg.report.cameras import BEST, angles_of, require_view
 from dqreg.report.charts import ticks
 from dqreg.report.colours import ALIGNED, OFF_PART, SOURCE, TARGET, ByteArray, nice_above, rgb
 from dqreg.report.figure import encode, new_figure
-from dqreg.report.raster import Dots, Frame, PartScene, frame_of
+from dqreg.report.raster import Dots, PartScene, ViewFrame, frame_of
 from dqreg.report.report_data import ReportData
 from dqreg.report.text import in_unit, scale_end, unit_words
 
@@ -203,7 +203,7 @@ def _draw_legend(figure: Figure, data: ReportData, width: int) -> None:
     _draw_text(figure, left + 0.5 * length, 9, in_unit(meaning, data.unit) + tolerance, size=10)
 
 
-def _draw_labels(figure: Figure, data: ReportData, scene: PartScene, frame: Frame, corner: tuple[int, int]) -> None:
+def _draw_labels(figure: Figure, data: ReportData, scene: PartScene, frame: ViewFrame, corner: tuple[int, int]) -> None:
     """Draw the numbers of what is in sight, each beside its place with a line to it, away from the middle."""
     from matplotlib.lines import Line2D
 
@@ -235,7 +235,7 @@ def _draw_labels(figure: Figure, data: ReportData, scene: PartScene, frame: Fram
         )
 
 
-def _draw_scale_bar(figure: Figure, data: ReportData, frame: Frame, left: int, bottom: int) -> None:
+def _draw_scale_bar(figure: Figure, data: ReportData, frame: ViewFrame, left: int, bottom: int) -> None:
     """Draw a bar of a round length with that length."""
     per_pixel = frame.pixel * data.size
     goal = nice_above(0.12 * frame.width * per_pixel)

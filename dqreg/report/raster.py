@@ -28,7 +28,7 @@ FloatImage = NDArray[np.float32]
 
 
 @dataclasses.dataclass(frozen=True)
-class Frame:
+class ViewFrame:
     """What a view shows, in sizes of the target about its middle."""
 
     axes: FloatArray  # (3, 3): Rows: right, up, towards the eye
@@ -38,7 +38,7 @@ class Frame:
     width: int
     height: int
 
-    def finer(self) -> Frame:
+    def finer(self) -> ViewFrame:
         """The same view with `FINER` times the pixels along each side."""
         return dataclasses.replace(self, pixel=self.pixel / FINER, width=self.width * FINER, height=self.height * FINER)
 
@@ -50,14 +50,14 @@ class Frame:
         return columns, rows, seen[:, 2]
 
 
-def frame_of(points: FloatArray, angles: tuple[float, float], width: int, height: int) -> Frame:
+def frame_of(points: FloatArray, angles: tuple[float, float], width: int, height: int) -> ViewFrame:
     """The frame that just holds some points."""
     axes = camera(*angles)
     flat = points @ axes[:2].T
     low, high = flat.min(axis=0), flat.max(axis=0)
     extent = np.maximum(high - low, 1e-9)
     pixel = float(max(extent[0] / (FILL * width), extent[1] / (FILL * height)))
-    return Frame(axes, 0.5 * (low + high), pixel, width, height)
+    return ViewFrame(axes, 0.5 * (low + high), pixel, width, height)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,7 +79,7 @@ class PartScene:
             self._normals = geometry.face_normals
             self._scene = RayScene(geometry.vertices, geometry.faces, np.zeros(3), size)
 
-    def render(self, frame: Frame, part_colour: str, paper: str, layers: list[Dots]) -> ByteArray:
+    def render(self, frame: ViewFrame, part_colour: str, paper: str, layers: list[Dots]) -> ByteArray:
         """Image of the part with points on it. Shapes: returns (height, width, 3)."""
         fine = frame.finer()
         image, surface, edges = self._shaded(fine, part_colour, paper)
@@ -93,7 +93,7 @@ class PartScene:
         rounded: ByteArray = np.rint(averaged).astype(np.uint8)
         return rounded
 
-    def in_sight(self, frame: Frame, points: FloatArray, depth: float) -> BoolArray:
+    def in_sight(self, frame: ViewFrame, points: FloatArray, depth: float) -> BoolArray:
         """Points that are seen in a view, or lie no deeper than ``depth`` behind what is seen there. Shapes: (n, 3)."""
         columns, rows, up = frame.columns_rows(points)
         seen = (columns >= 0) & (columns < frame.width) & (rows >= 0) & (rows < frame.height)
@@ -102,7 +102,7 @@ class PartScene:
             seen[seen] = up[seen] > height[rows[seen], columns[seen]] - depth
         return seen
 
-    def _shaded(self, frame: Frame, part_colour: str, paper: str) -> tuple[FloatImage, FloatImage, BoolArray]:
+    def _shaded(self, frame: ViewFrame, part_colour: str, paper: str) -> tuple[FloatImage, FloatImage, BoolArray]:
         """Image, height of the surface towards the eye (minus infinity where there is none), and its edges."""
         image = np.tile(np.array(rgb(paper), dtype=np.float32), (frame.height, frame.width, 1))
         height = np.full((frame.height, frame.width), -np.inf, dtype=np.float32)
@@ -123,7 +123,7 @@ class PartScene:
         return image, height, edges
 
 
-def _cast(scene: RayScene, frame: Frame) -> tuple[IntArray, FloatImage]:
+def _cast(scene: RayScene, frame: ViewFrame) -> tuple[IntArray, FloatImage]:
     """Face that each pixel shows, -1 for none, and its height towards the eye."""
     right = (np.arange(frame.width) + 0.5 - 0.5 * frame.width) * frame.pixel + frame.middle[0]
     up = (0.5 * frame.height - np.arange(frame.height) - 0.5) * frame.pixel + frame.middle[1]
@@ -159,7 +159,7 @@ def _edges(faces: NDArray[np.int64], normals: FloatArray, height: FloatImage, pi
     return edges
 
 
-def _draw(image: FloatImage, surface: FloatImage, height: FloatImage, frame: Frame, dots: Dots) -> None:
+def _draw(image: FloatImage, surface: FloatImage, height: FloatImage, frame: ViewFrame, dots: Dots) -> None:
     """Draw discs into image and height, nearer ones over farther ones; those behind the surface are left out."""
     if not len(dots.points):
         return

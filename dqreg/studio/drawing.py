@@ -11,14 +11,14 @@ from dqreg.geometry import Mesh, PointCloud
 
 
 @dataclasses.dataclass(frozen=True)
-class Frame:
+class DrawnFrame:
     """Where a side is drawn: its middle at the origin, its diagonal as the unit."""
 
     middle: FloatArray  # (3,)
     size: float
 
     @staticmethod
-    def of(points: FloatArray) -> Frame:
+    def of(points: FloatArray) -> DrawnFrame:
         """The frame of some points: outliers far away do not shrink the rest."""
         low, high = bounds(points)
         if len(points) > 1000:
@@ -27,7 +27,7 @@ class Frame:
             if 3.0 * inner < float(np.linalg.norm(high - low)) and inner > 0.0:
                 low, high = near
         size = float(np.linalg.norm(high - low))
-        return Frame(0.5 * (low + high), size if size > 0.0 else 1.0)
+        return DrawnFrame(0.5 * (low + high), size if size > 0.0 else 1.0)
 
     def to_drawn(self, points: FloatArray) -> FloatArray:
         """Places in the drawing of places of the side."""
@@ -40,19 +40,19 @@ class Frame:
         return found
 
 
-def frame_of(geometry: PointCloud | Mesh) -> Frame:
+def frame_of(geometry: PointCloud | Mesh) -> DrawnFrame:
     """The frame that a side is drawn in."""
-    return Frame.of(geometry.vertices if isinstance(geometry, Mesh) else geometry.points)
+    return DrawnFrame.of(geometry.vertices if isinstance(geometry, Mesh) else geometry.points)
 
 
-def drawn_pose(T: FloatArray, scale: float, scan: Frame, part: Frame) -> list[float]:
+def drawn_pose(T: FloatArray, scale: float, scan: DrawnFrame, part: DrawnFrame) -> list[float]:
     """A pose as the page moves the drawn scan: 3x4, row by row, from the scan's drawing to the part's."""
     R, t = T[:3, :3], T[:3, 3]
     motion = np.column_stack([R * (scale * scan.size / part.size), part.to_drawn(scale * R @ scan.middle + t)])
     return [float(x) for x in motion.ravel()]
 
 
-def true_pose(drawn: FloatArray, scale: float, scan: Frame, part: Frame) -> FloatArray:
+def true_pose(drawn: FloatArray, scale: float, scan: DrawnFrame, part: DrawnFrame) -> FloatArray:
     """Inverse of `drawn_pose`, with the rotation made exact. Shapes: drawn (12,), returns (4, 4)."""
     motion = np.asarray(drawn, dtype=np.float64).reshape(3, 4)
     U, _, V = np.linalg.svd(motion[:, :3])

@@ -12,7 +12,7 @@ from dqreg._open3d import load_open3d
 from dqreg.geometry import Mesh, MeshSurface, PointCloud
 from dqreg.geometry.morton import morton_order
 from dqreg.report.view3d import STEPS, fewer_triangles, sharp_edges
-from dqreg.studio.drawing import Frame
+from dqreg.studio.drawing import DrawnFrame
 
 # What is drawn at most.
 MAX_POINTS, MAX_POINTS_OFF_PART = 200_000, 40_000
@@ -28,7 +28,9 @@ def rows_to_draw(points: FloatArray, on: BoolArray) -> tuple[IntArray, IntArray]
     return _spread(points, np.flatnonzero(on), MAX_POINTS), _spread(points, np.flatnonzero(~on), MAX_POINTS_OFF_PART)
 
 
-def cloud_payload(points: FloatArray, frame: Frame, rows: tuple[IntArray, IntArray]) -> tuple[dict[str, Any], bytes]:
+def cloud_payload(
+    points: FloatArray, frame: DrawnFrame, rows: tuple[IntArray, IntArray]
+) -> tuple[dict[str, Any], bytes]:
     """Points to draw: what the page must know, and the coordinates, first of those that count."""
     known, steps = _quantised(frame.to_drawn(points[np.concatenate(rows)]))
     return {**known, "kind": "cloud", "on": len(rows[0]), "off": len(rows[1]), "total": len(points)}, steps
@@ -74,7 +76,7 @@ def _as_bytes(array: NDArray[Any], kind: str) -> bytes:
     return np.ascontiguousarray(array, dtype=kind).tobytes()
 
 
-def part_payload(part: PointCloud | Mesh, frame: Frame, labels: IntArray | None) -> tuple[dict[str, Any], bytes]:
+def part_payload(part: PointCloud | Mesh, frame: DrawnFrame, labels: IntArray | None) -> tuple[dict[str, Any], bytes]:
     """The part to draw: vertices, triangles ordered by face, sharp edges. Shapes: labels (f,), face of each triangle.
 
     Lighter surfaces follow, the finest first.
@@ -96,7 +98,7 @@ def part_payload(part: PointCloud | Mesh, frame: Frame, labels: IntArray | None)
 
 
 def _surface(
-    part: Mesh, frame: Frame, labels: IntArray, vertices: FloatArray, faces: IntArray, about: list[MeshSurface]
+    part: Mesh, frame: DrawnFrame, labels: IntArray, vertices: FloatArray, faces: IntArray, about: list[MeshSurface]
 ) -> tuple[dict[str, Any], bytes]:
     """Vertices, then triangles: those of one face of the part follow each other."""
     own = _labels(part, frame, labels, vertices, faces, about)
@@ -109,7 +111,7 @@ def _surface(
 
 
 def _labels(
-    part: Mesh, frame: Frame, labels: IntArray, vertices: FloatArray, faces: IntArray, about: list[MeshSurface]
+    part: Mesh, frame: DrawnFrame, labels: IntArray, vertices: FloatArray, faces: IntArray, about: list[MeshSurface]
 ) -> IntArray:
     """Number of the part's face that each drawn triangle lies on; the surface that is asked is made once, if at all."""
     if len(faces) == len(part.faces) or not labels.any():

@@ -12,7 +12,7 @@ from dqreg.errors import InputError
 from dqreg.geometry import Mesh, PointCloud
 from dqreg.geometry.raycasting import RayScene
 from dqreg.studio.cleaning import kept_rows, scan_points
-from dqreg.studio.drawing import Frame, frame_of
+from dqreg.studio.drawing import DrawnFrame, frame_of
 from dqreg.studio.reading import triangle_labels
 from dqreg.studio.visit import Cut
 from dqreg.studio.worker_cache import Place, cached
@@ -46,7 +46,7 @@ class Look:
             raise InputError("a look needs at, axes and motion: 3, 3 x 3 and 12 numbers")
         return Look(at, axes, radius, motion.reshape(3, 4))
 
-    def across(self, frame: Frame) -> tuple[FloatArray, FloatArray]:
+    def across(self, frame: DrawnFrame) -> tuple[FloatArray, FloatArray]:
         """Axes and shifts by which places of the scan become places of the canvas. Shapes: (3, 3), (3,)."""
         turned = self.axes @ self.motion[:, :3] / frame.size
         return turned, self.axes @ self.motion[:, 3] - turned @ frame.middle

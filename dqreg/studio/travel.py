@@ -19,7 +19,7 @@ from dqreg.files.strict_json import plain
 from dqreg.registration.batch.worker import Failure, Worker
 from dqreg.registration.result import Registration
 from dqreg.rigid import pose
-from dqreg.studio.drawing import Frame, drawn_pose
+from dqreg.studio.drawing import DrawnFrame, drawn_pose
 from dqreg.studio.payloads import cloud_payload, shades
 
 STATE = "state.json"
@@ -83,7 +83,7 @@ class Story:
         self._state: dict[str, Any] = {**BEFORE, "of": count, "levels": [], "path": []}
         self._cells = np.zeros((0, 3), dtype=np.int64)
         self._cell = 0.0
-        self._frame = Frame(np.zeros(3), 1.0)
+        self._frame = DrawnFrame(np.zeros(3), 1.0)
 
     def show(self, points: Any, result: Registration) -> None:
         """A frame that was placed, (n, 3) in the sensor's frame."""
@@ -96,7 +96,7 @@ class Story:
         if np.isfinite(found).all() and len(frame):
             if not self._cell:
                 far = float(np.median(np.linalg.norm(frame, axis=1)))
-                self._cell, self._frame = CELL_RANGES * far, Frame(np.zeros(3), WIDE * far)
+                self._cell, self._frame = CELL_RANGES * far, DrawnFrame(np.zeros(3), WIDE * far)
                 state["size"] = WIDE * far
             state["T"] = drawn_pose(found, 1.0, self._frame, self._frame)
             state["path"].append(self._frame.to_drawn(found[:3, 3]).tolist())

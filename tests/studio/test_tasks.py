@@ -86,7 +86,7 @@ def test_nothing_left_is_refused(place):
 @pytest.mark.parametrize("scale", [1.0, 25.4])
 def test_a_drawn_pose_is_the_pose(scale):
     rng = np.random.default_rng(3)
-    scan, part = (drawing.Frame(rng.normal(size=3), size) for size in (2.0, 7.0))
+    scan, part = (drawing.DrawnFrame(rng.normal(size=3), size) for size in (2.0, 7.0))
     points = rng.normal(size=(50, 3))
     motion = np.array(drawing.drawn_pose(T, scale, scan, part)).reshape(3, 4)
     drawn = scan.to_drawn(points) @ motion[:, :3].T + motion[:, 3]

@@ -7,7 +7,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.inspection import characteristics as compute
-from dqreg.inspection.characteristics import Frame, Measured
+from dqreg.inspection.characteristics import KnownFrame, Measured
 from dqreg.inspection.edge_points import edge_beside, edge_on
 from dqreg.inspection.line_forms.round_sections import centres_of, sections_of
 from dqreg.inspection.line_forms.straight_lines import lines_of
@@ -57,7 +57,7 @@ def nominal_value(part: ScannedPart, row: PlannedCharacteristic, faces: list[Fac
 
 
 def measured_value(
-    part: ScannedPart, plan: Plan, row: PlannedCharacteristic, faces: list[Face], frame: Frame
+    part: ScannedPart, plan: Plan, row: PlannedCharacteristic, faces: list[Face], frame: KnownFrame
 ) -> Measured:
     """The value of a characteristic, with its uncertainty."""
     points = part.on(faces[0])

@@ -9,7 +9,7 @@ import numpy as np
 
 from dqreg.errors import DegenerateGeometryError
 from dqreg.inspection.aligned_part import AlignedPart, AlignedStep, Alignment, aligned_part, entry
-from dqreg.inspection.characteristics import Frame, Measured
+from dqreg.inspection.characteristics import KnownFrame, Measured
 from dqreg.inspection.coverage import FaceCoverage
 from dqreg.inspection.decision import Decision, decide, worst_of
 from dqreg.inspection.deviations import Deviations
@@ -202,7 +202,7 @@ def _faces(part: ScannedPart, plan: Plan, rows: tuple[Characteristic, ...]) -> t
     )
 
 
-def _measured(part: ScannedPart, plan: Plan, row: PlannedCharacteristic, frame: Frame) -> Characteristic:
+def _measured(part: ScannedPart, plan: Plan, row: PlannedCharacteristic, frame: KnownFrame) -> Characteristic:
     remark = ""
     with entry(f"characteristic {row.name!r}"):
         faces = faces_of_row(part, row)
