@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +37,7 @@ AGREEMENT_SPACINGS = 0.25
 
 
 def register_many(
-    scans: Sequence[Any],
+    scans: Sequence[Any] | Mapping[str, Any],
     *,
     target: Any = None,
     starts: Any = None,
@@ -59,8 +59,9 @@ def register_many(
 
     Parameters
     ----------
-    scans : sequence of path, (n, 3) array, PointCloud, Open3D or trimesh object
-        Two at least, in one length unit. What cannot be read is named in the verdict and left out.
+    scans : sequence or mapping of path, (n, 3) array, PointCloud, Open3D or trimesh object
+        Two at least, in one length unit; a mapping says how each is called. What cannot be read is named in the verdict
+        and left out.
     target : path, array or object, optional
         A part (or a scan) in whose frame all scans are to be placed; "world" is its frame then.
     starts : (n, 4, 4) array_like, or sequence of (4, 4) or None, optional

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -76,11 +76,13 @@ class View:
         return hashlib.sha256(np.ascontiguousarray(self.cloud.points).tobytes()).hexdigest()
 
 
-def read_views(scans: Sequence[Any], seed: int, viewpoints: Any = None) -> tuple[View, ...]:
-    """Read all scans; what cannot be used is named and left out, unless fewer than two remain.
+def read_views(scans: Sequence[Any] | Mapping[str, Any], seed: int, viewpoints: Any = None) -> tuple[View, ...]:
+    """Read all scans, by their names in a mapping; what cannot be used is left out, unless fewer than two remain.
 
     Viewpoints are "origin", one place for all or one a scan, each in the scan's own frame; None where it is not known.
     """
+    names = [str(name) for name in scans] if isinstance(scans, Mapping) else None
+    scans = list(scans.values()) if isinstance(scans, Mapping) else scans
     shape, kind = getattr(scans, "shape", ()), getattr(getattr(scans, "dtype", None), "kind", "")
     if kind in tuple("fiu") and len(shape) < 3:
         raise InputError(f"scans must be a list of paths, arrays or clouds; got one array of shape {shape}")
@@ -92,7 +94,7 @@ def read_views(scans: Sequence[Any], seed: int, viewpoints: Any = None) -> tuple
     views: list[View] = []
     known: dict[str, int] = {}
     for number, read in enumerate(_seen([_read(given, k, seed, places[k]) for k, given in enumerate(scans)])):
-        view = _indexed(read)
+        view = _indexed(read if names is None else dataclasses.replace(read, name=names[number]))
         if not view.problem:
             first = known.setdefault(view.digest, number)
             view = view if first == number else dataclasses.replace(view, copy_of=first, target=None)

@@ -126,3 +126,12 @@ def test_an_empty_file_is_named_and_left_out_and_a_missing_one_refused(tmp_path:
     assert "empty file" in views[1].problem
     with pytest.raises(InputError, match=r"missing\.ply"):
         read_views([cloud, tmp_path / "missing.ply", cloud + 1.0], 0)
+
+
+def test_scans_may_be_given_by_name(made: ManyViews) -> None:
+    named = dict(zip(("front", "left", "back", "right"), made.scans, strict=True))
+    views = read_views(named, 0)
+    assert [view.name for view in views] == list(named)
+    assert [view.digest for view in views] == [view.digest for view in read_views(list(made.scans), 0)]
+    with pytest.raises(InputError, match="two scans"):
+        read_views({"front": made.scans[0]}, 0)
