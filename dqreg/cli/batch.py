@@ -127,8 +127,10 @@ def batch(manifest: Path, target: Path | None, out: Path | None, as_json: bool, 
     _show(console, found)
     if as_json:
         from dqreg.registration.batch.summary import to_records
+        from dqreg.registration.batch.trends import trend_records, trends_of
 
-        print_json({"rows": to_records(found.lines), "files": [str(path) for path in found.files]})
+        trends = trend_records(trends_of(found.lines))
+        print_json({"rows": to_records(found.lines), "trends": trends, "files": [str(path) for path in found.files]})
     if found.stopped:
         click.echo(
             f"dqreg: stopped; the rows done so far are in {printable(str(place))}: resume with --resume", err=True
@@ -198,6 +200,7 @@ def _told(bar: WorkBar, console: Console) -> Callable[[BatchProgress], None]:
 
 def _show(console: Console, found: Batch) -> None:
     from dqreg.registration.batch.summary import counts, part_counts
+    from dqreg.registration.batch.trends import trends_of
 
     bad = [line for line in found.lines if line.verdict not in ("accepted", "not run")]
     for line in bad[:NAMED]:
@@ -211,5 +214,8 @@ def _show(console: Console, found: Batch) -> None:
     parts = part_counts(found.lines)
     if parts:
         say(console, "parts: " + ", ".join(f"{count} {part.words}" for part, count in parts.items()))
+    withheld = {trend.withheld: None for trend in trends_of(found.lines) if trend.withheld}
+    for words in withheld:
+        say(console, f"  {words}: see trends.csv")
     for path in found.files:
         say(console, f"wrote {path}")

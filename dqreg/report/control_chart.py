@@ -32,8 +32,12 @@ def control_chart(
     mean: float,
     control: tuple[float, float],
     limits: tuple[float, float],
+    gaps: Sequence[tuple[int, str, str]] = (),
 ) -> str:
-    """Values in their order, with uncertainties, mean, control limits and tolerance limits."""
+    """Values in their order, with uncertainties, mean, control limits and tolerance limits.
+
+    Each gap is a part without a value that counts: how many samples stand before it, words, and its page; in order.
+    """
     lines = [("mid", mean, "mean"), *(("control", x, "control limit") for x in control)]
     lines += [("tolerance", x, "tolerance") for x in limits]
     lines = [line for line in lines if math.isfinite(line[1])]
@@ -42,11 +46,13 @@ def control_chart(
     ]
     low, high = min([*ends, *(x for _, x, _ in lines)]), max([*ends, *(x for _, x, _ in lines)])
     room = 0.06 * (high - low) or 0.5
-    axes = Axes((0.0, len(samples) + 1.0), (low - room, high + room), SIZE)
+    axes = Axes((0.0, len(samples) + len(gaps) + 1.0), (low - room, high + room), SIZE)
+    places = [k + 1 + sum(before <= k for before, _, _ in gaps) for k in range(len(samples))]
     body = [_grid(axes), *(_line(axes, *line) for line in lines)]
-    path = " ".join(f"{axes.across(k + 1.0):.1f},{axes.down(s.value):.1f}" for k, s in enumerate(samples))
+    path = " ".join(f"{axes.across(k):.1f},{axes.down(s.value):.1f}" for k, s in zip(places, samples, strict=True))
     body.append(f'<polyline class="run" points="{path}"/>')
-    body += [_dot(axes, k + 1, sample, unit) for k, sample in enumerate(samples)]
+    body += [_dot(axes, place, sample, unit) for place, sample in zip(places, samples, strict=True)]
+    body += [_gap(axes, before + k, words, link) for k, (before, words, link) in enumerate(gaps, 1)]
     title = escape(f"{name} over the parts")
     return (
         f'<svg class="chart control" viewBox="0 0 {SIZE[0]} {SIZE[1]}" role="img" aria-label="{title}">'
@@ -84,3 +90,12 @@ def _dot(axes: Axes, place: int, sample: Sample, unit: str) -> str:
     words = escape(f"{sample.name}: {sample.value:.6g}{room} {unit}".rstrip() + f", {sample.outcome}")
     dot = f'<circle class="{escape(sample.outcome)}" cx="{x:.1f}" cy="{y:.1f}" r="4"><title>{words}</title></circle>'
     return f'{bar}<a href="{escape(quote(sample.link))}">{dot}</a>'
+
+
+def _gap(axes: Axes, place: int, words: str, link: str) -> str:
+    """A cross on the axis: a value under a pose that may be wrong would stretch the scale."""
+    x, y, r = axes.across(float(place)), axes.base - 6.0, 4.0
+    title = f"<title>{escape(f'left out: {words}')}</title>"
+    path = f"M{x - r:.1f} {y - r:.1f}l{2 * r:g} {2 * r:g}m0 {-2 * r:g}l{-2 * r:g} {2 * r:g}"
+    cross = f'<path class="gap" d="{path}">{title}</path>'
+    return f'<a href="{escape(quote(link))}">{cross}</a>' if link else cross

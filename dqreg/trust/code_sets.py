@@ -20,6 +20,19 @@ REASONS_OF_SCAN_BETWEEN_CLOUDS: Codes = REASONS_OF_SCAN - {"unconstrained"}
 TOO_LITTLE: Codes = frozenset({"unconstrained", "large_uncertainty", "weakly_constrained", "not_converged"})
 TOO_LITTLE_IF_REFUSED: Codes = frozenset({"one_plane"})
 SIDES_OF_WALL: Codes = frozenset({"faces_apart"})
+# What comes of how a part was scanned or of what was asked; all other doubts may come of its shape.
+OF_HOW_IT_WAS_SCANNED: Codes = TOO_LITTLE | frozenset(
+    {
+        "alternative_poses",
+        "one_plane",
+        "wrong_viewpoint",
+        "search_time_limit",
+        "not_judged",
+        "scale_unobservable",
+        "scale_ambiguous",
+        "scale_uncertain",
+    }
+)
 
 # Of a drive: reasons after which the place of a frame is not known.
 PLACE_UNKNOWN: Codes = frozenset(

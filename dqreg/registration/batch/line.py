@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Mapping
 from typing import Any
 
 from dqreg.files.units import factor
 from dqreg.registration.batch.row import BATCH, Row, RowResult
+from dqreg.trust.records import Reason
 
 # Folders of what each row left.
 RESULTS, REPORTS = "results", "reports"
@@ -70,7 +72,7 @@ def line_of(row: Row, done: RowResult, *, kept: bool = False) -> Line:
     return Line(
         row=row,
         verdict=record["verdict"]["level"],
-        reasons=tuple(record["verdict"]["reasons"]),
+        reasons=_reasons(record["verdict"]),
         rms=_number(shown.get("rms", record["rms"])),
         inlier_fraction=_number(record["inlier_fraction"]),
         seconds=_number(record[BATCH]["seconds"]),
@@ -79,6 +81,12 @@ def line_of(row: Row, done: RowResult, *, kept: bool = False) -> Line:
         unit=str(shown["units"] or ""),
         inspection=record[BATCH].get("inspection"),
     )
+
+
+def _reasons(verdict: dict[str, Any]) -> tuple[str, ...]:
+    """Sentences with their codes; a kept result of old has none."""
+    sentences, codes = verdict["reasons"], verdict.get("codes", ())
+    return tuple(Reason(words, code) for words, code in itertools.zip_longest(sentences, codes, fillvalue=""))
 
 
 def _number(value: Any) -> float:

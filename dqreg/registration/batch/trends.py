@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dqreg.registration.batch.left_out import LeftOut, left_out_of, withheld_words
 from dqreg.report.control_chart import Sample, control_chart
 from dqreg.report.table import to_csv
 from dqreg.report.text import decimals_of
@@ -21,7 +22,8 @@ MOVING = 3.0 / 1.128
 VALUE_NUMBERS = ("nominal", "low", "high", "value", "uncertainty")
 VALUE_COLUMNS = ("row", "verdict", "part", "number", "name", "kind", "unit", *VALUE_NUMBERS, "outcome", "remark")
 TREND_COLUMNS = ("number", "name", "unit", "low", "high", "parts", "mean", "spread", "smallest", "largest", "cp", "cpk",
-                 "control_low", "control_high", "pass", "undecided", "fail")  # fmt: skip
+                 "control_low", "control_high", "pass", "undecided", "fail",
+                 "unmeasured", "left_out", "left_out_parts", "remark")  # fmt: skip
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,6 +39,17 @@ class Trend:
     is_zone: bool  # Whether only the upper limit can be violated
     samples: tuple[Sample, ...]
     unmeasured: int  # Parts on which it could not be measured
+    left_out: tuple[LeftOut, ...] = ()  # Parts whose value is not counted
+
+    @property
+    def parts(self) -> int:
+        """All parts that were to be measured."""
+        return len(self.samples) + self.unmeasured + len(self.left_out)
+
+    @property
+    def withheld(self) -> str:
+        """Why there are no capability indices and control limits; "" where there are."""
+        return withheld_words(self.left_out, self.parts)
 
     @property
     def values(self) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
@@ -56,20 +69,21 @@ class Trend:
     @property
     def control(self) -> tuple[float, float]:
         """Limits of an individuals chart: mean and 2.66 mean moving ranges."""
-        room = MOVING * float(np.abs(np.diff(self.values)).mean()) if len(self.samples) > 1 else math.nan
+        told = len(self.samples) > 1 and not self.withheld
+        room = MOVING * float(np.abs(np.diff(self.values)).mean()) if told else math.nan
         return self.mean - room, self.mean + room
 
     @property
     def cp(self) -> float:
-        """Width of the tolerance in six standard deviations; NaN for a value with one limit."""
-        return _ratio(self.high - self.low, 6.0 * self.spread) if not self.is_zone else math.nan
+        """Width of the tolerance in six standard deviations; NaN for a value with one limit, and where withheld."""
+        return math.nan if self.is_zone or self.withheld else _ratio(self.high - self.low, 6.0 * self.spread)
 
     @property
     def cpk(self) -> float:
-        """Distance of the mean from the nearer limit in three standard deviations."""
+        """Distance of the mean from the nearer limit in three standard deviations; NaN where withheld."""
         gaps = [self.high - self.mean, *([] if self.is_zone else [self.mean - self.low])]
         known = [gap for gap in gaps if math.isfinite(gap)]
-        return _ratio(min(known), 3.0 * self.spread) if known else math.nan
+        return _ratio(min(known), 3.0 * self.spread) if known and not self.withheld else math.nan
 
 
 def _ratio(gap: float, width: float) -> float:
@@ -81,29 +95,53 @@ def _ratio(gap: float, width: float) -> float:
 def trends_of(lines: Sequence[Line]) -> tuple[Trend, ...]:
     """A trend for every value that two parts or more have in common: the same name and limits.
 
-    Parts whose alignment is not trusted are left out, for their values may be of another pose; so is what is no number
-    in a kept file.
+    Parts whose alignment is not trusted are left out, for their values may be of another pose, and named; so is what is
+    no number in a kept file.
     """
-    found: dict[tuple[Any, ...], list[tuple[int, Line, dict[str, Any]]]] = {}
-    for line, number, value in _values([line for line in lines if line.verdict == "accepted"]):
+    asked = [line for line in lines if line.row.asked.inspects]
+    silent = [line for line in asked if not (line.inspection or {}).get("values")]
+    found: dict[tuple[Any, ...], list[tuple[Line, int, dict[str, Any]]]] = {}
+    for row in _values(asked):
+        value = row[2]
         key = (str(value["name"]), str(value["kind"]), value["low"], value["high"])
-        found.setdefault(key, []).append((number, line, value))
-    trends = [_trend(rows) for rows in found.values() if len(rows) > 1]
+        found.setdefault(key, []).append(row)
+    order = {id(line): k for k, line in enumerate(lines)}
+    trends = []
+    for rows in found.values():
+        if len(rows) > 1:
+            kinds = {_asked(line) for line, _, _ in rows}
+            missing = [(line, 0, None) for line in silent if _asked(line) in kinds]
+            trends.append(_trend(sorted([*rows, *missing], key=lambda row: order[id(row[0])]), rows[0]))
     return tuple(sorted(trends, key=lambda trend: trend.number))
 
 
-def _trend(rows: list[tuple[int, Line, dict[str, Any]]]) -> Trend:
-    number, line, first = rows[0]
-    samples = tuple(
-        Sample(line.row.shown, line.link, float(value["value"]), _number(value["uncertainty"]), str(value["outcome"]))
-        for _, line, value in rows
-        if value["value"] is not None
-    )
-    unit = _unit(line, first)
-    zone = first["kind"] != "deviation" and first["low"] == 0.0 and first["nominal"] == 0.0
-    missing = len(rows) - len(samples)
+def _asked(line: Line) -> tuple[object, ...]:
+    return line.row.target, line.row.asked.plan, line.row.asked.tolerance
+
+
+def _trend(
+    rows: Sequence[tuple[Line, int, dict[str, Any] | None]], measured: tuple[Line, int, dict[str, Any]]
+) -> Trend:
+    """The trend of all parts that were to be measured, the first that was among them."""
+    samples: list[Sample] = []
+    left_out: list[LeftOut] = []
+    for line, _, value in rows:
+        if value is None or line.verdict != "accepted":
+            left_out.append(left_out_of(line, len(samples), value))
+        elif value["value"] is not None:
+            numbers = float(value["value"]), _number(value["uncertainty"])
+            samples.append(Sample(line.row.shown, line.link, *numbers, str(value["outcome"])))
+    line, number, first = measured
     return Trend(
-        number, str(first["name"]), unit, _number(first["low"]), _number(first["high"]), zone, samples, missing
+        number,
+        str(first["name"]),
+        _unit(line, first),
+        _number(first["low"]),
+        _number(first["high"]),
+        first["kind"] != "deviation" and first["low"] == 0.0 and first["nominal"] == 0.0,
+        tuple(samples),
+        len(rows) - len(samples) - len(left_out),
+        tuple(left_out),
     )
 
 
@@ -148,29 +186,56 @@ def _row(trend: Trend) -> list[object]:
     numbers = (trend.mean, trend.spread, *ends, trend.cp, trend.cpk, *trend.control)
     limits = ("" if math.isnan(x) else x for x in (trend.low, trend.high))
     shown = ("" if math.isnan(x) else repr(x) for x in numbers)
-    return [trend.number, trend.name, trend.unit, *limits, len(values), *shown, *counts]
+    left_out = "; ".join(each.words for each in trend.left_out)
+    missing = (trend.unmeasured, len(trend.left_out), left_out, trend.withheld)
+    return [trend.number, trend.name, trend.unit, *limits, len(values), *shown, *counts, *missing]
+
+
+def trend_records(trends: Sequence[Trend]) -> list[dict[str, Any]]:
+    """The trends as plain values, with the parts that each leaves out."""
+    names = ("number", "name", "unit", "low", "high", "parts", "mean", "spread", "cp", "cpk", "control", "unmeasured")
+    return [
+        {
+            **{name: getattr(trend, name) for name in names},
+            "measured": len(trend.samples),
+            "withheld": trend.withheld or None,
+            "left_out": [
+                {**dataclasses.asdict(each), "may_be_its_shape": each.may_be_its_shape} for each in trend.left_out
+            ],
+        }
+        for trend in trends
+    ]
 
 
 def trends_on_page(trends: Sequence[Trend]) -> list[dict[str, Any]]:
     """The trends for the page's template: figures as text, and a chart."""
-    from markupsafe import Markup
-
     return [
         {
             "number": trend.number,
             "name": trend.name,
             "unit": trend.unit,
             "parts": len(trend.samples),
+            "all": trend.parts,
             "unmeasured": trend.unmeasured,
+            "left_out": trend.left_out,
+            "withheld": trend.withheld,
             "figures": _figures(trend),
             "out": sum(sample.outcome == "fail" for sample in trend.samples),
-            # Of numbers and escaped words.
-            "chart": Markup(
-                control_chart(trend.name, trend.unit, trend.samples, trend.mean, trend.control, (trend.low, trend.high))
-            ),
+            "out_left_out": sum(each.outcome == "fail" for each in trend.left_out),
+            "chart": _chart(trend),
         }
         for trend in trends
     ]
+
+
+def _chart(trend: Trend) -> str:
+    from markupsafe import Markup
+
+    if not trend.samples:
+        return ""
+    limits, gaps = (trend.low, trend.high), [(each.before, each.words, each.link) for each in trend.left_out]
+    # Of numbers and escaped words.
+    return Markup(control_chart(trend.name, trend.unit, trend.samples, trend.mean, trend.control, limits, gaps))
 
 
 def _figures(trend: Trend) -> list[str]:

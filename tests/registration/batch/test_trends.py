@@ -13,9 +13,10 @@ from dqreg.registration.batch.line import line_of
 from dqreg.registration.batch.row import Row, RowResult
 from dqreg.registration.batch.row_inspection import RowInspection
 from dqreg.registration.batch.summary import to_html
-from dqreg.registration.batch.trends import Trend, trends_csv, trends_of, trends_on_page, values_csv
+from dqreg.registration.batch.trends import Trend, trend_records, trends_csv, trends_of, trends_on_page, values_csv
 from dqreg.registration.inspected import require_record
 from dqreg.report.control_chart import Sample
+from dqreg.trust.records import Reason
 
 VALUES = (10.01, 10.02, 10.00, 10.03)
 
@@ -65,7 +66,8 @@ def test_values_with_other_limits_are_another_trend() -> None:
 
 def test_parts_whose_alignment_is_not_trusted_change_no_trend() -> None:
     lines = [*LINES, line(7, 12.0, "suspect"), line(8, 14.0, "failed")]
-    assert trends_of(lines) == trends_of(LINES)
+    ((trend,), (known,)) = trends_of(lines), trends_of(LINES)
+    assert (trend.samples, trend.mean, trend.spread) == (known.samples, known.mean, known.spread)
     assert "12.0" in values_csv(lines)
 
 
@@ -115,3 +117,48 @@ def test_figures_on_the_page_have_the_digits_that_spread_and_uncertainty_leave()
     assert not any("e" in each for each in (low, high, mean, spread, cp, cpk))
     (wide,) = trends_on_page(trends_of([line(k, 10.0 + 1e-7 * k) for k in range(3)]))
     assert wide["figures"][4:] == ["> 100", "> 100"]
+
+
+def left_out(number: int, value: float | None, codes: list[str], level: str = "suspect", **changes):
+    found = line(number, value, level, **changes)
+    return dataclasses.replace(found, reasons=tuple(Reason(f"because of {code}", code) for code in codes))
+
+
+def test_where_the_shape_of_a_part_may_be_why_it_is_left_out_no_capability_is_told() -> None:
+    lines = [
+        *LINES,
+        left_out(7, 12.0, ["stretched"], outcome="fail"),
+        left_out(8, 10.05, ["alternative_poses", "bent"]),
+    ]
+    (trend,) = trends_of(lines)
+    assert (len(trend.samples), trend.unmeasured, len(trend.left_out), trend.parts) == (4, 1, 2, 7)
+    assert all(math.isnan(x) for x in (trend.cp, trend.cpk, *trend.control))
+    assert trend.mean == pytest.approx(np.mean(VALUES))
+    assert "2 of 7 parts" in trend.withheld
+    (row,) = csv.DictReader(io.StringIO(trends_csv((trend,))))
+    assert (row["cp"], row["cpk"], row["parts"], row["unmeasured"], row["left_out"]) == ("", "", "4", "1", "2")
+    assert "part 7: suspect, stretched, 12 (fail)" in row["left_out_parts"]
+    assert row["remark"] == trend.withheld
+    page = to_html("t", lines)
+    assert "2 left out" in page
+    assert "part 8: suspect, alternative_poses, bent, 10.05 (pass)" in page
+    assert page.count('class="gap"') == 2
+    (record,) = trend_records((trend,))
+    assert [each["may_be_its_shape"] for each in record["left_out"]] == [True, True]
+
+
+def test_parts_without_a_pose_or_badly_scanned_are_counted_and_leave_the_capability() -> None:
+    scanned = left_out(7, 10.05, ["alternative_poses"])
+    none = dataclasses.replace(left_out(8, None, ["no_correspondences"], "failed"), inspection={"values": []})
+    (trend,), (known,) = trends_of([scanned, *LINES, none]), trends_of(LINES)
+    assert (trend.cpk, trend.control, trend.withheld) == (known.cpk, known.control, "")
+    assert [each.before for each in trend.left_out] == [0, 4]
+    # A value out of its limits may be a reject under the right pose too.
+    (failing,) = trends_of([left_out(7, 12.0, ["alternative_poses"], outcome="fail"), *LINES])
+    assert math.isnan(failing.cpk)
+
+
+def test_a_lot_of_which_no_part_is_trusted_is_shown() -> None:
+    (trend,) = trends_of([left_out(k, 10.0 + k, ["stretched"]) for k in range(3)])
+    assert (len(trend.samples), len(trend.left_out)) == (0, 3)
+    assert "3 left out" in to_html("t", [left_out(k, 10.0 + k, ["stretched"]) for k in range(3)])
