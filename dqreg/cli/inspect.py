@@ -9,9 +9,17 @@ import click
 
 from dqreg.cli.attempts import refuse_swapped, register_files
 from dqreg.cli.faces import read_part_in
-from dqreg.cli.inspection_outputs import check_goals, record_of, tell, write
+from dqreg.cli.inspection_outputs import (
+    check_goals,
+    record_of,
+    record_without_pose,
+    tell,
+    tell_failed,
+    write,
+    write_failed,
+)
 from dqreg.cli.lazy_group import Choice
-from dqreg.cli.outputs import consoles, print_json, quiet_option, read_head, require_below_reach, say
+from dqreg.cli.outputs import consoles, print_json, quiet_option, read_head, require_below_reach
 from dqreg.cli.register import SEARCHES
 from dqreg.cli.values import FILE, UNITS, CoordinateType, PlaceCommand, ToleranceType, places_of
 from dqreg.errors import InputError
@@ -150,22 +158,23 @@ def inspect_command(
     console, shown = consoles(quiet=quiet, as_json=to_screen, apart=True, width=WIDTH)
     result = unit.named(_registered(scan, unit, shown, options), part)
     refuse_swapped(result, scan, part)
-    try:
+    if result.verdict.level == "failed":
+        head = {**({} if asked is None else asked.head), **head}
+        record = record_without_pose(result, head)
+        tell_failed(console, result)
+        write_failed(goals, result, record, head, console, unit.native)
+    else:
         planned = None if asked is None else unit.planned(asked)
         found = inspect_registration(result, planned, allowed, required_share=share, **taken)
-    except InputError:
-        if result.verdict.level == "failed":
-            _tell_failed(console, result)
-            return 1
-        raise
-    tell(console, found)
-    record = record_of(found, head)
-    write(goals, found, record, head, console, unit.native)
+        record = record_of(found, head)
+        tell(console, found)
+        write(goals, found, record, head, console, unit.native)
+        result = found.registration
     if to_screen:
         print_json(record)
-    if found.registration.verdict.level != "accepted":
+    if result.verdict.level != "accepted":
         return 1
-    return 0 if found.outcome == "pass" else 3
+    return 0 if record["outcome"] == "pass" else 3
 
 
 def _registered(scan: Path, unit: ShownTarget, shown: Console, options: dict[str, Any]) -> Registration:
@@ -184,13 +193,6 @@ def _registered(scan: Path, unit: ShownTarget, shown: Console, options: dict[str
         options |= {"observe": progress, "observe_search": progress.search}
         with unit.source_units(scan, options["source_units"]) as options["source_units"]:
             return register_files(scan, unit.geometry, began, shown, **options)
-
-
-def _tell_failed(console: Console, result: Registration) -> None:
-    from dqreg.report import print_summary
-
-    print_summary(console, result)
-    say(console, "not inspected: no pose was found")
 
 
 def _suggest(part: Path, scan: Path | None, options: dict[str, Any]) -> int:

@@ -7,9 +7,11 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import click
+
 from dqreg.cli.outputs import say, tell_decision
 from dqreg.cli.overwriting import require_apart, require_ending
-from dqreg.errors import InputError
+from dqreg.errors import InputError, printable
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -22,6 +24,8 @@ Goals = Mapping[str, Path | None]
 OPTIONS = {"table": "--csv", "as_json": "--json"}
 # JSON on the standard output.
 SCREEN = Path("-")
+# What is made of measurements alone.
+OF_MEASUREMENTS = ("table", "deviations", "sections")
 
 
 def check_goals(goals: Goals, read: Iterable[Path | None]) -> None:
@@ -57,6 +61,14 @@ def tell(console: Console, found: Inspected) -> None:
         tell_inspection(console, found.sheet, str(result.settings.get("target_units") or ""), trusted=trusted)
 
 
+def tell_failed(console: Console, result: Registration) -> None:
+    """Print that there is no pose, and why."""
+    from dqreg.report import print_summary
+
+    print_summary(console, result)
+    say(console, "not inspected: no pose was found")
+
+
 def write(
     goals: Goals,
     found: Inspected,
@@ -69,9 +81,6 @@ def write(
     from dqreg.files.atomic import write_atomically
     from dqreg.inspection.sections import save_sections
     from dqreg.report.inspection_table import sheet_csv
-    from dqreg.report.page import to_html
-    from dqreg.report.page_file import write_page
-    from dqreg.report.report_data import collect
 
     shown = found.registration
     unit = str(shown.settings.get("target_units") or "")
@@ -85,19 +94,53 @@ def write(
         save_sections(goals["sections"], found.sheet.sections, unit)
     if goals["as_json"] is not None and str(goals["as_json"]) != "-":
         write_atomically(goals["as_json"], json_text(record))
-    pages = [path for path in (goals["report"], goals["pdf"]) if path is not None]
-    if pages:
-        assert shown.inputs is not None
-        with console.status("writing the report"):
-            data = collect(
-                shown, shown.inputs, deviations=found.deviations, decision=found.decision, inspection=found.sheet
-            )
-            html = to_html(shown, data, found.sheet, head)
-            for path in pages:
-                write_page(path, html)
+    _write_pages(
+        goals, shown, console, head, deviations=found.deviations, decision=found.decision, inspection=found.sheet
+    )
     for goal in goals.values():
         if goal is not None and goal.exists():
             say(console, f"wrote {goal}")
+
+
+def write_failed(
+    goals: Goals,
+    result: Registration,
+    record: dict[str, Any],
+    head: dict[str, str],
+    console: Console,
+    native: Callable[[Registration], Registration],
+) -> None:
+    """Write what can be told of a scan without a pose, and name what cannot: an older file there looks new."""
+    from dqreg.files.atomic import write_atomically
+
+    if goals["out"] is not None:
+        native(result).save(goals["out"])
+    if goals["as_json"] is not None and goals["as_json"] != SCREEN:
+        write_atomically(goals["as_json"], json_text(record))
+    _write_pages(goals, result, console, head)
+    for name, goal in goals.items():
+        if goal is None or goal == SCREEN:
+            continue
+        if name not in OF_MEASUREMENTS:
+            say(console, f"wrote {goal}")
+            continue
+        old = "; the file of that name is of an earlier run" if goal.exists() else ""
+        click.echo(f"dqreg: not written: {printable(str(goal))} (no pose was found{old})", err=True)
+
+
+def _write_pages(goals: Goals, shown: Registration, console: Console, head: dict[str, str], **measured: Any) -> None:
+    from dqreg.report.page import to_html
+    from dqreg.report.page_file import write_page
+    from dqreg.report.report_data import collect
+
+    pages = [path for path in (goals["report"], goals["pdf"]) if path is not None]
+    if not pages:
+        return
+    assert shown.inputs is not None
+    with console.status("writing the report"):
+        html = to_html(shown, collect(shown, shown.inputs, **measured), measured.get("inspection"), head)
+        for path in pages:
+            write_page(path, html)
 
 
 def json_text(record: dict[str, Any]) -> str:
@@ -111,13 +154,30 @@ def json_text(record: dict[str, Any]) -> str:
 
 def record_of(found: Inspected, head: dict[str, str]) -> dict[str, Any]:
     """The inspection as plain values."""
+    sheet = found.sheet
+    measured = {
+        "outcome": found.outcome,
+        "alignment": None if sheet is None or sheet.alignment is None else dataclasses.asdict(sheet.alignment),
+        "characteristics": [] if sheet is None else [dataclasses.asdict(row) for row in sheet.characteristics],
+        "faces": [] if sheet is None else [dataclasses.asdict(face) for face in sheet.faces],
+        "decision": None if found.decision is None else dataclasses.asdict(found.decision),
+        "counts": dataclasses.asdict(found.deviations.counts),
+        "steps": [] if sheet is None else [dataclasses.asdict(step) for step in sheet.steps],
+        "sections": []
+        if sheet is None
+        else [{"name": name, **dataclasses.asdict(cut)} for name, cut in sheet.sections],
+    }
+    return record_without_pose(found.registration, {**({} if sheet is None else sheet.plan.head), **head}) | measured
+
+
+def record_without_pose(result: Registration, head: dict[str, str]) -> dict[str, Any]:
+    """The same of a scan that no pose was found for: its verdict, and nothing measured."""
     from dqreg.registration.result_json import ANGLE_UNITS, CONVENTIONS
     from dqreg.report.sheet import digests_of
 
-    sheet, result = found.sheet, found.registration
     return {
         "verdict": result.verdict,
-        "outcome": found.outcome,
+        "outcome": "undecided",
         "alignment_trusted": result.verdict.level == "accepted",
         "units": result.settings.get("target_units"),
         "angle_units": ANGLE_UNITS,
@@ -128,15 +188,13 @@ def record_of(found: Inspected, head: dict[str, str]) -> dict[str, Any]:
             "characteristics": "of the kind angle in degrees, all others lengths",
         },
         "T_target_source": result.T_target_source,
-        "alignment": None if sheet is None or sheet.alignment is None else dataclasses.asdict(sheet.alignment),
-        "head": {**({} if sheet is None else sheet.plan.head), **head},
-        "characteristics": [] if sheet is None else [dataclasses.asdict(row) for row in sheet.characteristics],
-        "faces": [] if sheet is None else [dataclasses.asdict(face) for face in sheet.faces],
-        "decision": None if found.decision is None else dataclasses.asdict(found.decision),
-        "counts": dataclasses.asdict(found.deviations.counts),
-        "steps": [] if sheet is None else [dataclasses.asdict(step) for step in sheet.steps],
-        "sections": []
-        if sheet is None
-        else [{"name": name, **dataclasses.asdict(cut)} for name, cut in sheet.sections],
+        "alignment": None,
+        "head": head,
+        "characteristics": [],
+        "faces": [],
+        "decision": None,
+        "counts": None,
+        "steps": [],
+        "sections": [],
         "sha256": dict(digests_of(result.settings)),
     }

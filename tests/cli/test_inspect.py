@@ -154,3 +154,37 @@ def test_the_lengths_of_a_plan_are_shown_in_the_unit_that_is_asked_for(
     assert found["units"] == shown
     assert [line[name] / of_mm for name in ("nominal", "low", "high")] == pytest.approx([10.0, 9.9, 10.1], rel=1e-9)
     assert line["value"] / of_mm == pytest.approx(10.0, abs=0.01)
+
+
+@pytest.mark.usefixtures("small_pictures")
+def test_without_a_pose_all_is_written_that_can_be_and_no_old_file_passes_for_new(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # Starts ten sizes off, where a search may not help.
+    case = load_case(demo_case())
+    far = np.eye(4)
+    far[:3, 3] = 1_000.0
+    np.savetxt(tmp_path / "far.txt", far)
+    common = ("inspect", case.scan, case.part, "--tolerance", "0.1", "--start", tmp_path / "far.txt", "--search",
+              "never", "--source-units", "mm", "--target-units", "mm")  # fmt: skip
+    goals = {name: tmp_path / f"old.{name}" for name in ("json", "html", "csv", "npy")}
+    for goal in goals.values():
+        goal.write_text("old")
+    out = tmp_path / "new.json"
+    assert run(*common, "--head", "serial=7", "--json", goals["json"], "--report", goals["html"], "--csv", goals["csv"],
+               "--deviations", goals["npy"], "--out", out) == 1  # fmt: skip
+    told = capsys.readouterr()
+    found = json.loads(goals["json"].read_text())
+    assert (found["verdict"]["level"], found["outcome"], found["alignment_trusted"]) == ("failed", "undecided", False)
+    assert (found["decision"], found["head"]) == (None, {"serial": "7"})
+    assert json.loads(out.read_text())["verdict"]["level"] == "failed"
+    assert "no pose" in goals["html"].read_text(encoding="utf-8")
+    for name in ("csv", "npy"):
+        assert goals[name].read_text() == "old"
+        words = f"not written: {goals[name]} (no pose was found; the file of that name is of an earlier run)"
+        assert words in told.err
+    assert str(goals["csv"]) not in told.out
+    assert run(*common, "--csv", tmp_path / "none.csv", "--json") == 1
+    told = capsys.readouterr()
+    assert json.loads(told.out)["verdict"]["reasons"] == found["verdict"]["reasons"]
+    assert f"not written: {tmp_path / 'none.csv'} (no pose was found)" in told.err
