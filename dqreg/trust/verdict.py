@@ -49,7 +49,7 @@ def judge(evidence: Evidence) -> Verdict:
     if together < UNLIKELY:
         doubts, level = (Reason(_unlikely(together), "low_confidence"),), "suspect"
     checks = functools.partial(_checks, evidence, frozenset(doubt.code for doubt in doubts), together)
-    doubts = (*_causes(evidence), *doubts) if doubts else doubts
+    doubts = (*_causes(evidence), *_with_symmetry(doubts, evidence)) if doubts else doubts
     reasons = doubts or (Reason(_summary(evidence), "accepted"), *_remarks(evidence))
     return Verdict.asking(level, reasons, checks, confidence, figures)
 
@@ -139,5 +139,16 @@ def _summary(evidence: Evidence) -> str:
         f"{evidence.inliers:.0f} inliers with residuals of {evidence.length(evidence.width)} (one sigma), "
         f"{100 * evidence.share_near:.0f} % of {counted(evidence)}; all degrees of freedom are constrained"
     )
+    return words + _symmetry(evidence)
+
+
+def _symmetry(evidence: Evidence) -> str:
+    """What follows the words on a pose where the part looks the same at others; "" where it does not."""
     same = sorted({alternative.symmetry for alternative in evidence.alternatives if alternative.symmetry})
-    return words + "".join(f"; {sentence}, so the pose is one of several equivalent ones" for sentence in same)
+    return "".join(f"; {sentence}, so the pose is one of several equivalent ones" for sentence in same)
+
+
+def _with_symmetry(doubts: tuple[Reason, ...], evidence: Evidence) -> tuple[Reason, ...]:
+    """The doubts; the last one says that the part is symmetric: values may be of another face than is said."""
+    last = doubts[-1]
+    return (*doubts[:-1], Reason(f"{last}{_symmetry(evidence)}", last.code))

@@ -283,6 +283,20 @@ def test_a_symmetry_of_the_part_is_said_and_is_no_doubt() -> None:
     assert mixed.reasons[0].startswith("another pose is")
 
 
+@pytest.mark.parametrize("changes", [{"share_near": 0.1}, {"share_near": 0.1, "viewpoint_behind": 0.3}, {"drift": 1.0}])
+def test_a_symmetry_of_the_part_is_said_of_a_pose_in_doubt_too(changes: dict[str, float]) -> None:
+    # What is measured may be on another face than the one that it is named after.
+    other = Alternative(np.eye(4), 0.1, "the part looks the same after a half-turn")
+    plain, symmetric = (
+        judge(dataclasses.replace(GOOD, alternatives=found, **changes))  # type: ignore[arg-type]
+        for found in ((), (other, other))
+    )
+    assert (symmetric.level, symmetric.codes) == (plain.level, plain.codes) == ("suspect", plain.codes)
+    assert (
+        symmetric.reasons[-1] == f"{plain.reasons[-1]}; {other.symmetry}, so the pose is one of several equivalent ones"
+    )
+
+
 @pytest.mark.parametrize("cause", CAUSES)
 def test_a_doubt_appears_with_its_cause_and_alone(cause: str) -> None:
     changes, sentence, code = CAUSES[cause]
