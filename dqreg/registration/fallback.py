@@ -69,6 +69,7 @@ class BestPoses:
     fit: Fit
     others: FloatArray  # (k, 4, 4): Others that explain the scan about as well, between the centred frames
     searched: bool = False  # Whether it was compared with the poses of a global search
+    start_lost: bool = False  # Whether the initial pose that was given led nowhere
     turned: FloatArray = dataclasses.field(default_factory=lambda: NO_POSES)  # (k, 4, 4): Turns of a ring as likely
 
 
@@ -147,7 +148,7 @@ def is_doubtful(fit: Fit, *, ask_mirror: bool = False) -> bool:
 
 def _is_doubtful(fit: Fit, ask_mirror: bool) -> bool:
     if not fit.found:
-        return _was_near(fit)
+        return _may_be_elsewhere(fit)
     # Two scans of one scene always differ somewhere, and the noise between them is not known as well.
     if not fit.has_border and _is_off_or_rough(fit.agreement):
         return True
@@ -175,13 +176,17 @@ def is_sound(fit: Fit, *, ask_mirror: bool = False) -> bool:
     return verdict.level == "accepted" or of_scan.issuperset(verdict.codes)
 
 
-def _was_near(fit: Fit) -> bool:
-    """Whether the initial pose put most of the scan near the target: one somewhere else is a mistake to be told."""
+def _may_be_elsewhere(fit: Fit) -> bool:
+    """Whether a scan that an initial pose leads nowhere may lie elsewhere: on a part, or near where it was put.
+
+    A scan is of its part. Two clouds may have nothing in common, and one that was put beside the other says so.
+    """
     given = fit.problem.start
-    points = fit.prepared.scan.thinned(FEW).points
-    placed = points if given is None else pose.apply(fit.problem.to_centred(given), points)
+    if given is None or fit.target.kind == "mesh":
+        return True
+    placed = pose.apply(fit.problem.to_centred(given), fit.prepared.scan.thinned(FEW).points)
     distances = fit.prepared.surface.closest(placed).distances
-    return bool(given is None or np.median(distances) <= fit.problem.reach(fit.prepared))
+    return bool(np.median(distances) <= fit.problem.reach(fit.prepared))
 
 
 def _best(fits: list[Fit], start: FloatArray | None) -> BestPoses:

@@ -54,6 +54,10 @@ from dqreg.trust.records import Alternative, Reason, Verdict
 # its neighbour's place holds the others there too.
 MAY_HOLD = 1.0
 
+START_LOST = (
+    "the initial pose leads nowhere, as hardly any point of the scan comes near the target from there: a search found "
+    "this pose"
+)
 NOT_JUDGED = "the pose was not judged, as verdict=False asks: whether it is right is for the caller to tell"
 
 
@@ -82,7 +86,8 @@ def align(problem: Problem) -> Registration:
         return not_judged(fit)
     with watch.stage("second try"):
         problem.await_target()
-        known = second_try(fit, start, search)
+        is_lost = problem.start is not None and not fit.found
+        known = replaced(second_try(fit, start, search), start_lost=is_lost)
         fit, gain = settled(known.fit), -np.inf
         with suppress(TimeUpError), until(watch.deadline):
             fit = on_common_faces(fit)
@@ -138,7 +143,10 @@ def judged(
     uncertainty = uncertainty_of(fit)
     alternatives = alternatives_of(fit, whole, known.others, equal_sides(fit), known.turned)
     evidence = evidence_of(fit, uncertainty, alternatives, search=search, mirror_gain=gain)
-    return uncertainty, verdict_on(fit, evidence), alternatives
+    verdict = verdict_on(fit, evidence)
+    if known.start_lost and verdict.level == "accepted":
+        verdict = verdict._remarked(Reason(START_LOST, "contradicted_start"))
+    return uncertainty, verdict, alternatives
 
 
 def not_judged(fit: Fit) -> Registration:

@@ -175,6 +175,11 @@ class Verdict:
             return self
         return self.saying("suspect", (doubt, *(reason for reason in self.reasons if reason.code != "accepted")))
 
+    def _remarked(self, remark: Reason) -> Verdict:
+        """The same with a remark behind its reasons."""
+        reasons, checks = (*self.reasons, remark), functools.partial(getattr, self, "checks")
+        return Verdict.asking(self.level, reasons, checks, self.confidence, self._figures)
+
     def saying(self, level: Level, reasons: tuple[Reason, ...]) -> Verdict:
         """The same questions, asked when they are first read, with another level, other reasons and no confidence."""
         return Verdict.asking(level, reasons, functools.partial(getattr, self, "checks"), math.nan, {})

@@ -59,10 +59,22 @@ def test_a_pose_that_explains_the_scan_significantly_better_is_the_answer_wherev
     assert result.verdict.level == "accepted"
 
 
-def test_a_start_beside_the_part_is_no_start() -> None:
-    # Nothing of the scan is near: a mistake that is told, not mended.
+@pytest.mark.parametrize("degrees", [0.0, 130.0])
+def test_a_start_beside_the_part_is_searched_beside_and_told(degrees: float) -> None:
+    # Nothing of the scan is near: it is of the part all the same.
+    away = pose.from_parts(np.eye(3), [3.0 * SIZE, 0.0, 0.0]) @ start(degrees)
+    result = TARGET.register(SCAN, away, effort="fast")
+    assert error(result) <= 5e-5
+    assert result.verdict.codes == ("accepted", "contradicted_start")
+    assert TARGET.register(SCAN, away, effort="fast", search="never").verdict.codes == ("no_correspondences",)
+    assert "contradicted_start" not in TARGET.register(SCAN, start(35.0), effort="fast").verdict.codes
+
+
+def test_clouds_that_were_put_beside_each_other_have_nothing_in_common() -> None:
     away = pose.from_parts(np.eye(3), [3.0 * SIZE, 0.0, 0.0])
-    assert TARGET.register(SCAN, away, effort="fast").verdict.level == "failed"
+    half = SCAN[:, 0] < np.median(SCAN[:, 0])
+    result = dqreg.register(SCAN[half], SCAN[~half], away, effort="fast")
+    assert result.verdict.codes == ("no_correspondences",)
 
 
 @pytest.mark.parametrize(("bumps", "strays", "doubtful"), [(0.0, 0.0, False), (0.06, 0.0, True), (0.0, 0.1, False)])
