@@ -1,4 +1,4 @@
-"""A registration of two files; two mistakes that files invite are tried: an inverted pose, swapped files."""
+"""A registration of two files; mistakes that files invite are tried: an inverted pose, swapped files."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ FEW = 2_000
 CLEARLY = 2.0
 # Two poses are the same to a person within this rotation, and this fraction of the target's size.
 SAME_DEG, SAME = 20.0, 0.2
+INVERTED = "the initial pose is inverted (it maps the target to the scan)"
 
 
 def register_files(
@@ -43,36 +44,55 @@ def register_files(
 def _with_inverse(
     result: Registration, scan: Path, target: Target, start: FloatArray, console: Console, options: dict[str, Any]
 ) -> Registration:
-    """The same, or what the inverse of its initial pose leads to."""
+    """The same, or what the inverse of its initial pose leads to; one that is far from what was found is told."""
     from dqreg.registration.register import register
     from dqreg.rigid import pose
 
     inverse = pose.inverse(start)
-    if _alike(result, start, inverse):
+    found = [result.T_target_source, *(other.T_target_source for other in result.alternatives)]
+    accepted = result.verdict.level == "accepted"
+    if _alike(result, start, inverse) or (accepted and any(_alike(result, T, start) for T in found)):
         return result
-    if result.verdict.level == "accepted":
-        if _alike(result, result.T_target_source, inverse):
-            say(console, "the initial pose is inverted (it maps the target to the scan): a search found this pose")
+    if accepted and _alike(result, found[0], inverse):
+        say(console, f"{INVERTED}: a search found this pose")
         return result
-    if _share_near(result, inverse) <= CLEARLY * _share_near(result, start):
-        return result
-    other = register(scan, target, inverse, **options)
-    if other.verdict.level != "accepted":
-        return result
-    say(console, "the initial pose is inverted (it maps the target to the scan): this is the result from its inverse")
-    return dataclasses.replace(other, settings={**other.settings, "start": "inverted"})
+    is_copy = accepted and any(_alike(result, T, inverse) for T in found)
+    if is_copy or (not accepted and _share_near(result, inverse) > CLEARLY * _share_near(result, start)):
+        other = register(scan, target, inverse, **options)
+        # What lies nearer by chance leads elsewhere.
+        if other.verdict.level == "accepted" and _alike(other, other.T_target_source, inverse):
+            say(console, f"{INVERTED}: this is the result from its inverse")
+            return dataclasses.replace(other, settings={**other.settings, "start": "inverted"})
+    if accepted:
+        say(console, f"the initial pose is far off: the pose found is {_apart_words(result, start)} away from it")
+    return result
+
+
+def _apart(result: Registration, a: FloatArray, b: FloatArray) -> tuple[float, float]:
+    """Angle between two poses in degrees, and how far apart they put the middle of the scan."""
+    import numpy as np
+
+    from dqreg.rigid import pose
+
+    assert result.inputs is not None
+    one, other = (result.inputs.placed(T).mean(axis=0) for T in (a, b))
+    return float(np.rad2deg(pose.angle_between(a, b))), float(np.linalg.norm(one - other))
+
+
+def _apart_words(result: Registration, start: FloatArray) -> str:
+    from dqreg.report.text import unit_words
+
+    angle, shift = _apart(result, result.T_target_source, start)
+    return f"{angle:.0f} degrees and {shift:.3g}{unit_words(result.settings['target_units'])}"
 
 
 def _alike(result: Registration, a: FloatArray, b: FloatArray) -> bool:
     import numpy as np
 
-    from dqreg.rigid import pose
-
     if result.inputs is None or not (np.isfinite(a).all() and np.isfinite(b).all()):
         return True
-    near = np.rad2deg(pose.angle_between(a, b)) < SAME_DEG
-    one, other = (result.inputs.placed(T).mean(axis=0) for T in (a, b))
-    return bool(near and np.linalg.norm(one - other) < SAME * result.settings["diagonal"])
+    angle, shift = _apart(result, a, b)
+    return angle < SAME_DEG and shift < SAME * float(result.settings["diagonal"])
 
 
 def _share_near(result: Registration, T: FloatArray) -> float:

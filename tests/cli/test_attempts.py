@@ -49,6 +49,27 @@ def test_an_inverted_start_is_tried_and_said(files: Path, capsys: pytest.Capture
     np.testing.assert_allclose(moved, corners, atol=10.0 * 0.02 * np.sqrt(6.0 / 6_000.0))
 
 
+@pytest.mark.parametrize("search", ["doubt", "never"])
+def test_a_start_whose_inverse_lies_nearer_by_chance_is_far_off_and_not_inverted(
+    files: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], search: str
+) -> None:
+    # Its inverse puts the scan upon the part, turned by 90 degrees.
+    inverse = T_PART_SCAN.copy()
+    turn = twist.exp(np.array([0.0, 0.0, np.pi / 2.0, 0.0, 0.0, 0.0]))
+    middle = Mesh(*bracket()).centre
+    inverse = pose.about(turn, middle) @ inverse
+    np.savetxt(tmp_path / "far.txt", pose.inverse(inverse))
+    common = ("register", files / "scan.ply", files / "part.off", "--start", tmp_path / "far.txt", "--effort", "fast")
+    code = run(*common, "--search", search)
+    said = capsys.readouterr().out
+    assert "is inverted" not in said
+    assert (code, "the initial pose is far off" in said) == ((0, True) if search == "doubt" else (1, False))
+    # One that is near says nothing of the kind.
+    np.savetxt(tmp_path / "near.txt", T_PART_SCAN)
+    assert run(*common[:4], tmp_path / "near.txt", *common[5:]) == 0
+    assert "the initial pose is" not in capsys.readouterr().out
+
+
 def test_swapped_files_are_said(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run("register", files / "part.off", files / "scan.ply", "--start", files / "inverted.txt", "--search", "never",
         "--clutter", "none", "--max-distance", "0.001", "--effort", "fast")  # fmt: skip
