@@ -126,11 +126,7 @@ def batch(manifest: Path, target: Path | None, out: Path | None, as_json: bool, 
             )
     _show(console, found)
     if as_json:
-        from dqreg.registration.batch.summary import to_records
-        from dqreg.registration.batch.trends import trend_records, trends_of
-
-        trends = trend_records(trends_of(found.lines))
-        print_json({"rows": to_records(found.lines), "trends": trends, "files": [str(path) for path in found.files]})
+        print_json(_record(found))
     if found.stopped:
         click.echo(
             f"dqreg: stopped; the rows done so far are in {printable(str(place))}: resume with --resume", err=True
@@ -139,6 +135,15 @@ def batch(manifest: Path, target: Path | None, out: Path | None, as_json: bool, 
     if not found.accepted:
         return 1
     return 0 if found.passed else 3
+
+
+def _record(found: Batch) -> dict[str, Any]:
+    """What came of a batch as plain values."""
+    from dqreg.registration.batch.summary import to_records
+    from dqreg.registration.batch.trends import trend_records, trends_of
+
+    trends = trend_records(trends_of(found.lines))
+    return {"rows": to_records(found.lines), "trends": trends, "files": [str(path) for path in found.files]}
 
 
 def thumbnail(result: Registration) -> bytes | None:

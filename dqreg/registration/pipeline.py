@@ -44,7 +44,7 @@ from dqreg.registration.rivals import (
 )
 from dqreg.registration.same_poses import but_on_the_way
 from dqreg.registration.slides import without_slide
-from dqreg.registration.visibility import on_visible_faces
+from dqreg.registration.visibility import on_shown_sides, on_visible_faces
 from dqreg.registration.wall_sides import equal_sides, on_best_sides
 from dqreg.solvers.search_stage import SearchStage
 from dqreg.trust import judge
@@ -76,6 +76,8 @@ def align(problem: Problem) -> Registration:
             problem.max_distance(prepared), constraints, start.kernel_scale, even=prepared.even
         )
         fit = coarse_to_fine(problem, prepared, start.T_target_source, settings, constraints)
+        if not fit.found and options.verdict:
+            fit = on_shown_sides(fit)
         if all_points_say_more(fit):
             with suppress(TimeUpError), until(watch.deadline):
                 fit = on_all_points(fit)

@@ -1,4 +1,8 @@
-"""Registration to what the scanner could see: hidden faces of a part do not attract."""
+"""Registration to what the scanner could see: hidden faces of a part do not attract, and walls show one side.
+
+A search knows no signs of normals, and may lay a scan onto the other sides of walls. There the loop, which knows them,
+finds nothing: the scan is laid by its points alone, and from there onto other sides.
+"""
 
 from __future__ import annotations
 
@@ -7,15 +11,19 @@ import dataclasses
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg._records import replaced
 from dqreg.errors import InputError
 from dqreg.geometry.normals import sample_rows
 from dqreg.registration.fit import Fit
 from dqreg.registration.rivals import JUDGING_POINTS, limit_of, of_those_on
+from dqreg.registration.slides import losses_at
 from dqreg.registration.target_index import TargetIndex
+from dqreg.registration.wall_sides import on_best_sides, rivals_of
 from dqreg.search.poses import Poses
 from dqreg.search.refine import Refinement, refined_on
 from dqreg.search.scoring import MAX_EQUAL_LOG_LIKELIHOOD, distances_at
 from dqreg.solvers.status import INTERRUPTED
+from dqreg.trust.limits import CONSTRAINT_LOG_LIKELIHOOD, OPPOSITE_NORMAL_SHARE
 
 # Runs at most: each starts with what can be seen at the pose of the last one.
 RUNS = 3
@@ -74,3 +82,33 @@ def _same_faces(one: TargetIndex, other: TargetIndex) -> bool:
     if one.visible is None or other.visible is None:
         return one.visible is other.visible
     return np.array_equal(one.visible, other.visible)
+
+
+def on_shown_sides(fit: Fit) -> Fit:
+    """The fit, or where its normals look away from what it lies on, that to sides of walls which look their way.
+
+    As likely by the points alone: normals that were given inside out, or by a wrong viewpoint, are told as before.
+    """
+    if fit.problem.start is not None or not _looks_away(fit):
+        return fit
+    scan = dataclasses.replace(fit.prepared.scan, oriented=False)
+    blind = fit.resumed(
+        fit.T_target_source, fit.settings.first_kernel_scale, prepared=replaced(fit.prepared, scan=scan)
+    )
+    if not blind.found:
+        return fit
+    best = on_best_sides(blind)
+    known = [best, *rivals_of(best), *(() if best is blind else (blind, *rivals_of(blind)))]
+    losses = np.concatenate([[0.0], losses_at(best, np.stack([other.T_target_source for other in known]))])
+    for k in np.argsort(losses, kind="stable"):
+        if losses[k] > losses.min() + CONSTRAINT_LOG_LIKELIHOOD:
+            break
+        shown = fit.resumed(known[k].T_target_source, known[k].run.mixture.scale)
+        if shown.found and not _looks_away(shown):
+            return shown
+    return fit
+
+
+def _looks_away(fit: Fit) -> bool:
+    """Whether most normals of known sides look the other way than what they lie on."""
+    return bool(fit.run.pairs.looking_away(fit.settings.max_distance) > OPPOSITE_NORMAL_SHARE)

@@ -112,6 +112,11 @@ def equal_sides(fit: Fit) -> FloatArray:
     return np.array([found.fits[k].T_target_source for k in found.equal]).reshape(-1, 4, 4)
 
 
+def rivals_of(fit: Fit) -> tuple[Fit, ...]:
+    """Fits on other sides of thin walls that explain the scan about as well, or better."""
+    return _rivals(fit).fits
+
+
 def _rivals(fit: Fit) -> _Rivals:
     return fit.derived.once(WALL_SIDES, lambda: _compared(fit))
 
@@ -260,7 +265,7 @@ def _walls(fit: Fit) -> ThinWalls:
 def _confused(fit: Fit) -> ThinWalls:
     """Thin walls whose sides the scan may confuse: with normals of its own, or seen from known places, it does not."""
     target, surface = fit.problem.target, fit.prepared.surface
-    is_known = fit.run.pairs.same_sign or fit.problem.viewpoints is not None
+    is_known = fit.run.pairs.same_sign or (fit.problem.viewpoints is not None and fit.prepared.scan.oriented)
     if is_known or not isinstance(target.geometry, Mesh) or not isinstance(surface, MeshSurface):
         return ThinWalls.none()
     walls = target.thin_walls

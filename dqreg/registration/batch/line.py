@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -85,8 +84,9 @@ def line_of(row: Row, done: RowResult, *, kept: bool = False) -> Line:
 
 def _reasons(verdict: dict[str, Any]) -> tuple[str, ...]:
     """Sentences with their codes; a kept result of old has none."""
-    sentences, codes = verdict["reasons"], verdict.get("codes", ())
-    return tuple(Reason(words, code) for words, code in itertools.zip_longest(sentences, codes, fillvalue=""))
+    sentences = verdict["reasons"]
+    codes: list[Any] = verdict.get("codes") or [""] * len(sentences)
+    return tuple(Reason(words, code) for words, code in zip(sentences, codes, strict=True))
 
 
 def _number(value: Any) -> float:
