@@ -83,13 +83,12 @@ def agreement_of(
     alone = isolated(pairs.scan, on, scan if len(scan) <= THINNED else None)
     # Where nothing is left out, as a rule, nothing is copied.
     kept = np.flatnonzero(~(around.elsewhere | alone)) if alone.any() or around.elsewhere.any() else slice(None)
-    scale = mixture.scale if isinstance(surface, CloudSurface) else _usual_scale(aside, surface, mixture.scale)
+    is_part, size = not isinstance(surface, CloudSurface), surface.diagonal
+    scale = _usual_scale(aside, surface, mixture.scale) if is_part else mixture.scale
     asked = pairs.scan.points[kept], pairs.distances[kept], pairs.point_to_plane[kept], close[kept]
     counted, off_wholly = patches_off(*asked, scale)
     off, deformed = share(off_wholly, counted), (0.0, 0.0)
-    options = {"has_border": has_border, "given_normals": given_normals}
-    local = LocalEvidence.at_end(run, scan, surface, pairs, width, **options)
-    is_part, size = not isinstance(surface, CloudSurface), surface.diagonal
+    local = LocalEvidence.at_end(run, scan, surface, pairs, width, has_border=has_border, given_normals=given_normals)
     # Against a part, what differs from point to point is noise: the curvature of its faces is known.
     normals = np.take(pairs.closest.normals, here, axis=0)
     waviness, local_noise = waviness_of(aside, normals) if is_part else (0.0, np.nan)
@@ -103,9 +102,8 @@ def agreement_of(
         # Neighbours of a sparse scan tell faces from outliers no better than chance; their heights do.
         off = off if has_border else max(off, displaced_of(pairs, close, width, noise, surface))
         if off > DEVIATING_PATCH_SHARE:
-            # Those that are off by so little are of how the part was made.
-            slightly = off_wholly & ~patches_off(*asked, max(scale, PATCH_SCALE_DIAGONALS * size))[1]
-            deformed = _deformed(pairs, on, kept, off_wholly, counted, slightly)
+            off_far = patches_off(*asked, max(scale, PATCH_SCALE_DIAGONALS * size))[1]
+            deformed = _deformed(pairs, on, kept, off_wholly, off_far, counted)
     return replaced(
         _amid(around, _counted(run, surface, pairs, close, max_distance, has_border=has_border)),
         patches=int(np.count_nonzero(counted)),
@@ -255,11 +253,14 @@ def _deformed(
     on: BoolArray,
     kept: IntArray | slice,
     off: BoolArray,
+    off_far: BoolArray,
     counted: BoolArray,
-    slightly: BoolArray,
 ) -> tuple[float, float]:
-    """Share of the counted patches of the kept points, (k,), that are off as faces deform, and of the points, (n,)."""
-    bent = slightly | in_their_face(pairs.closest.points[kept], pairs.closest.normals[kept], off & ~slightly, counted)
+    """Share of the counted patches of the kept points, (k,), that are off as faces deform, and of the points, (n,).
+
+    Those that are not off far are of how the part was made.
+    """
+    bent = (off & ~off_far) | in_their_face(pairs.closest.points[kept], pairs.closest.normals[kept], off_far, counted)
     lost = ~on[kept][: PATCH_POINTS * len(bent)].reshape(-1, PATCH_POINTS)[bent]
     return share(bent, counted), np.count_nonzero(lost) / len(on)
 
