@@ -154,13 +154,15 @@ def json_text(record: dict[str, Any]) -> str:
 
 def record_of(found: Inspected, head: dict[str, str]) -> dict[str, Any]:
     """The inspection as plain values."""
+    from dqreg.inspection.decision import decision_record
+
     sheet = found.sheet
     measured = {
         "outcome": found.outcome,
         "alignment": None if sheet is None or sheet.alignment is None else dataclasses.asdict(sheet.alignment),
         "characteristics": [] if sheet is None else [dataclasses.asdict(row) for row in sheet.characteristics],
         "faces": [] if sheet is None else [dataclasses.asdict(face) for face in sheet.faces],
-        "decision": None if found.decision is None else dataclasses.asdict(found.decision),
+        "decision": None if found.decision is None else decision_record(found.decision, found.deviations.origin),
         "counts": dataclasses.asdict(found.deviations.counts),
         "steps": [] if sheet is None else [dataclasses.asdict(step) for step in sheet.steps],
         "sections": []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import sys
@@ -250,7 +251,7 @@ def deviation_record(
     deviations: Deviations, decision: Decision | None = None, *, trusted: bool = False
 ) -> dict[str, Any]:
     """The figures of `tell_deviations` as plain values."""
-    import dataclasses
+    from dqreg.inspection.decision import decision_record
 
     return {
         "units": deviations.units,
@@ -261,7 +262,7 @@ def deviation_record(
         "bands": None if deviations.tolerance is None else dataclasses.asdict(deviations.bands()),
         "worst": [dataclasses.asdict(place) for place in deviations.worst(PLACES)],
         "counts": dataclasses.asdict(deviations.counts),
-        "decision": None if decision is None else {**dataclasses.asdict(decision), "alignment_trusted": trusted},
+        "decision": decision and decision_record(decision, deviations.origin) | {"alignment_trusted": trusted},
     }
 
 

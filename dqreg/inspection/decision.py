@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -221,3 +222,11 @@ def _by_share(values: FloatArray, room: FloatArray, limits: PointLimits, require
     if np.count_nonzero(beyond + room <= 0.0) >= required * len(values):
         return "pass"
     return "fail" if np.count_nonzero(beyond - room <= 0.0) < required * len(values) else "undecided"
+
+
+def decision_record(decision: Decision, origin: FloatArray) -> dict[str, Any]:
+    """A decision as plain values, its regions' centres in the caller's frame as its places are; ``origin`` of it."""
+    record = dataclasses.asdict(decision)
+    for region in record["regions"]:
+        region["centre"] = region["centre"] + origin
+    return record

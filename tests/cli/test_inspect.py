@@ -5,11 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from dqreg.files import write_cloud
 from dqreg.geometry import Mesh, MeshSurface, sample_mesh
 from dqreg.synth import demo_case, load_case
-from dqreg.synth.parts import bracket
+from dqreg.synth.parts import box, bracket
 from tests.cli.command import run
 
 
@@ -188,3 +189,21 @@ def test_without_a_pose_all_is_written_that_can_be_and_no_old_file_passes_for_ne
     told = capsys.readouterr()
     assert json.loads(told.out)["verdict"]["reasons"] == found["verdict"]["reasons"]
     assert f"not written: {tmp_path / 'none.csv'} (no pose was found)" in told.err
+
+
+def test_regions_of_the_record_stand_where_the_part_does(tmp_path: Path) -> None:
+    # The middle of the part lies far from the origin of its file: a centre about it would be another place.
+    rng, away = np.random.default_rng(7), np.array([300.0, -200.0, 50.0])
+    part = Mesh(*box((80.0, 50.0, 20.0)))
+    cloud = sample_mesh(part, 6_000, rng)
+    trimesh.Trimesh(part.vertices + away, part.faces).export(tmp_path / "part.stl")
+    write_cloud(tmp_path / "scan.ply", cloud.points + rng.normal(0.0, 0.01, cloud.points.shape) + away)
+    run("inspect", tmp_path / "scan.ply", tmp_path / "part.stl", "--tolerance", "0.2", "--start", "identity", "--quiet",
+        "--source-units", "mm", "--target-units", "mm", "--json", tmp_path / "found.json")  # fmt: skip
+    regions = json.loads((tmp_path / "found.json").read_text())["decision"]["regions"]
+    middles = [
+        away + side * half * axis for half, axis in zip((40, 25, 10), np.eye(3), strict=True) for side in (1, -1)
+    ]
+    assert len(regions) == 6
+    for right in middles:
+        assert min(np.linalg.norm(np.array(region["centre"]) - right) for region in regions) < 3.0
