@@ -1,4 +1,4 @@
-"""Characteristics of a drawing: sizes, distances, angles, form, orientation, position, profile; each with uncertainty.
+"""Characteristics of a drawing: sizes, distances, angles, form, profile; each with uncertainty. Others are `zones`.
 
 Every value is a function of measured features (and, for zones, of points); its uncertainty follows from the features'
 covariances and that of the frame, one parameter at a time. Decisions are those of ISO 14253-1: pass or fail is proven,
@@ -118,8 +118,8 @@ def distance(first: Feature, second: Feature) -> Measured:
 
 def angle(first: Feature, second: Feature) -> Measured:
     """Angle between the normals or axes of two features, 0 to 90 degrees; a plane and an axis by the plane itself."""
-    _require_directions(first, second)
-    return propagated(lambda f: _angle_deg(f[0], f[1]), [first, second])
+    require_directions(first, second)
+    return propagated(lambda f: angle_deg(f[0], f[1]), [first, second])
 
 
 def form(feature: Feature, points: FloatArray, noise: float) -> Measured:
@@ -143,42 +143,6 @@ def form(feature: Feature, points: FloatArray, noise: float) -> Measured:
     return Measured(*medians.corrected(zone, lambda z: share * np.ptp(z - z @ inverse.T @ own.T, axis=1)))
 
 
-def orientation(feature: Feature, datum: Feature, points: FloatArray, nominal_deg: float | None = None) -> Measured:
-    """Parallelism, perpendicularity or angularity: width of the zone in the ideal direction to the datum.
-
-    The ideal angle is the nominal one, or of 0 and 90 degrees the nearer.
-    """
-    _require_directions(feature, datum)
-    extent = _extent(feature, points)
-    ideal = nominal_deg
-    if ideal is None:
-        ideal = 0.0 if _angle_deg(feature, datum) < 45.0 else 90.0
-
-    def width(f: Sequence[Feature]) -> float:
-        return extent * math.sin(math.radians(abs(_angle_deg(f[0], f[1]) - ideal)))
-
-    return _from_nothing(propagated(width, [feature, datum]), min(feature.freedom, datum.freedom))
-
-
-def position(feature: Feature, nominal: Feature, frame: KnownFrame | None = None) -> Measured:
-    """Diameter of the least zone about the nominal place that holds the feature: twice its distance from there."""
-    if nominal.kind == "plane":
-        return propagated(lambda f: 2.0 * abs(float((f[0].point - nominal.point) @ nominal.axis)), [feature], frame)
-    return _from_nothing(propagated(lambda f: 2.0 * _across(f[0].point, nominal), [feature], frame), feature.freedom)
-
-
-def coaxiality(feature: Feature, datum: Feature, points: FloatArray) -> Measured:
-    """Diameter of the least cylinder about the datum's axis that holds the feature's axis over its length."""
-    for each in (feature, datum):
-        if each.kind not in ("line", "cylinder", "cone", "circle"):
-            raise InputError(f"a {each.kind} has no axis; coaxiality is of cylinders, cones, circles and lines")
-    along = (points - feature.point) @ feature.axis
-    ends = (float(along.min()), float(along.max())) if feature.kind != "circle" else (0.0,)
-    return propagated(
-        lambda f: 2.0 * max(_across(f[0].point + end * f[0].axis, f[1]) for end in ends), [feature, datum]
-    )
-
-
 def profile(
     deviations: FloatArray, points: FloatArray, noise: float, *, frame_sigma: float = 0.0, middle: float = 0.0
 ) -> Measured:
@@ -193,17 +157,8 @@ def profile(
     return Measured(value, math.hypot(spread, 2.0 * COVERAGE * frame_sigma))
 
 
-def _from_nothing(found: Measured, freedom: int) -> Measured:
-    """Near zero a length has one side only, and two directions of which its slope shows one."""
-    from scipy.special import fdtri, ndtr
-
-    # A length in two directions is below that many standard deviations as often as one value is below its coverage.
-    share = 2.0 * float(ndtr(COVERAGE)) - 1.0
-    wide = math.sqrt(2.0 * float(fdtri(2, freedom, share))) / coverage_of(freedom) * found.uncertainty
-    return Measured(found.value, max(found.uncertainty, min(wide, found.value)))
-
-
-def _require_directions(*features: Feature) -> None:
+def require_directions(*features: Feature) -> None:
+    """`InputError` where one has no direction."""
     if any(feature.kind == "sphere" for feature in features):
         raise InputError("a sphere has no direction, so no angle")
 
@@ -215,24 +170,18 @@ def _distance(a: Feature, b: Feature) -> float:
         return abs(float((b.point - a.point) @ a.axis))
     if a.kind == "sphere" and b.kind == "sphere":
         return float(np.linalg.norm(a.point - b.point))
-    return _across(a.point, b) if b.kind != "sphere" else _across(b.point, a)
+    return across(a.point, b) if b.kind != "sphere" else across(b.point, a)
 
 
-def _across(point: FloatArray, feature: Feature) -> float:
+def across(point: FloatArray, feature: Feature) -> float:
+    """Distance of a point from an axis or a centre."""
     offset = point - feature.point
     if feature.kind == "sphere":
         return float(np.linalg.norm(offset))
     return float(np.linalg.norm(offset - (offset @ feature.axis) * feature.axis))
 
 
-def _angle_deg(a: Feature, b: Feature) -> float:
+def angle_deg(a: Feature, b: Feature) -> float:
+    """Angle of two features, 0 to 90 degrees."""
     between = math.degrees(math.atan2(float(np.linalg.norm(np.cross(a.axis, b.axis))), abs(float(a.axis @ b.axis))))
     return 90.0 - between if (a.kind == "plane") != (b.kind == "plane") else between
-
-
-def _extent(feature: Feature, points: FloatArray) -> float:
-    offsets = points - feature.point
-    along = offsets @ feature.axis
-    if feature.kind != "plane":
-        return float(np.ptp(along))
-    return 2.0 * float(np.linalg.norm(offsets - along[:, None] * feature.axis, axis=1).max())

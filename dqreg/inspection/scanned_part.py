@@ -208,9 +208,16 @@ class ScannedPart:
         )
         return dataclasses.replace(found, covariance=covariance)
 
+    def corners(self, faces: Sequence[Face]) -> FloatArray:
+        """Corners of some faces of the part itself: how far they reach, (k, 3)."""
+        return self.mesh.vertices[np.unique(self.mesh.faces[self._triangles(faces)])]
+
+    def _triangles(self, faces: Sequence[Face]) -> IntArray:
+        return np.flatnonzero(np.isin(self.of_triangle, [face.number for face in faces]))
+
     def ideal_slot(self, faces: Sequence[Face]) -> Feature:
         """The slot whose wall some faces are, on the part itself."""
-        triangles = np.flatnonzero(np.isin(self.of_triangle, [face.number for face in faces]))
+        triangles = self._triangles(faces)
         corners = self.mesh.corners[triangles].reshape(-1, 3)
         numbers = ", ".join(str(face.number) for face in faces)
         refusal = f"faces {numbers} are not the wall of a slot: name its two flat sides and both round ends"

@@ -4,6 +4,11 @@ from __future__ import annotations
 
 from dqreg.inspection import Inspection
 
+# What zones of position and orientation hold (ISO 1101).
+HELD = (
+    "the surface of a flat face (medians of neighbouring points, and the fitted plane to its rim), or the fitted axis "
+    "of another from end to end"
+)
 # Of each kind of a plan.
 DEFINITIONS = {
     "diameter": "of the circle, cylinder or sphere that is fitted to the points of the face (least squares, unless "
@@ -16,18 +21,19 @@ DEFINITIONS = {
     "lie across the axis, the worst counts; medians of neighbouring points of each section.",
     "straightness": "least distance of two parallel lines that hold a line of the face between them, the worst line "
     "counts; of an axis, the diameter of the least cylinder that holds the centres of its sections.",
-    "parallelism": "width of the zone parallel to the datum that holds the fitted feature over its extent.",
-    "perpendicularity": "width of the zone square to the datum that holds the fitted feature over its extent.",
-    "angularity": "width of the zone at the nominal angle to the datum that holds the fitted feature over its extent.",
-    "position": "twice the distance of the fitted feature from its nominal place, under the alignment above.",
-    "coaxiality": "diameter of the least cylinder about the datum's axis that holds the fitted axis over its length.",
+    "parallelism": f"width of the zone parallel to the datum that holds {HELD}.",
+    "perpendicularity": f"width of the zone square to the datum that holds {HELD}.",
+    "angularity": f"width of the zone at the part's own angle to the datum that holds {HELD}.",
+    "position": f"diameter, or width, of the zone about the nominal place that holds {HELD}, or a sphere's centre; "
+    "under the alignment above.",
+    "coaxiality": "diameter of the least cylinder about the datum's axis that holds the fitted axis from end to end.",
     "profile": "twice the largest distance of medians of neighbouring points from the middle of the zone about the "
     "nominal face, under the alignment above.",
     "thickness": "of the wall behind the face, where it differs most from the part's own.",
     "width": "of the fitted slot, across its flat sides.",
     "length": "of the fitted slot, over its round ends.",
-    "slot-position": "twice the distance of the fitted slot's middle from its nominal place, under the alignment "
-    "above.",
+    "slot-position": "diameter of the zone about the nominal axis of the slot's middle that holds the fitted one from "
+    "end to end, under the alignment above.",
     "edge-point": "how far the edge lies beyond the nominal one there, along the face.",
 }
 

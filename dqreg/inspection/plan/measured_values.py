@@ -7,8 +7,10 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.inspection import characteristics as compute
+from dqreg.inspection import zones
 from dqreg.inspection.characteristics import KnownFrame, Measured
 from dqreg.inspection.edge_points import edge_beside, edge_on
+from dqreg.inspection.features import Feature
 from dqreg.inspection.line_forms.round_sections import centres_of, sections_of
 from dqreg.inspection.line_forms.straight_lines import lines_of
 from dqreg.inspection.line_forms.worst import axis_form, worst_form
@@ -18,6 +20,7 @@ from dqreg.inspection.plan.characteristics import OF_SLOT, PlannedCharacteristic
 from dqreg.inspection.plan.file import Plan
 from dqreg.inspection.scanned_part import ScannedPart
 from dqreg.inspection.thickness import wall_thickness
+from dqreg.inspection.zones import FaceScan
 
 
 def faces_of_row(part: ScannedPart, row: PlannedCharacteristic) -> list[Face]:
@@ -76,7 +79,8 @@ def measured_value(
     if row.kind in OF_SLOT:
         slot = part.measured_slot(faces)
         if row.kind == "slot-position":
-            return compute.position(slot, part.ideal_slot(faces), frame)
+            ideal = part.ideal_slot(faces)
+            return zones.position(slot, ideal, _scan_of(part, faces, ideal), frame)
         return compute.width(slot) if row.kind == "width" else compute.length(slot)
     measured = [part.measured(face, row.fit) for face in faces]
     if row.kind == "diameter":
@@ -90,16 +94,31 @@ def measured_value(
     if row.kind in ("roundness", "straightness"):
         return _line_form(part, row, faces[0])
     if row.kind == "position":
-        return compute.position(measured[0], part.ideal(faces[0]), frame)
+        ideal = part.ideal(faces[0])
+        return zones.position(measured[0], ideal, _scan_of(part, faces, ideal), frame)
     named = next(datum for datum in plan.datums if datum.name == row.datum)
-    datum = part.face(named.face)
-    base = part.measured(datum, named.fit)
+    return _to_datum(part, row, faces[0], part.face(named.face), part.measured(part.face(named.face), named.fit))
+
+
+def _scan_of(part: ScannedPart, faces: list[Face], ideal: Feature) -> FaceScan:
+    corners = part.corners(faces)
+    if ideal.kind not in ("plane", "sphere"):
+        # A tilted axis ends where the part's own does, not where the rim of the face does.
+        along = (corners - ideal.point) @ ideal.axis
+        corners = ideal.point + np.array([[along.min()], [along.max()]]) * ideal.axis
+    return FaceScan(np.concatenate([part.on(face) for face in faces]), corners, part.noise)
+
+
+def _to_datum(part: ScannedPart, row: PlannedCharacteristic, face: Face, datum: Face, base: Feature) -> Measured:
+    """An orientation or a coaxiality, given the datum as it was scanned."""
+    ideal = part.ideal(face)
+    measured, scan = part.measured(face, row.fit), _scan_of(part, [face], ideal)
     if row.kind == "coaxiality":
-        return compute.coaxiality(measured[0], base, points)
-    ideal = {"parallelism": 0.0, "perpendicularity": 90.0}.get(row.kind)
-    if ideal is None:
-        ideal = compute.angle(part.ideal(faces[0]), part.ideal(datum)).value
-    return compute.orientation(measured[0], base, points, ideal)
+        return zones.coaxiality(measured, base, scan)
+    nominal = {"parallelism": 0.0, "perpendicularity": 90.0}.get(row.kind)
+    return zones.orientation(
+        measured, base, scan, compute.angle(ideal, part.ideal(datum)).value if nominal is None else nominal
+    )
 
 
 def _line_form(part: ScannedPart, row: PlannedCharacteristic, face: Face) -> Measured:

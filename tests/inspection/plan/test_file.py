@@ -34,7 +34,7 @@ PLAN: dict[str, Any] = {
     "characteristic": [
         {"name": "thickness", "kind": "distance", "faces": [BOTTOM, TOP], "tolerance": 0.1},
         {"name": "hole", "kind": "diameter", "face": HOLE, "plus": 0.05, "minus": 0.02},
-        {"name": "hole place", "kind": "position", "face": HOLE, "tolerance": 0.1},
+        {"name": "hole place", "kind": "position", "face": HOLE, "tolerance": 0.12},
         {"name": "flat", "kind": "form", "face": BOTTOM, "tolerance": 0.05},
         {"name": "square", "kind": "perpendicularity", "near": [60, 0, 5], "datum": "A", "tolerance": 0.05},
         {"name": "top", "kind": "profile", "face": TOP, "tolerance": 0.05},
