@@ -62,6 +62,8 @@ FACES: dict[str, int] = {"distance": 2, "angle": 2}
 OF_SLOT = ("width", "length", "slot-position")
 # Those that relate a face to a datum.
 TO_DATUM = ("parallelism", "perpendicularity", "angularity", "coaxiality")
+# Those that depend on how the part is aligned.
+UNDER = ("position", "slot-position", "profile", "edge-point")
 # Zones: their tolerance is a width from 0, and nothing is nominal.
 ZONES = ("form", "roundness", "straightness", *TO_DATUM, "position", "profile", "slot-position")
 # Those of fitted features.
@@ -109,9 +111,6 @@ def characteristic_of(entry: Any, where: str, letters: list[str]) -> PlannedChar
     kind = entry.get("kind")
     _require_kind(kind, f"{where}: kind")
     where = f"{where} ({entry.get('name', kind)})"
-    datum = entry.get("datum", "")
-    if kind in TO_DATUM or datum:
-        require_one_of(datum, letters, f"{where}: datum")
     plus, minus = sides_of(entry, where)
     nominal, middle = number_of(entry, "nominal", where) if "nominal" in entry else None, 0.0
     if kind == "profile" and "tolerance" not in entry:
@@ -126,7 +125,7 @@ def characteristic_of(entry: Any, where: str, letters: list[str]) -> PlannedChar
         str(entry.get("name", kind)),
         kind,
         _faces(entry, kind, where),
-        datum,
+        _datum(entry, kind, where, letters),
         nominal,
         plus,
         minus,
@@ -145,6 +144,20 @@ def _require_kind(kind: Any, where: str) -> None:
     if word in NOT_MEASURED:
         raise InputError(f"{where}: got {kind!r}; {NOT_MEASURED[word]}")
     require_one_of(kind, get_args(CharacteristicKind), where)
+
+
+def _datum(entry: dict[str, Any], kind: str, where: str, letters: list[str]) -> str:
+    """The letter of the datum that a characteristic is to; one that would not be heeded is refused."""
+    datum = entry.get("datum", "")
+    if datum and kind not in TO_DATUM:
+        under = 'is under the alignment of the plan: alignment = "datums" lays it on all [[datum]] entries'
+        raise InputError(
+            f"{where}: datum goes with {', '.join(TO_DATUM)}; a {kind} {under if kind in UNDER else 'has none'}; "
+            f"got {datum!r:.60}: leave it out"
+        )
+    if kind in TO_DATUM:
+        require_one_of(datum, letters, f"{where}: datum")
+    return str(datum)
 
 
 def _faces(entry: dict[str, Any], kind: str, where: str) -> tuple[FaceName, ...]:

@@ -71,6 +71,13 @@ def _labels(surface: MeshSurface, points: np.ndarray) -> np.ndarray:
     return faces_of(PART)[1][surface.closest(points).elements]
 
 
+@pytest.mark.parametrize(("kind", "words"), [("position", "under the alignment of the plan"), ("diameter", "has none")])
+def test_a_datum_that_would_not_be_heeded_is_refused(kind: str, words: str) -> None:
+    row = {"name": "hole", "kind": kind, "face": HOLE, "datum": "A", "tolerance": 0.1}
+    with pytest.raises(InputError, match=f"datum goes with parallelism, .*; a {kind} .*{words}.*got 'A': leave it out"):
+        plan_of({**PLAN, "characteristic": [row]})
+
+
 def test_the_plan_finds_the_faults_and_no_others() -> None:
     found = inspect(scanned(1), plan_of(PLAN))
     rows = {row.name: row for row in found.characteristics}
