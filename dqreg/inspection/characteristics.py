@@ -26,6 +26,8 @@ from dqreg.rigid import pose, twist
 
 # Step of the numerical derivatives, in standard deviations of a feature's parameters.
 NUDGE = 1e-2
+# Directions whose cosine is less are at right angles on the part itself.
+RIGHT = 1e-5
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,15 +113,30 @@ def length(feature: Feature) -> Measured:
     return propagated(lambda f: f[0].length, [feature])
 
 
-def distance(first: Feature, second: Feature) -> Measured:
-    """Distance of two features: along the normal of a plane, across the axes of others."""
-    return propagated(lambda f: _distance(f[0], f[1]), [first, second])
+def distance(first: Feature, second: Feature, middle: FloatArray | None = None) -> Measured:
+    """Distance of two features: along the normal of a plane, across the axes of others.
+
+    Two planes are compared along the bisector of their normals through ``middle``, (3,), whichever is the first: where
+    they are tilted, their distance is another one at every place.
+    """
+    return propagated(lambda f: _distance(f[0], f[1], middle), [first, second])
 
 
-def angle(first: Feature, second: Feature) -> Measured:
-    """Angle between the normals or axes of two features, 0 to 90 degrees; a plane and an axis by the plane itself."""
+def angle(first: Feature, second: Feature, nominal_deg: float = 0.0, ideal: Sequence[Feature] = ()) -> Measured:
+    """Angle between the normals or axes of two features, 0 to 90 degrees; a plane and an axis by the plane itself.
+
+    Where it is nominally more than 90 degrees it is the supplement of that. ``ideal`` are both features on the part:
+    one that is not at right angles there is followed beyond a right angle.
+    """
     require_directions(first, second)
-    return propagated(lambda f: angle_deg(f[0], f[1]), [first, second])
+    along = float(ideal[0].axis @ ideal[1].axis) if ideal else 0.0
+    side = math.copysign(1.0, along) if abs(along) > RIGHT else 0.0
+
+    def value(f: Sequence[Feature]) -> float:
+        found = angle_deg(f[0], f[1], side)
+        return 180.0 - found if nominal_deg > 90.0 else found
+
+    return propagated(value, [first, second])
 
 
 def form(feature: Feature, points: FloatArray, noise: float) -> Measured:
@@ -163,7 +180,9 @@ def require_directions(*features: Feature) -> None:
         raise InputError("a sphere has no direction, so no angle")
 
 
-def _distance(a: Feature, b: Feature) -> float:
+def _distance(a: Feature, b: Feature, middle: FloatArray | None) -> float:
+    if a.kind == "plane" and b.kind == "plane":
+        return _between_planes(a, b, 0.5 * (a.point + b.point) if middle is None else middle)
     if b.kind == "plane":
         return abs(float((a.point - b.point) @ b.axis))
     if a.kind == "plane":
@@ -171,6 +190,13 @@ def _distance(a: Feature, b: Feature) -> float:
     if a.kind == "sphere" and b.kind == "sphere":
         return float(np.linalg.norm(a.point - b.point))
     return across(a.point, b) if b.kind != "sphere" else across(b.point, a)
+
+
+def _between_planes(a: Feature, b: Feature, middle: FloatArray) -> float:
+    bisector = a.axis + math.copysign(1.0, float(a.axis @ b.axis)) * b.axis
+    bisector = bisector / np.linalg.norm(bisector)
+    met = [float((plane.point - middle) @ plane.axis) / float(bisector @ plane.axis) for plane in (a, b)]
+    return abs(met[0] - met[1])
 
 
 def across(point: FloatArray, feature: Feature) -> float:
@@ -181,7 +207,9 @@ def across(point: FloatArray, feature: Feature) -> float:
     return float(np.linalg.norm(offset - (offset @ feature.axis) * feature.axis))
 
 
-def angle_deg(a: Feature, b: Feature) -> float:
-    """Angle of two features, 0 to 90 degrees."""
-    between = math.degrees(math.atan2(float(np.linalg.norm(np.cross(a.axis, b.axis))), abs(float(a.axis @ b.axis))))
+def angle_deg(a: Feature, b: Feature, side: float = 0.0) -> float:
+    """Angle of two features, 0 to 90 degrees; beyond a right angle where ``side`` is the sign that its cosine had."""
+    cosine = float(a.axis @ b.axis)
+    across_both = float(np.linalg.norm(np.cross(a.axis, b.axis)))
+    between = math.degrees(math.atan2(across_both, side * cosine if side else abs(cosine)))
     return 90.0 - between if (a.kind == "plane") != (b.kind == "plane") else between

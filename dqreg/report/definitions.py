@@ -13,8 +13,10 @@ HELD = (
 DEFINITIONS = {
     "diameter": "of the circle, cylinder or sphere that is fitted to the points of the face (least squares, unless "
     "another fit is named).",
-    "distance": "of two fitted features: along the normal of a plane, across the axes of others.",
-    "angle": "between the normals or axes of two fitted features, 0 to 90 degrees.",
+    "distance": "of two fitted features: of planes along the bisector of their normals, in the middle of both faces of "
+    "the part (of which the smaller counts the more); of others along the normal of a plane, or across the axes.",
+    "angle": "between the normals or axes of two fitted features, 0 to 90 degrees; its supplement where more than 90 "
+    "are nominal.",
     "form": "flatness, cylindricity or what else the face's shape gives: width of the least zone about medians of "
     "neighbouring points of the whole face.",
     "roundness": "least distance of two circles of one centre that hold a section of the face between them; sections "

@@ -112,7 +112,7 @@ def characteristic_of(entry: Any, where: str, letters: list[str]) -> PlannedChar
     _require_kind(kind, f"{where}: kind")
     where = f"{where} ({entry.get('name', kind)})"
     plus, minus = sides_of(entry, where)
-    nominal, middle = number_of(entry, "nominal", where) if "nominal" in entry else None, 0.0
+    nominal, middle = _nominal(entry, kind, where), 0.0
     if kind == "profile" and "tolerance" not in entry:
         # Unilateral or unequal: the zone reaches from minus below the part's surface to plus above it.
         middle, plus, minus = 0.5 * (plus - minus), plus + minus, 0.0
@@ -144,6 +144,13 @@ def _require_kind(kind: Any, where: str) -> None:
     if word in NOT_MEASURED:
         raise InputError(f"{where}: got {kind!r}; {NOT_MEASURED[word]}")
     require_one_of(kind, get_args(CharacteristicKind), where)
+
+
+def _nominal(entry: dict[str, Any], kind: str, where: str) -> float | None:
+    nominal = number_of(entry, "nominal", where) if "nominal" in entry else None
+    if nominal is not None and kind == "angle" and not 0.0 <= nominal <= 180.0:
+        raise InputError(f"{where}: nominal of an angle is 0 to 180 degrees; got {nominal:g}: give it in that range")
+    return nominal
 
 
 def _datum(entry: dict[str, Any], kind: str, where: str, letters: list[str]) -> str:

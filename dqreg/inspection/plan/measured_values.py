@@ -41,7 +41,7 @@ def nominal_value(part: ScannedPart, row: PlannedCharacteristic, faces: list[Fac
     if row.kind == "diameter":
         nominal = compute.diameter(part.ideal(faces[0])).value
     elif row.kind == "distance":
-        nominal = compute.distance(*map(part.ideal, faces)).value
+        nominal = compute.distance(*map(part.ideal, faces), _middle_of(faces)).value
     elif row.kind == "angle":
         nominal = compute.angle(*map(part.ideal, faces)).value
     elif row.kind in ("width", "length"):
@@ -86,9 +86,9 @@ def measured_value(
     if row.kind == "diameter":
         return compute.diameter(measured[0])
     if row.kind == "distance":
-        return compute.distance(*measured)
+        return compute.distance(*measured, _middle_of(faces))
     if row.kind == "angle":
-        return compute.angle(*measured)
+        return compute.angle(*measured, row.nominal or 0.0, [part.ideal(face) for face in faces])
     if row.kind == "form":
         return compute.form(measured[0], points, part.noise)
     if row.kind in ("roundness", "straightness"):
@@ -98,6 +98,12 @@ def measured_value(
         return zones.position(measured[0], ideal, _scan_of(part, faces, ideal), frame)
     named = next(datum for datum in plan.datums if datum.name == row.datum)
     return _to_datum(part, row, faces[0], part.face(named.face), part.measured(part.face(named.face), named.fit))
+
+
+def _middle_of(faces: list[Face]) -> FloatArray:
+    """Middle of some faces, (3,): as much nearer to a smaller one as that is smaller."""
+    shares = 1.0 / np.array([face.area for face in faces])
+    return np.asarray(shares @ np.array([face.centre for face in faces]) / shares.sum())
 
 
 def _scan_of(part: ScannedPart, faces: list[Face], ideal: Feature) -> FaceScan:
