@@ -16,6 +16,7 @@ from dqreg.inspection.coverage import covered, usual_density
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.facing import closest_as_before
 from dqreg.inspection.features import Feature, fit_feature
+from dqreg.inspection.features.hidden_form import hidden_form
 from dqreg.inspection.features.spread import covariance_on
 from dqreg.inspection.medians import smoothed
 from dqreg.inspection.part_faces import Face, faces_at, faces_in_box, nearest_face, part_faces
@@ -206,7 +207,7 @@ class ScannedPart:
         covariance = covariance_on(
             found.kind, found.shape, points, covariance=found.covariance, rms=found.rms, scanned=scanned
         )
-        return dataclasses.replace(found, covariance=covariance)
+        return dataclasses.replace(found, covariance=covariance + hidden_form(found.kind, found.shape, points))
 
     def corners(self, faces: Sequence[Face]) -> FloatArray:
         """Corners of some faces of the part itself: how far they reach, (k, 3)."""

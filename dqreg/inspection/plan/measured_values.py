@@ -8,6 +8,7 @@ from dqreg._arrays import FloatArray
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.inspection import characteristics as compute
 from dqreg.inspection import zones
+from dqreg.inspection.arcs import require_around
 from dqreg.inspection.characteristics import KnownFrame, Measured
 from dqreg.inspection.edge_points import edge_beside, edge_on
 from dqreg.inspection.features import Feature
@@ -21,6 +22,9 @@ from dqreg.inspection.plan.file import Plan
 from dqreg.inspection.scanned_part import ScannedPart
 from dqreg.inspection.thickness import wall_thickness
 from dqreg.inspection.zones import FaceScan
+
+# Those that depend on the size or place of a round face, which form error changes where little of it was seen.
+SIZED = ("diameter", "distance", "form", "position", "coaxiality")
 
 
 def faces_of_row(part: ScannedPart, row: PlannedCharacteristic) -> list[Face]:
@@ -83,6 +87,9 @@ def measured_value(
             return zones.position(slot, ideal, _scan_of(part, faces, ideal), frame)
         return compute.width(slot) if row.kind == "width" else compute.length(slot)
     measured = [part.measured(face, row.fit) for face in faces]
+    if row.kind in SIZED:
+        for face in faces:
+            require_around(part, face, row.kind)
     if row.kind == "diameter":
         return compute.diameter(measured[0])
     if row.kind == "distance":
