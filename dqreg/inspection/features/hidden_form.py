@@ -18,7 +18,7 @@ def hidden_form(kind: FeatureKind, shape: Shape, points: FloatArray) -> FloatArr
     """Covariance of the parameters that lobes give them, (k, k), added to that of noise.
 
     The fit is repeated with each number of lobes beside the parameters; what these change by counts as often as the
-    residuals ask for those lobes (Bayesian information criterion; Schwarz 1978). Round a whole turn they change nothing.
+    residuals ask for those lobes (Bayesian information criterion; Schwarz 1978). Of a whole turn nothing changes.
     """
     rows, slopes = distances(kind, shape, points)
     none = np.zeros((slopes.shape[1],) * 2)

@@ -8,11 +8,10 @@ from dqreg._arrays import FloatArray
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.inspection import characteristics as compute
 from dqreg.inspection import zones
-from dqreg.inspection.arcs import require_around
 from dqreg.inspection.characteristics import KnownFrame, Measured
 from dqreg.inspection.edge_points import edge_beside, edge_on
 from dqreg.inspection.features import Feature
-from dqreg.inspection.line_forms.round_sections import centres_of, sections_of
+from dqreg.inspection.line_forms.round_sections import centres_of, require_around, sections_of
 from dqreg.inspection.line_forms.straight_lines import lines_of
 from dqreg.inspection.line_forms.worst import axis_form, worst_form
 from dqreg.inspection.part_faces import Face
@@ -45,7 +44,7 @@ def nominal_value(part: ScannedPart, row: PlannedCharacteristic, faces: list[Fac
     if row.kind == "diameter":
         nominal = compute.diameter(part.ideal(faces[0])).value
     elif row.kind == "distance":
-        nominal = compute.distance(*map(part.ideal, faces), _middle_of(faces)).value
+        nominal = compute.distance(part.ideal(faces[0]), part.ideal(faces[1]), _middle_of(faces)).value
     elif row.kind == "angle":
         nominal = compute.angle(*map(part.ideal, faces)).value
     elif row.kind in ("width", "length"):
@@ -93,9 +92,9 @@ def measured_value(
     if row.kind == "diameter":
         return compute.diameter(measured[0])
     if row.kind == "distance":
-        return compute.distance(*measured, _middle_of(faces))
+        return compute.distance(measured[0], measured[1], _middle_of(faces))
     if row.kind == "angle":
-        return compute.angle(*measured, row.nominal or 0.0, [part.ideal(face) for face in faces])
+        return compute.angle(measured[0], measured[1], row.nominal or 0.0, [part.ideal(face) for face in faces])
     if row.kind == "form":
         return compute.form(measured[0], points, part.noise)
     if row.kind in ("roundness", "straightness"):
