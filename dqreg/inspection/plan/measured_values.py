@@ -46,7 +46,7 @@ def nominal_value(part: ScannedPart, row: PlannedCharacteristic, faces: list[Fac
     elif row.kind == "distance":
         nominal = compute.distance(part.ideal(faces[0]), part.ideal(faces[1]), _middle_of(faces)).value
     elif row.kind == "angle":
-        nominal = compute.angle(*map(part.ideal, faces)).value
+        nominal = compute.angle(part.ideal(faces[0]), part.ideal(faces[1])).value
     elif row.kind in ("width", "length"):
         ideal = part.ideal_slot(faces)
         nominal = ideal.width if row.kind == "width" else ideal.length
