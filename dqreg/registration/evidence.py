@@ -132,6 +132,7 @@ def _amid(around: Surroundings, found: Evidence) -> Evidence:
         share_other=around.share_other,
         share_contradicting=around.share_contradicting,
         share_on_faces=around.share_on_faces,
+        going_on=around.going_on,
     )
 
 

@@ -13,6 +13,7 @@ from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp import Correspondences
 from dqreg.search.problem import SCENE
+from dqreg.trust.continuations import share_going_on
 from dqreg.trust.limits import MIN_NOISE_DIAGONALS
 from dqreg.trust.patch_tests import share_displaced
 from dqreg.trust.segments import Segments, segments_of
@@ -32,6 +33,7 @@ class Surroundings:
     share_other: float  # On other objects
     share_contradicting: float  # On surface of the part itself, off the target
     share_on_faces: float  # On smooth surface that is on the target
+    going_on: float = math.nan  # Of a scan larger than the target: see `share_going_on`
 
 
 def surroundings_of(pairs: Correspondences, width: float, near: float, size: float) -> Surroundings:
@@ -53,8 +55,13 @@ def surroundings_of(pairs: Correspondences, width: float, near: float, size: flo
     if far.any():
         elsewhere = ~on & far[known][NeighbourTree(points[known]).nearest(pairs.moved, 1)[0][:, 0]]
     faces = segments.on & (segments.labels >= 0)
-    shares = (share_of(side) for side in (segments.on, segments.other, segments.contradicting, faces))
-    return Surroundings(elsewhere, *shares)
+    on_target, other, wrong, on_faces = (
+        share_of(side) for side in (segments.on, segments.other, segments.contradicting, faces)
+    )
+    is_larger = pairs.scan.diagonal > SCENE * size
+    asked = pairs.moved, pairs.closest.normals, pairs.distances
+    going_on = share_going_on(*asked, width, size) if is_larger else math.nan
+    return Surroundings(elsewhere, on_target, other, wrong, on_faces, going_on)
 
 
 def displaced_of(pairs: Correspondences, close: BoolArray, width: float, noise: float, surface: Surface) -> float:

@@ -43,6 +43,8 @@ def _patches(evidence: Evidence) -> tuple[float, float]:
 
 
 def _contradicting(evidence: Evidence) -> tuple[float, float]:
+    if not evidence.contradiction > limits.OFF_FACE_SHARE and evidence.going_on > limits.GOING_ON_SHARE:
+        return evidence.going_on, limits.GOING_ON_SHARE
     return evidence.contradiction, limits.OFF_FACE_SHARE
 
 

@@ -12,6 +12,7 @@ from dqreg.trust.limits import (
     CONSTRAINT_LOG_LIKELIHOOD,
     DISAGREEING_NORMAL_SHARE,
     FREED_GAIN,
+    GOING_ON_SHARE,
     MIN_FRACTION_OF_ALL,
     MIN_INLIER_FRACTION,
     MIN_INLIERS,
@@ -130,6 +131,12 @@ def _contradicting_surface(evidence: Evidence) -> Iterator[str]:
         yield (
             f"{100 * evidence.share_contradicting:.0f} % of the scan are faces that continue beyond the target or meet "
             f"it in a convex edge, and {100 * evidence.share_on:.0f} % are on it: another part, or a wrong pose"
+        )
+    elif evidence.going_on > GOING_ON_SHARE:
+        yield (
+            f"beside {100 * evidence.going_on:.0f} % of the points on the target the scan goes on beyond it in their "
+            f"plane, and {100 * evidence.share_on:.2g} % of the scan are on it: a corner of something larger; check "
+            "the units, or cut the scan to the part"
         )
 
 

@@ -81,6 +81,9 @@ class Evidence:
         Fractions of the scan on the target, on other objects, and on surface of the part itself off the target.
     share_on_faces : float
         Fraction of the scan on smooth surface that is on the target; NaN where that was not asked.
+    going_on : float
+        Of the points on the target, the share beside which the scan goes on beyond it in one plane; NaN where the scan
+        is no larger than a closed target.
     looked_through : float
         Fraction of the points compared that stand where a scanner looked through; NaN where its place is not known.
     seen_alike : float
@@ -188,6 +191,7 @@ class Evidence:
     places: float = math.inf
     rims_elsewhere: tuple[float, float] = (math.nan, 0.0)
     share_on_faces: float = math.nan
+    going_on: float = math.nan
     opposed_edges: float = math.nan
     closed_hole: float = math.nan
     seen_alike: float = math.nan
