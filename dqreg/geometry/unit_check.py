@@ -7,7 +7,9 @@ axes of either side (of the nearest 95 % of the points, so that outliers do not 
 - beyond a factor of 150 no scan belongs to its part; the nearest ratio of units is named;
 - near 10, 25.4 or 100 the *shapes* must agree as well: the deviations in about that same ratio, as for a scan of the
   whole part. A patch of a part or a scene around it has other proportions;
-- near 3.28 (feet and metres), 2.54, 12, 30.48 or 39.37 all three deviations must agree to 5 %;
+- near 3.28 (feet and metres), 2.54, 12, 30.48 or 39.37 all three deviations must agree to 5 %; near the last three the
+  shapes suffice, as above, where the scan is the smaller side, or has so few points that of a part amid a scene a
+  hundred would be left, which is no scan of it;
 - between two clouds the *spacing* must speak the same language: a unit scales it along with the size, while a
   small scan of a large object, or a scene about a model, has nearly the spacing of the other side.
 
@@ -47,6 +49,9 @@ UNIT_AGREEMENT_RATIO = 1.18
 MIN_THICKNESS_RATIO, MAX_THICKNESS_RATIO = 0.45, 1.18
 # Agreement of all three deviations with the ratio of units that are confused less often.
 CLOSE_AGREEMENT_RATIO = 1.05
+# A part that is so many points of a scan at most was not scanned: then the ratio of sizes is none of a scene to a part,
+# and shapes that agree tell units whose ratio is at least so large, however seldom they are confused.
+UNSCANNED_POINTS, FAR_APART = 100, 10.0
 # Spacings of two clouds agree with the ratio of units within that factor: sensors differ; nor are they nearer to equal.
 SPACING = 3.0
 SAMPLE, KEPT = 5_000, 0.95
@@ -111,7 +116,10 @@ def find_unit_mistake(
         for mixed in (MIXED, MIXED_RARELY)
     )
     seen = [pair for pair in rare if _same_spreads(*spreads, ratio, factor(*pair))]
-    seen += [pair for pair in pairs if _same_shape(*spreads, ratio, factor(*pair))]
+    loose = [pair for pair in pairs if _same_shape(*spreads, ratio, factor(*pair))]
+    loose += [pair for pair in rare if _is_rare_mistake(source, *spreads, ratio, factor(*pair)) and pair not in seen]
+    # Ten is near to twelve: the ratio itself says which of them comes first.
+    seen += sorted(loose, key=lambda pair: abs(np.log(max(ratio, 1.0 / ratio) / factor(*pair))))
     over = max(ratio, 1.0 / ratio)
     if over > ABSURD:
         # A unit that explains no such ratio is the mistake itself: of a depth image it is a guess.
@@ -213,6 +221,15 @@ def _same_spreads(source: FloatArray, target: FloatArray, ratio: float, units: f
     if not min(scan[2], target[2]) > 0.0:
         return False
     return bool(np.abs(np.log(scan / target)).max() <= np.log(CLOSE_AGREEMENT_RATIO))
+
+
+def _is_rare_mistake(
+    source: PointCloud | Mesh, of_source: FloatArray, of_target: FloatArray, ratio: float, units: float
+) -> bool:
+    """Whether shapes agree at a ratio of units that are seldom confused, and nothing else explains that ratio."""
+    if units < FAR_APART or not _same_shape(of_source, of_target, ratio, units):
+        return False
+    return ratio < 1.0 or (isinstance(source, PointCloud) and len(source.points) <= UNSCANNED_POINTS * units**2)
 
 
 def _same_spacing(source: PointCloud | Mesh, target: PointCloud | Mesh, ratio: float, units: float) -> bool:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import bounds
-from dqreg.files.units import MIXED, factor
+from dqreg.files.units import MIXED, MIXED_RARELY, factor
 from dqreg.geometry import Mesh
 from dqreg.report.result_protocol import RegisteredPair, RegistrationResult
 from dqreg.report.text import text_of, unit_words
 
-# Sizes that differ by more than that factor are worth a word, and those within these bounds of a unit's factor.
-APART, NEAR = 5.0, (0.6, 1.7)
+# Sizes that differ by more than that factor are worth a word, and those within these bounds of a unit's factor; of
+# smaller factors, by which many a view is smaller than its part, within these.
+APART, NEAR, NEAR_SMALL = 5.0, (0.6, 1.7), (0.8, 1.25)
 
 
 def hints_of(result: RegistrationResult) -> list[str]:
@@ -60,17 +61,30 @@ def _size_hint(result: RegistrationResult, inputs: RegisteredPair) -> list[str]:
     scan = float(np.linalg.norm(np.subtract(*bounds(inputs.source.cloud.points))))
     part = inputs.target.surface.diagonal
     ratio = max(scan, part) / max(min(scan, part), np.finfo(float).tiny)
-    if ratio < APART:
+    near = _units_near(ratio)
+    if ratio < APART and not near:
         return []
     sizes = f"The scan is {text_of(scan, 4)} across, the target {text_of(part, 4)} ({text_of(ratio, 3)} to 1)"
-    near = [f"{coarse} and {fine}" for coarse, fine in MIXED if NEAR[0] < ratio / factor(coarse, fine) < NEAR[1]]
     if not near:
         return [f"{sizes}: cut the scan to the part, or check the units."]
     named = [result.settings.get(name) for name in ("source_units", "target_units")]
     if all(named):
         words = f"although they are named {named[0]} and {named[1]}: one of these may be wrong"
         return [f"{sizes}, close to the ratio of {near[0]}, {words} (--source-units, --target-units)."]
-    return [f"{sizes}, close to the ratio of {near[0]}: name the units (--source-units, --target-units)."]
+    return [
+        f"{sizes}, close to the ratio of {' or of '.join(near[:2])}: name the units (--source-units, --target-units)."
+    ]
+
+
+def _units_near(ratio: float) -> list[str]:
+    """Pairs of units whose ratio explains one of sizes, those that are confused most often first.
+
+    >>> _units_near(11.5), _units_near(3.2), _units_near(1.4)
+    (['cm and mm', 'ft and inch'], ['m and ft'], [])
+    """
+    pairs = [(coarse, fine, factor(coarse, fine)) for coarse, fine in (*MIXED, *MIXED_RARELY)]
+    within = [(*pair, NEAR if pair[2] > APART else NEAR_SMALL) for pair in pairs]
+    return [f"{coarse} and {fine}" for coarse, fine, units, (low, high) in within if low < ratio / units < high]
 
 
 def _distance_hint(result: RegistrationResult, inputs: RegisteredPair) -> list[str]:

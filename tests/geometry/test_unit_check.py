@@ -10,6 +10,7 @@ from dqreg.files.units import factor
 from dqreg.geometry import Mesh, PointCloud, sample_mesh
 from dqreg.geometry.unit_check import find_unit_mistake, principal_spreads, require_same_units
 from dqreg.rigid import pose
+from dqreg.synth import Noise, Scanner, scan_mesh
 from dqreg.synth.parts import bracket
 
 FACTORS = [2.54, 1.0 / 0.3048, 10.0, 12.0, 25.4, 30.48, 1.0 / 0.0254, 304.8, 1000.0]
@@ -129,3 +130,33 @@ def test_points_on_a_line_or_in_one_place_are_for_others_to_refuse() -> None:
     line = PointCloud(np.arange(30.0)[:, None] * [1.0, 0.0, 0.0])
     assert find_unit_mistake(line, times(line, 10.0)) is None
     assert find_unit_mistake(PointCloud(np.ones((5, 3))), part()) is None
+
+
+# Directions from which a part is seen: its shape is known to 18 %, not to 5 %.
+SEEN = ((0.0, 0.0, 1.0), (1.0, 0.5, 1.0), (-1.0, -1.0, 0.6))
+
+
+@pytest.mark.parametrize("smaller", [False, True])
+@pytest.mark.parametrize(("coarse", "fine"), [("ft", "inch"), ("ft", "cm"), ("m", "inch")])
+def test_units_that_are_seldom_confused_are_told_of_a_scan_from_some_sides(
+    coarse: str, fine: str, smaller: bool
+) -> None:
+    points = scan_mesh(
+        *bracket(), Scanner(views=SEEN, pixels=80), Noise(range_sigma=0.03), rng=np.random.default_rng(0)
+    ).points
+    k = factor(coarse, fine)
+    moved = PointCloud(points / k if smaller else points * k)
+    mistake = find_unit_mistake(moved, part())
+    assert mistake is not None
+    assert (mistake.source_units, mistake.target_units) == ((coarse, fine) if smaller else (fine, coarse))
+    known = find_unit_mistake(moved, part(), target_units=fine if smaller else coarse)
+    assert known is not None
+    assert known.source_units == mistake.source_units
+
+
+def test_a_dense_scene_of_the_proportions_of_its_part_is_no_mistake() -> None:
+    # Twelve times as large and as thick, but of so many points that the part amid it is a scan of its own.
+    scene = scan_mesh(
+        *bracket(), Scanner(views=SEEN[:2], pixels=200), Noise(range_sigma=0.03), rng=np.random.default_rng(0)
+    )
+    assert find_unit_mistake(PointCloud(12.0 * scene.points), part()) is None
