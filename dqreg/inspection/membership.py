@@ -14,6 +14,7 @@ from dqreg.errors import InputError
 from dqreg.inspection.scan_cells import ScanCells
 from dqreg.inspection.scan_scene import Nominal
 from dqreg.inspection.scan_surfaces import Surfaces, surfaces_of
+from dqreg.inspection.sparse_groups import sparse_groups
 from dqreg.inspection.statistics import PROBED
 
 Flags = NDArray[np.int8]
@@ -136,6 +137,9 @@ def membership(
             cells, off, points, distances, nominal, limit=limit, noise=noise, spacing=spacing, closed=given
         )
         _flag(flags, off, found, cells, points, distances, (begins, BESIDE * noise))
+        single = off[~found.crowded[cells.cell]]
+        single = single[distances[single] <= limit]
+        flags[sparse_groups(single, flags == ON_PART, values, nominal, noise=noise)] = ON_PART
     if np.isfinite(limit) and spacing > 0.0 and noise > 0.0:
         on = flags == ON_PART
         if (on & (distances > noisy)).any():

@@ -27,6 +27,8 @@ ASKED, NEIGHBOURS = 20_000, 1_000_000
 MEDIAN_SIGMA = 1.2533
 # Neighbours that lie farther apart than usual by this factor are strays; so many points say what is usual.
 SPARSE, SAMPLED = 3.0, 1_000
+# The same on one side of a thin wall: what is farther apart there is no scan of it.
+SPARSE_SIDE = 4.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,7 +94,7 @@ def _medians(deviations: Deviations, rows: IntArray, asked: IntArray) -> tuple[F
     step = -(-len(rows) // NEIGHBOURS)
     feet, kept = deviations.closest[rows] - deviations.origin, values[::step]
     # Neighbours on the part: a point off it stands with those that were measured where it should be.
-    medians, spreads = _voted(kept[_beside(feet[::step], feet[asked])[0]])
+    medians, spreads = _voted(kept[_on_one_side(deviations, rows[::step], feet[::step], rows[asked], feet[asked])])
     # Far off a part it stands with those that were measured beside it as well: what closes a hole has its feet along
     # the rim, where good points have theirs too. Nearer, those beside a point that noise has raised are raised as well.
     sigma = deviations.noise or GAUSSIAN_MEDIAN * float(np.median(np.abs(values - np.median(values))))
@@ -106,6 +108,26 @@ def _medians(deviations: Deviations, rows: IntArray, asked: IntArray) -> tuple[F
         more = (widths <= SPARSE * usual) & (np.abs(others) > np.abs(medians[far]))
         medians[far[more]], spreads[far[more]] = others[more], scatters[more]
     return medians, MEDIAN_SIGMA * spreads / math.sqrt(PLACE)
+
+
+def _on_one_side(deviations: Deviations, rows: IntArray, feet: FloatArray, of: IntArray, asked: FloatArray) -> IntArray:
+    """The points nearest to each asked one on its side of a thin wall, (m, 25): there may be many more on the other.
+
+    Feet of some rows of the scan, (n, 3), and of those asked, (m, 3).
+    """
+    beside, widths = _beside(feet, asked)
+    normals, own = deviations.normals(rows), deviations.normals(of)
+    mixed = np.flatnonzero((np.einsum("ijk,ik->ij", normals[beside], own) < 0.0).any(axis=1))
+    if len(mixed):
+        # As far apart as the part is large.
+        sided = np.hstack([feet, deviations.size * normals])
+        found, reach = _beside(sided, np.hstack([asked[mixed], deviations.size * own[mixed]]))
+        # Few strays say nothing of a place, that their scatter would leave open.
+        medians, spreads = _voted(deviations.values[rows][found])
+        told = np.abs(medians) > COVERAGE * MEDIAN_SIGMA * spreads / math.sqrt(PLACE)
+        told &= reach <= SPARSE_SIDE * widths[mixed]
+        beside[mixed[told]] = found[told]
+    return beside
 
 
 def _beside(points: FloatArray, asked: FloatArray) -> tuple[IntArray, FloatArray]:
