@@ -13,7 +13,8 @@ from dqreg.inspection.scan_scene import Nominal
 
 # Of so many neighbours on the same side of the part, so many at least lie beside a point of a group: their deviations
 # differ by no more than this slope, and so many sigmas of the noise, ask for.
-NEIGHBOURS, ALIKE, SLOPE, SIGMAS = 8, 6, 0.25, 6.0
+NEIGHBOURS, ALIKE = 8, 6
+SLOPE, SIGMAS = 0.25, 6.0
 # Points of a group at least: it goes over into the part as it was scanned at the root of their number.
 GROUP = 10
 # Feet of neighbours spread over the part: those of a table lie along its edges. Less in one direction by this share.

@@ -13,10 +13,9 @@ from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp import Correspondences
 from dqreg.search.problem import SCENE
-from dqreg.trust.continuations import share_going_on
 from dqreg.trust.limits import MIN_NOISE_DIAGONALS
 from dqreg.trust.patch_tests import share_displaced
-from dqreg.trust.segments import Segments, segments_of
+from dqreg.trust.segments import Segments, segments_of, share_going_on
 
 # Points of which segments are made, and the share of points off the target from which it is asked what they are.
 SEGMENTED, SOME_OFF = 5_000, 0.02

@@ -12,7 +12,8 @@ from dqreg.report.text import text_of, unit_words
 
 # Sizes that differ by more than that factor are worth a word, and those within these bounds of a unit's factor; of
 # smaller factors, by which many a view is smaller than its part, within these.
-APART, NEAR, NEAR_SMALL = 5.0, (0.6, 1.7), (0.8, 1.25)
+APART, NEAR = 5.0, (0.6, 1.7)
+NEAR_SMALL = 0.8, 1.25
 
 
 def hints_of(result: RegistrationResult) -> list[str]:

@@ -53,6 +53,11 @@ MIN_EDGE_LINKS, CONVEX_LINK_SHARE = 4, 0.75
 # Most of a segment.
 SEGMENT_SHARE = 0.7
 
+# Neighbours of a point on the target, and those in its plane beyond the target from which on its face goes on; nothing
+# farther off than that share of the target's size is beside it.
+NEIGHBOURS_BESIDE, GOING_ON = 8, 2
+IN_PLANE_SLOPE, BESIDE_DIAGONALS = 0.2, 0.5
+
 
 @dataclasses.dataclass(frozen=True)
 class Segments:
@@ -78,6 +83,30 @@ def segments_of(
     guilty = np.append(sides.continuing(larger) | (sides.beyond_convex_edges() & ~larger), False)
     contradicting = sides.off & guilty[sides.labels]
     return Segments(sides.labels, distances <= width, contradicting, sides.off & ~contradicting)
+
+
+def share_going_on(points: FloatArray, normals: FloatArray, distances: FloatArray, width: float, size: float) -> float:
+    """Share of placed points on a target, of a size, beside which the scan goes on in its plane; NaN for few.
+
+    A part amid a scene ends where its faces end; a pose on a corner of something larger has its points in planes that
+    go on. Segments tell so too, but only of dozens of points a face; here each point answers for itself.
+
+    Given the normal of the target and its distance at each; within the width points are on it.
+
+    Shapes: points (n, 3), normals (n, 3), distances (n,).
+    """
+    beside = np.flatnonzero(distances <= max(BESIDE_DIAGONALS * size, width))
+    points, normals, distances = (np.take(x, beside, axis=0) for x in (points, normals, distances))
+    on = np.flatnonzero(distances <= width)
+    if len(on) < MIN_SEGMENT_POINTS:
+        return np.nan
+    found, apart = NeighbourTree(points).nearest(points[on], min(NEIGHBOURS_BESIDE + 1, len(points)))
+    # Where many points are at one place, a point is not its own first neighbour.
+    towards = points[found] - points[on][:, None]
+    heights = np.abs(np.einsum("ijk,ik->ij", towards, normals[on]))
+    in_plane = heights <= np.minimum(width, IN_PLANE_SLOPE * apart)
+    going_on = np.count_nonzero(in_plane & (distances[found] > OFF_WIDTHS * width), axis=1)
+    return float(np.mean(going_on >= GOING_ON))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -10,8 +10,8 @@ from dqreg._arrays import FloatArray
 from dqreg.geometry import MeshSurface, sample_mesh
 from dqreg.synth import Noise, Scanner, scan_mesh
 from dqreg.synth.parts import box, bracket
-from dqreg.trust.continuations import share_going_on
 from dqreg.trust.limits import GOING_ON_SHARE
+from dqreg.trust.segments import share_going_on
 
 CUBE = Mesh(*box((2.0, 2.0, 2.0)))
 
