@@ -191,7 +191,6 @@ class Evidence:
     places: float = math.inf
     rims_elsewhere: tuple[float, float] = (math.nan, 0.0)
     share_on_faces: float = math.nan
-    going_on: float = math.nan
     opposed_edges: float = math.nan
     closed_hole: float = math.nan
     seen_alike: float = math.nan
@@ -199,6 +198,7 @@ class Evidence:
     viewpoint_behind: float = math.nan
     patches_deformed: float = 0.0
     share_deformed: float = 0.0
+    going_on: float = math.nan
 
     @property
     def contradiction(self) -> float:

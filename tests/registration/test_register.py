@@ -239,8 +239,11 @@ def test_lengths_are_resolved_in_the_settings(expected: Registration) -> None:
     assert set(expected.timings) - {"compile"} == {"read", "prepare", "start", "register", "second try", "total"}
 
 
-def test_no_overlap_is_no_pose() -> None:
-    result = register(SCAN, TARGET, pose.from_parts(np.eye(3), [10 * SIZE, 0.0, 0.0]))
+def test_no_overlap_is_no_pose_and_is_searched_for_unless_that_is_forbidden() -> None:
+    far = pose.from_parts(np.eye(3), [10 * SIZE, 0.0, 0.0])
+    found = register(SCAN, TARGET, far)
+    assert found.verdict.codes == ("accepted", "contradicted_start")
+    result = register(SCAN, TARGET, far, search="never")
     assert result.verdict.level == "failed"
     assert "max_distance" in result.verdict.reasons[0]
     assert result.status == "no correspondences"
