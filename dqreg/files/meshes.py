@@ -115,7 +115,10 @@ def _is_binary_stl(path: Path) -> bool:
 
 def _read_binary_stl(path: Path) -> MeshData:
     # Without trimesh, whose import takes longer than most parts.
-    corners = np.fromfile(path, dtype=FACET, offset=HEADER)["corners"].reshape(-1, 3).astype(np.float64)
+    facets = np.fromfile(path, dtype=FACET, offset=HEADER)
+    # A signalling NaN, as damage makes it, is one that is told as any other.
+    with np.errstate(invalid="ignore"):
+        corners = facets["corners"].reshape(-1, 3).astype(np.float64)
     return make_mesh(path, corners, np.arange(len(corners)).reshape(-1, 3))
 
 

@@ -212,3 +212,14 @@ assert not logging.getLogger("trimesh").handlers
 def test_trimesh_waits_until_a_mesh_is_read() -> None:
     code = "import sys, dqreg.files; sys.exit('trimesh' in sys.modules or 'open3d' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_a_signalling_nan_is_told_as_one(tmp_path: Path) -> None:
+    # Its conversion to float64 warned, which ends a program that takes warnings for errors.
+    part, facets = trimesh.creation.box(), np.zeros(12, dtype=[("n", "<f4", 3), ("c", "<f4", (3, 3)), ("a", "<u2")])
+    facets["c"] = part.triangles
+    facets["c"].view("<u4")[2, 1, 0] = 0x7FA00000
+    file = tmp_path / "part.stl"
+    file.write_bytes(bytes(80) + np.uint32(12).tobytes() + facets.tobytes())
+    with pytest.raises(InputError, match="NaN"):
+        read_mesh(file)
