@@ -86,14 +86,11 @@ def write(
     unit = str(shown.settings.get("target_units") or "")
     if goals["table"] is not None:
         write_atomically(goals["table"], sheet_csv(found.sheet, found.decision, unit))
-    if goals["out"] is not None:
-        native(shown).save(goals["out"])
     if goals["deviations"] is not None:
         found.deviations.save(goals["deviations"])
     if goals["sections"] is not None and found.sheet is not None:
         save_sections(goals["sections"], found.sheet.sections, unit)
-    if goals["as_json"] is not None and str(goals["as_json"]) != "-":
-        write_atomically(goals["as_json"], json_text(record))
+    _write_records(goals, shown, record, native)
     _write_pages(
         goals, shown, console, head, deviations=found.deviations, decision=found.decision, inspection=found.sheet
     )
@@ -111,12 +108,7 @@ def write_failed(
     native: Callable[[Registration], Registration],
 ) -> None:
     """Write what can be told of a scan without a pose, and name what cannot: an older file there looks new."""
-    from dqreg.files.atomic import write_atomically
-
-    if goals["out"] is not None:
-        native(result).save(goals["out"])
-    if goals["as_json"] is not None and goals["as_json"] != SCREEN:
-        write_atomically(goals["as_json"], json_text(record))
+    _write_records(goals, result, record, native)
     _write_pages(goals, result, console, head)
     for name, goal in goals.items():
         if goal is None or goal == SCREEN:
@@ -126,6 +118,18 @@ def write_failed(
             continue
         old = "; the file of that name is of an earlier run" if goal.exists() else ""
         click.echo(f"dqreg: not written: {printable(str(goal))} (no pose was found{old})", err=True)
+
+
+def _write_records(
+    goals: Goals, result: Registration, record: dict[str, Any], native: Callable[[Registration], Registration]
+) -> None:
+    """Write the result in the unit of the part's file, and what the screen would be told as JSON."""
+    from dqreg.files.atomic import write_atomically
+
+    if goals["out"] is not None:
+        native(result).save(goals["out"])
+    if goals["as_json"] is not None and goals["as_json"] != SCREEN:
+        write_atomically(goals["as_json"], json_text(record))
 
 
 def _write_pages(goals: Goals, shown: Registration, console: Console, head: dict[str, str], **measured: Any) -> None:
