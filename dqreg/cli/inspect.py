@@ -39,6 +39,7 @@ SECTIONS = {
     "Output": ("report", "pdf", "head", "table", "out", "deviations", "sections", "as_json"),
     "Points of the part": ("reach", "exclude", "keep"),
     "Registration": (
+        "expected_deviation",
         "start",
         "search",
         "dof",
@@ -86,6 +87,9 @@ class InspectCommand(PlaceCommand):
 @click.option("--sections", type=FILE, help="Deviations along the plan's sections: .csv.")
 @click.option("--reach", type=float, metavar="LENGTH", help="Points farther from the part belong to something else  "
               "[default: found in the scan].")  # fmt: skip
+@click.option("--expected-deviation", type=float, metavar="LENGTH", help="Deviation of the part from PART that does "
+              "not speak against the alignment  [default: the plan's, else twice the largest tolerance, 0.0005 of the "
+              "part's size at least].")  # fmt: skip
 @click.option("--exclude", type=float, nargs=6, multiple=True, metavar="X Y Z X Y Z", help="Leave the points in this "
               "box out: two opposite corners, PART's coordinates; may be given again.")  # fmt: skip
 @click.option("--keep", is_flag=True, help="Count surfaces that leave the part (a table, a clamp) and outliers too.")
@@ -143,7 +147,7 @@ def inspect_command(
     from dqreg.inspection import read_plan
     from dqreg.inspection.tolerances import share_of_percent, tolerance_of
     from dqreg.registration.display_unit import shown_target
-    from dqreg.registration.inspected import inspect_registration
+    from dqreg.registration.inspected import expected_deviation_of, inspect_registration
 
     check_goals(goals, (scan, part, plan))
     allowed = None if tolerance is None else tolerance_of(tolerance, "--tolerance")
@@ -154,6 +158,9 @@ def inspect_command(
         raise InputError("--sections: there is no plan with a [[section]], so there is nothing to write")
     wanted = options.pop("display_units")
     unit = shown_target(part, options["target_units"], wanted, None if asked is None else asked.units)
+    planned = None if asked is None else unit.planned(asked)
+    expected = expected_deviation_of(planned, allowed, unit.units)
+    options["expected_deviation"] = options["expected_deviation"] or expected
     to_screen = goals["as_json"] == Path("-")
     console, shown = consoles(quiet=quiet, as_json=to_screen, apart=True, width=WIDTH)
     result = unit.named(_registered(scan, unit, shown, options), part)
@@ -164,7 +171,6 @@ def inspect_command(
         tell_failed(console, result)
         write_failed(goals, result, record, head, console, unit.native)
     else:
-        planned = None if asked is None else unit.planned(asked)
         found = inspect_registration(result, planned, allowed, required_share=share, **taken)
         record = record_of(found, head)
         tell(console, found)

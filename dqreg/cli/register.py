@@ -36,7 +36,7 @@ SECTIONS = {
     "Output": ("out", "report", "aligned", "deviations", "as_json"),
     "Initial pose": ("start", "search", "dof", "viewpoint", "clutter"),
     "Units": ("source_units", "target_units", "display_units", "units", "scale"),
-    "Deviations of the part": ("tolerance", "required", "reach", "exclude", "keep"),
+    "Deviations of the part": ("tolerance", "required", "expected_deviation", "reach", "exclude", "keep"),
     "Registration": ("effort", "time_limit", "max_distance", "max_angle_deg", "method", "accelerate", "seed"),
 }
 
@@ -70,6 +70,9 @@ SECTIONS = {
               "other objects and left out, target units  [default: found in the scan].")  # fmt: skip
 @click.option("--clutter", type=Choice(["allowed", "none"]), default="allowed", show_default=True, help="Whether SCAN "
               "may show other objects; with none, every point off TARGET speaks against the pose.")  # fmt: skip
+@click.option("--expected-deviation", type=float, metavar="LENGTH", help="Deviation of the part from TARGET that does "
+              "not speak against the pose, target units  [default: twice the tolerance, 0.0005 of the size at least]."
+              )  # fmt: skip
 @click.option("--exclude", type=float, nargs=6, multiple=True, metavar="X Y Z X Y Z", help="Leave the points in this "
               "box out: two opposite corners, TARGET's coordinates; may be given again.")  # fmt: skip
 @click.option("--keep", is_flag=True, help="Count surfaces that leave the part (a table, a clamp) and outliers too.")
@@ -138,14 +141,16 @@ def register_command(
     from dqreg.inspection import decide
     from dqreg.inspection.tolerances import share_of_percent, tolerance_of
     from dqreg.registration.display_unit import shown_target
+    from dqreg.registration.inspected import expected_deviation_of
     from dqreg.report import make_progress
 
     # Asked before the work starts, so that no result is lost after it.
     require_apart((scan, target), {"--out": out, "--report": report, "--aligned": aligned, "--deviations": deviations})
-    _check(out, aligned, deviations, report, {"--reach": reach})
+    _check(out, aligned, deviations, report, {"--reach": reach, "--expected-deviation": options["expected_deviation"]})
     allowed = None if tolerance is None else tolerance_of(tolerance, "--tolerance")
     require_below_reach(allowed, reach)
     share = share_of_percent(required, "--required")
+    options["expected_deviation"] = options["expected_deviation"] or expected_deviation_of(None, allowed, None)
     console, shown = consoles(quiet=quiet, as_json=as_json, apart=True)
     wanted = options.pop("display_units")
     unit = shown_target(target, options["target_units"], wanted)

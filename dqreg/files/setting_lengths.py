@@ -3,5 +3,5 @@
 # Above zero.
 SIZES = ("max_distance", "reach", "diagonal")
 # Zero or above; None where the data have none.
-DISTANCES = ("width", "source_noise", "source_spacing", "cell_size", "chord")
+DISTANCES = ("width", "source_noise", "source_spacing", "cell_size", "chord", "expected_deviation")
 SETTING_LENGTHS = (*SIZES, *DISTANCES, "centre")

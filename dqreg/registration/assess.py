@@ -262,7 +262,7 @@ def _drift(fit: Fit) -> tuple[float, float, Vector]:
     near = closest.distances <= min(fit.agreement.near, OFF_WIDTHS * INLIER_SIGMAS * fit.run.mixture.scale)
     residuals = row_dots(placed - closest.points, closest.normals)[near]
     found = drift_of(closest.points[near], closest.normals[near], residuals, times[near])
-    if not found.matters(surface.diagonal):
+    if not found.matters(surface.diagonal * fit.agreement.deviation_ratio):
         return NO_DRIFT
     return found.displacement, found.rotation_rad, found.along
 

@@ -22,7 +22,7 @@ from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 from dqreg.trust.chance import COUNTED_POINTS, places_of, random_ratio
 from dqreg.trust.deformation import ON_A_PART, deformation_of, may_be_deformed
 from dqreg.trust.deformed_faces import in_their_face
-from dqreg.trust.evidence import Evidence
+from dqreg.trust.evidence import PART_DEVIATION_DIAGONALS, Evidence, deviation_ratio
 from dqreg.trust.limits import DEVIATING_PATCH_SHARE, MIN_NOISE_DIAGONALS
 from dqreg.trust.patch_tests import (
     INLIER_SIGMAS,
@@ -33,7 +33,7 @@ from dqreg.trust.patch_tests import (
     stretch_of,
     waviness_of,
 )
-from dqreg.trust.strain import strain_of
+from dqreg.trust.strain import MIN_BEND, strain_of
 
 # A scan of fewer points does not know its own noise: neighbours stand on different faces. The pattern of the distances
 # has a say there; on denser scans clutter makes patterns of its own, and the noise is known.
@@ -46,7 +46,7 @@ USUAL, LEAST = 3.0, 3e-4
 # What displaces faces of a part by less, in sizes, leaves the pose where it is and is of how the part was made: half of
 # what patches may deviate, and what strains displace the surface, root mean square. A plate of 80 x 60 x 6 made 0.02
 # too thick was strained by 0.3 %, and a step of a block made 0.05 too high was another part.
-PATCH_SCALE_DIAGONALS, STRAINED_DIAGONALS = 5e-4, 5e-4
+PATCH_SCALE_DIAGONALS, STRAINED_DIAGONALS = PART_DEVIATION_DIAGONALS, PART_DEVIATION_DIAGONALS
 # Points from which the strain is fitted; share of strays from which on they may draw the fit: scans with 10 % of them
 # come to 0.09 and more, scans without, of other parts too, to 0.011.
 STRAINED, SOME_STRAYS = 3_000, 0.05
@@ -67,15 +67,16 @@ def agreement_of(
     pairs: Correspondences | None = None,
     axis: bool = False,
     given_normals: bool = False,
+    expected: float = 0.0,
 ) -> Evidence:
     """Measure it at the end of a run; what needs more than the run is not known yet.
 
     Pairs are those that `evenly_asked` answers. A strain that is no fault has no axis unless that is asked for. Normals
-    that came with a cloud are witnesses of their own.
+    that came with a cloud are witnesses of their own. A part is expected to deviate by a length.
     """
     mixture = run.mixture
     near = near_limit(max_distance)
-    width = min(INLIER_SIGMAS * mixture.scale, near)
+    width = min(max(INLIER_SIGMAS * mixture.scale, expected), near)
     pairs = evenly_asked(run, scan, surface, mixture.scale) if pairs is None else pairs
     on = pairs.distances <= width
     here, aside = np.flatnonzero(on), pairs.point_to_plane[on]
@@ -84,6 +85,7 @@ def agreement_of(
     # Where nothing is left out, as a rule, nothing is copied.
     kept = np.flatnonzero(~(around.elsewhere | alone)) if alone.any() or around.elsewhere.any() else slice(None)
     is_part, size = not isinstance(surface, CloudSurface), surface.diagonal
+    ratio = deviation_ratio(expected, size)
     scale = _usual_scale(aside, surface, mixture.scale) if is_part else mixture.scale
     asked = pairs.scan.points[kept], pairs.distances[kept], pairs.point_to_plane[kept], close[kept]
     counted, off_wholly = patches_off(*asked, scale)
@@ -98,14 +100,14 @@ def agreement_of(
     if is_part:
         asked_of, sparse = (on, False) if has_border else (close & ~alone, len(scan) < SPARSE)
         about = {"clutter": has_border or bool(around.elsewhere.any()), "strays": share_of(alone) > SOME_STRAYS}
-        shape = _shape_of(pairs, asked_of, noise, size, **about, sparse=sparse, faults=not axis)
+        shape = _shape_of(pairs, asked_of, noise, size, ratio, **about, sparse=sparse, faults=not axis)
         # Neighbours of a sparse scan tell faces from outliers no better than chance; their heights do.
-        off = off if has_border else max(off, displaced_of(pairs, close, width, noise, surface))
+        off = off if has_border else max(off, displaced_of(pairs, close, width, noise, surface, ratio))
         if off > DEVIATING_PATCH_SHARE:
-            off_far = patches_off(*asked, max(scale, PATCH_SCALE_DIAGONALS * size))[1]
+            off_far = patches_off(*asked, max(scale, PATCH_SCALE_DIAGONALS * size * ratio))[1]
             deformed = _deformed(pairs, on, kept, off_wholly, off_far, counted)
     return replaced(
-        _amid(around, _counted(run, surface, pairs, close, max_distance, has_border=has_border)),
+        _amid(around, _counted(run, surface, pairs, close, max_distance, has_border=has_border, expected=expected)),
         patches=int(np.count_nonzero(counted)),
         patches_off=off,
         patches_deformed=deformed[0],
@@ -119,7 +121,7 @@ def agreement_of(
         deformation=shape.deformation,
         waviness=waviness,
         local_noise=local_noise,
-        share_together=_together(pairs, close, kept, noise, min(scan.diagonal, surface.diagonal)) if is_part else 0.0,
+        share_together=_together(pairs, close, kept, noise, ratio * min(scan.diagonal, size)) if is_part else 0.0,
         random_ratio=_random_ratio(pairs, on, surface),
     )
 
@@ -150,11 +152,18 @@ def agreement_in_time(
 
 
 def _counted(
-    run: Alignment, surface: Surface, pairs: Correspondences, close: BoolArray, max_distance: float, *, has_border: bool
+    run: Alignment,
+    surface: Surface,
+    pairs: Correspondences,
+    close: BoolArray,
+    max_distance: float,
+    *,
+    has_border: bool,
+    expected: float = 0.0,
 ) -> Evidence:
     """How many points are inliers, of those that count, (n,), and how far off they are; nothing else is known."""
     near = near_limit(max_distance)
-    on = pairs.distances <= min(INLIER_SIGMAS * run.mixture.scale, near)
+    on = pairs.distances <= min(max(INLIER_SIGMAS * run.mixture.scale, expected), near)
     here, aside = np.flatnonzero(on), pairs.point_to_plane[on]
     return Evidence(
         status=run.status,
@@ -177,6 +186,7 @@ def _counted(
         share_on=share_of(on),
         share_other=share_of(~on),
         looking_away=pairs.looking_away(max_distance),
+        expected_deviation=expected,
     )
 
 
@@ -214,6 +224,7 @@ def _shape_of(
     counted: BoolArray,
     noise: float,
     size: float,
+    ratio: float,
     *,
     clutter: bool,
     strays: bool,
@@ -221,6 +232,8 @@ def _shape_of(
     faults: bool,
 ) -> _Shape:
     """How the counted points, (n,), differ from a part, of a noise and size; beside clutter without deformations.
+
+    What is smaller than what made parts deviate by times a ratio is none.
 
     In a sparse scan, which knows no covariance, a strain is a pattern of one. Faults alone have an axis, if so asked.
     """
@@ -235,12 +248,11 @@ def _shape_of(
         strain = replaced(strain, value=value, sigma=0.0, along=(along[0], along[1], along[2]))
     width = root_mean_square(columns[2]) if len(rows) else 0.0
     deformation = 0.0
-    if not clutter and may_be_deformed(width, noise, size):
-        deformation = deformation_of(*columns, size, ON_A_PART)
-    is_strained = strain.is_strained and (sparse or strain.shown >= STRAINED_DIAGONALS * size)
-    return _Shape(
-        strain.value if is_strained else 0.0, strain.along, strain.bend if strain.is_bent else 0.0, deformation
-    )
+    if not clutter and may_be_deformed(width, noise, size * ratio):
+        deformation = deformation_of(*columns, size * ratio, ON_A_PART)
+    is_strained = strain.is_strained and (sparse or strain.shown >= STRAINED_DIAGONALS * size * ratio)
+    is_bent = strain.is_bent and strain.bend >= MIN_BEND * ratio
+    return _Shape(strain.value if is_strained else 0.0, strain.along, strain.bend if is_bent else 0.0, deformation)
 
 
 def _together(pairs: Correspondences, close: BoolArray, kept: IntArray | slice, noise: float, size: float) -> float:

@@ -30,9 +30,11 @@ def second_pose(fit: Fit) -> tuple[float, float]:
     size, within = surface.diagonal, INLIER_SIGMAS * fit.run.mixture.scale
     # Faces that are deformed beside their place have not moved.
     share_on = fit.agreement.share_on + fit.agreement.share_deformed
-    if within <= ON_TARGET_DIAGONALS * size and share_on >= 1.0 - MIN_OFF_SHARE and not fit.has_border:
+    most = ON_TARGET_DIAGONALS * size * fit.agreement.deviation_ratio
+    if within <= most and share_on >= 1.0 - MIN_OFF_SHARE and not fit.has_border:
         return 0.0, 0.0
-    within = min(within, ON_TARGET_DIAGONALS * size)
+    # A face that is off by what is expected is not beside the target.
+    within = max(min(within, most), fit.agreement.expected_deviation)
     points = scan.points[sample_rows(len(scan), COMPARED_POINTS)]
     distances = surface.closest(pose.apply(fit.T_target_source, points)).distances
     beside = points[(distances > within) & (distances <= NEAR_TARGET_DIAGONALS * size)]

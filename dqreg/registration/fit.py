@@ -128,7 +128,14 @@ class Fit:
             return agreement_in_time(*asked, has_border=self.has_border)
         pairs, clouds = self.evenly_asked(), (self.problem.source.cloud, self.target.geometry)
         given = any(isinstance(cloud, PointCloud) and cloud.normals is not None for cloud in clouds)
-        return agreement_of(*asked, has_border=self.has_border, pairs=pairs, axis=axis, given_normals=given)
+        return agreement_of(
+            *asked,
+            has_border=self.has_border,
+            pairs=pairs,
+            axis=axis,
+            given_normals=given,
+            expected=0.0 if self.between_clouds else self.problem.options.expected_deviation or 0.0,
+        )
 
     def evenly_asked(self) -> Correspondences:
         """Pairs at the pose of points that were drawn evenly, each of one point."""

@@ -21,6 +21,24 @@ from dqreg.report.decision_rows import DecisionRow, decision_rows
 WORDS, NUMBERS = ("name", "kind", "outcome", "remark"), ("nominal", "low", "high", "value", "uncertainty")
 
 
+# A part that is out of tolerance by as much again as it allows is that part still.
+EXPECTED_TOLERANCES = 2.0
+
+
+def expected_deviation_of(plan: Plan | None, tolerance: float | Tolerance | None, unit: str | None) -> float | None:
+    """Deviation of the part to expect where a plan, and a tolerance in a unit, allow some; None where nothing is said.
+
+    What the plan says is its own word; else it is twice the largest deviation that is allowed anywhere.
+    """
+    planned = None if plan is None else plan_in(plan, unit)
+    if planned is not None and planned.expected_deviation is not None:
+        return planned.expected_deviation
+    most = 0.0 if tolerance is None else tolerance_of(tolerance).size
+    if planned is not None:
+        most = max(most, planned.largest_deviation)
+    return EXPECTED_TOLERANCES * most or None
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Inspected:
     """What a registered scan says of its part."""

@@ -54,6 +54,7 @@ class RegisterOptions(TypedDict, total=False):
     viewpoint: ArrayLike | str | None
     search: Search
     clutter: Clutter
+    expected_deviation: float | None
     observe: Callable[[Iteration], object] | None
     observe_search: Callable[[Stage], object] | None
     keep_inputs: bool
@@ -76,6 +77,8 @@ SEARCHES = ("never", "doubt", "always")
 NO_VIEWPOINT = "none"
 
 
+# Lengths in target units; None leaves them to the data.
+LENGTHS = ("max_distance", "expected_deviation")
 # Options that a result repeats as they were given.
 RECORDED = (
     "method",
@@ -91,6 +94,7 @@ RECORDED = (
     "scale",
     "search",
     "clutter",
+    "expected_deviation",
     "verdict",
 )
 
@@ -120,6 +124,7 @@ class Options:
     observe_search: Callable[[Stage], object] | None = None
     keep_inputs: bool = True
     clutter: str = "allowed"
+    expected_deviation: float | None = None
     verdict: bool = True
 
     def __post_init__(self) -> None:
@@ -151,20 +156,22 @@ class Options:
             require_observer(getattr(self, name), name)
 
     def _require_numbers(self) -> None:
-        for name in ("max_distance", "max_angle_deg", "max_iterations", "convergence"):
+        for name in (*LENGTHS, "max_angle_deg", "max_iterations", "convergence"):
             value = getattr(self, name)
-            if not isinstance(value, numbers.Real) and not (value is None and name == "max_distance"):
+            if not isinstance(value, numbers.Real) and not (value is None and name in LENGTHS):
                 raise InputError(f"{name} must be a number; got {value!r}")
         count: object = self.max_iterations
         if not isinstance(count, numbers.Integral):
             raise InputError(f"max_iterations must be a whole number; got {count!r}")
         # A float32 would bring its short digits into all that is computed with it.
-        for name in ("max_distance", "max_angle_deg", "convergence"):
+        for name in (*LENGTHS, "max_angle_deg", "convergence"):
             value = getattr(self, name)
             object.__setattr__(self, name, None if value is None else _as_float(value))
         object.__setattr__(self, "time_limit", read_time_limit(self.time_limit))
-        if self.max_distance is not None and not 0.0 < self.max_distance <= LARGEST:
-            raise InputError(f"max_distance must be a length above 0 in target units; got {self.max_distance!r}")
+        for name in LENGTHS:
+            value = getattr(self, name)
+            if value is not None and not 0.0 < value <= LARGEST:
+                raise InputError(f"{name} must be a length above 0 in target units; got {value!r}")
         if not 0.0 < self.max_angle_deg <= 90.0:
             raise InputError(f"max_angle_deg must be above 0 and at most 90; got {self.max_angle_deg!r}")
         require_seed(self.seed)

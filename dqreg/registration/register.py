@@ -43,6 +43,7 @@ def register(
     viewpoint: ArrayLike | str | None = None,
     search: Search = "doubt",
     clutter: Clutter = "allowed",
+    expected_deviation: float | None = None,
     observe: Callable[[Iteration], object] | None = None,
     observe_search: Callable[[Stage], object] | None = None,
     keep_inputs: bool = True,
@@ -112,6 +113,10 @@ def register(
         periods, turns of a ring) are compared with "never" too.
     clutter : {"allowed", "none"}
         Whether the scan may show other objects; with "none", every point off the target speaks against the pose.
+    expected_deviation : float, optional
+        Largest deviation of the part from a target that is a mesh, in target units, as of a casting: what is no larger
+        does not speak against the pose. Default: 0.0005 of the target's size; a part that deviates by more is not told
+        from another part, or from a wrong pose, and the verdict is "suspect". Two clouds are compared as they are.
     observe : callable, optional
         Called with each `Iteration`; returning False stops the run.
     observe_search : callable, optional
@@ -168,6 +173,7 @@ def register(
         viewpoint=viewpoint,
         search=search,
         clutter=clutter,
+        expected_deviation=expected_deviation,
         observe=observe,
         observe_search=observe_search,
         keep_inputs=keep_inputs,

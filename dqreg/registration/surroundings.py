@@ -63,14 +63,16 @@ def surroundings_of(pairs: Correspondences, width: float, near: float, size: flo
     return Surroundings(elsewhere, on_target, other, wrong, on_faces, going_on)
 
 
-def displaced_of(pairs: Correspondences, close: BoolArray, width: float, noise: float, surface: Surface) -> float:
+def displaced_of(
+    pairs: Correspondences, close: BoolArray, width: float, noise: float, surface: Surface, ratio: float
+) -> float:
     """Share of the points near a part, (n,), on faces that lie beside their places, beyond a width of those on it.
 
-    0 for a scan larger than the part, of which other objects may be as even.
+    0 for a scan larger than the part, of which other objects may be as even. Made parts deviate by a ratio more.
     """
     if pairs.scan.diagonal > SCENE * surface.diagonal:
         return 0.0
-    noise = max(noise, MIN_NOISE_DIAGONALS * surface.diagonal)
+    noise = max(noise, MIN_NOISE_DIAGONALS * surface.diagonal * ratio)
     off = pairs.distances[close] > max(TOGETHER * noise, width)
     if not off.any():
         return 0.0

@@ -9,6 +9,7 @@ from dqreg.files.units import MIXED, MIXED_RARELY, factor
 from dqreg.geometry import Mesh
 from dqreg.report.result_protocol import RegisteredPair, RegistrationResult
 from dqreg.report.text import text_of, unit_words
+from dqreg.trust.code_sets import OF_A_DEVIATING_PART
 
 # Sizes that differ by more than that factor are worth a word, and those within these bounds of a unit's factor; of
 # smaller factors, by which many a view is smaller than its part, within these.
@@ -26,6 +27,7 @@ def hints_of(result: RegistrationResult) -> list[str]:
         hints += _sides_hint(result.inputs)
         hints += _size_hint(result, result.inputs)
         hints += _distance_hint(result, result.inputs) if level == "failed" else []
+        hints += _deviation_hint(result, result.inputs)
     if result.alternatives:
         hints.append("Choose among the alternatives by a feature that distinguishes them; then register again with "
                      "that pose as the initial pose: --start result.json#2 for the second.")  # fmt: skip
@@ -56,6 +58,15 @@ def _sides_hint(inputs: RegisteredPair) -> list[str]:
     if not is_mesh_on_cloud(inputs):
         return []
     return ["The first file is a mesh and the second a cloud of points: if the first is the part, swap them."]
+
+
+def _deviation_hint(result: RegistrationResult, inputs: RegisteredPair) -> list[str]:
+    if not isinstance(inputs.target.geometry, Mesh) or not OF_A_DEVIATING_PART.issuperset(result.verdict.codes):
+        return []
+    return [
+        "If it is this part at this pose, and only off its model by more than made parts are, as a casting: say by how "
+        "much it may be, with --expected-deviation LENGTH or in the plan."
+    ]
 
 
 def _size_hint(result: RegistrationResult, inputs: RegisteredPair) -> list[str]:

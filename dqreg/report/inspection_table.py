@@ -10,6 +10,7 @@ import numpy as np
 from dqreg.inspection import Characteristic, DatumAlignment, Decision, Inspection
 from dqreg.inspection.places import COVERAGE, PLACE
 from dqreg.report.decision_rows import decision_rows, shown_outcome
+from dqreg.report.hints import hints_of
 from dqreg.report.summary import ALIGNMENT, COLOURS
 from dqreg.report.table import EMPTY, Column, Table, print_tables, to_csv
 from dqreg.report.text import measured_text
@@ -114,11 +115,13 @@ def frame_words(found: Inspection) -> str:
 
 
 def tell_alignment(console: Console, result: RegistrationResult) -> None:
-    """Print whether the alignment can be trusted, and why."""
+    """Print whether the alignment can be trusted, why, and what to try."""
     level = result.verdict.level
     console.print(f"[bold {COLOURS[level]}]{level.upper()}[/]: alignment {ALIGNMENT[level]}", highlight=False)
     for reason in result.verdict.reasons:
         console.print(f"  {reason}", highlight=False, markup=False, soft_wrap=True)
+    for hint in hints_of(result):
+        console.print(f"  try: {hint}", highlight=False, markup=False, soft_wrap=True)
 
 
 def outcome_markup(outcome: str, *, trusted: bool) -> str:

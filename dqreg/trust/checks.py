@@ -65,19 +65,21 @@ def _stretch(evidence: Evidence) -> tuple[float, float]:
 
 
 def _bend(evidence: Evidence) -> tuple[float, float]:
-    return evidence.bend, MIN_BEND
+    return evidence.bend, MIN_BEND * evidence.deviation_ratio
 
 
 def _deformation(evidence: Evidence) -> tuple[float, float]:
     # Of several limits, each with a significance of its own, the smallest.
     told = ON_A_PART if math.isnan(evidence.faces_apart) else BETWEEN_CLOUDS
-    return evidence.deformation / evidence.size, min(limit.shown for limit in (*told.few, *told.many))
+    least = min(limit.shown for limit in (*told.few, *told.many))
+    return evidence.deformation / evidence.size, least * evidence.deviation_ratio
 
 
 def _drift(evidence: Evidence) -> tuple[float, float]:
     value = evidence.drift / evidence.size if evidence.size > 0.0 else evidence.drift
+    least = MIN_DRIFT_DIAGONALS * evidence.deviation_ratio
     # Of two exposures every one counts.
-    return value, MIN_DRIFT_DIAGONALS if value >= MIN_DRIFT_DIAGONALS or not value else 0.0
+    return value, least if value >= least or not value else 0.0
 
 
 def _free(evidence: Evidence) -> tuple[float, float]:

@@ -34,6 +34,11 @@ OF_HOW_IT_WAS_SCANNED: Codes = TOO_LITTLE | frozenset(
     }
 )
 
+# What a part says that deviates by more than is expected of it; all may come of another part or a wrong pose too.
+OF_A_DEVIATING_PART: Codes = frozenset(
+    {"stretched", "bent", "deformed", "wavy", "deviating_patches", "large_residuals", "drift", "contradicting_surface"}
+)
+
 # Of a drive: reasons after which the place of a frame is not known.
 PLACE_UNKNOWN: Codes = frozenset(
     {

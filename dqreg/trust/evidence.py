@@ -9,6 +9,18 @@ from dqreg.solvers.search_stage import SearchStage
 from dqreg.solvers.status import Status
 from dqreg.trust.records import Alternative, Direction
 
+# Deviation of made parts from their models, in sizes, for which limits on shapes were set.
+PART_DEVIATION_DIAGONALS = 5e-4
+
+
+def deviation_ratio(expected: float, size: float) -> float:
+    """What limits on shapes of a part are multiplied by, given how far it is expected to deviate: 1 at least.
+
+    >>> deviation_ratio(0.01, 100.0), deviation_ratio(0.2, 100.0)
+    (1.0, 4.0)
+    """
+    return max(expected / (PART_DEVIATION_DIAGONALS * size), 1.0) if size > 0.0 else 1.0
+
 
 @dataclasses.dataclass(frozen=True)
 class Evidence:
@@ -199,6 +211,12 @@ class Evidence:
     patches_deformed: float = 0.0
     share_deformed: float = 0.0
     going_on: float = math.nan
+    expected_deviation: float = 0.0
+
+    @property
+    def deviation_ratio(self) -> float:
+        """What limits on the shape of the part are multiplied by, see `deviation_ratio`."""
+        return deviation_ratio(self.expected_deviation, self.size)
 
     @property
     def contradiction(self) -> float:

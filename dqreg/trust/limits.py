@@ -120,14 +120,18 @@ def most_clutter(evidence: Evidence) -> float:
 
 def own_noise(evidence: Evidence) -> float:
     """The scan's own noise, by its neighbourhoods or from point to point: curved faces look noisy to the former."""
-    local = max(evidence.local_noise, MIN_NOISE_DIAGONALS * evidence.size)
+    local = max(evidence.local_noise, _least_noise(evidence))
     return min(evidence.expected, local) if math.isfinite(evidence.local_noise * evidence.size) else evidence.expected
 
 
 def noise_of_parts(evidence: Evidence) -> float:
     """That noise, or what made parts deviate by all the same: good scanners see it."""
-    of_parts = MIN_NOISE_DIAGONALS * evidence.size if math.isfinite(evidence.local_noise * evidence.size) else 0.0
+    of_parts = _least_noise(evidence) if math.isfinite(evidence.local_noise * evidence.size) else 0.0
     return max(own_noise(evidence), of_parts)
+
+
+def _least_noise(evidence: Evidence) -> float:
+    return MIN_NOISE_DIAGONALS * evidence.size * evidence.deviation_ratio
 
 
 def is_rough(evidence: Evidence) -> bool:
@@ -170,7 +174,8 @@ def chance_limit(evidence: Evidence) -> float:
 
 def wavy_limit(evidence: Evidence) -> float:
     """Largest deviation that neighbours may have in common, in sizes; between clouds one above their noise is told."""
-    return WAVINESS_DIAGONALS if math.isnan(evidence.faces_apart) else WAVINESS_DIAGONALS_OF_CLOUDS
+    is_part = math.isnan(evidence.faces_apart)
+    return WAVINESS_DIAGONALS * evidence.deviation_ratio if is_part else WAVINESS_DIAGONALS_OF_CLOUDS
 
 
 def looked_through_limit(evidence: Evidence) -> float:

@@ -13,7 +13,7 @@ from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.vector_rows import second_moment
 from dqreg.solvers.motion_words import Vector
 from dqreg.solvers.quadratic import ROWS, plane_rows
-from dqreg.trust.robust_fit import robust_fit, unexplained, weights_of
+from dqreg.trust.robust_fit import TINY, robust_fit, unexplained, weights_of
 
 # Correspondences without which no strain is asked for.
 MIN_CORRESPONDENCES = 300
@@ -43,6 +43,8 @@ MIN_DRIFT_CORRESPONDENCES = 500
 # Displacements, in sizes of the target, and standard deviations from which on it matters and is no chance. Scans in the
 # order of lines or views bend along it too.
 MIN_DRIFT_DIAGONALS, DRIFT_SIGMAS = 0.003, 15.0
+# Of a covariance, below which it is rounding.
+ROUNDING_SHARE = 1e-12
 
 
 @dataclasses.dataclass(frozen=True)
@@ -230,7 +232,9 @@ def drift_of(points: FloatArray, normals: FloatArray, residuals: FloatArray, tim
     if scatter is None:
         return Drift()
     twist = fit.fitted[6:]
-    square = float(twist @ np.linalg.solve(scatter[6:, 6:] + np.eye(6) * 1e-12 * np.trace(scatter), twist))
+    # Exact data have no scatter: then any drift is significant, and rounding is none that matters.
+    least = np.eye(6) * (ROUNDING_SHARE * np.trace(scatter) + TINY)
+    square = float(twist @ np.linalg.solve(scatter[6:, 6:] + least, twist))
     moved = np.cross(twist[:3] / lever, points - middle) + twist[3:]
     displacement = float(np.sqrt((moved**2).sum(axis=1).mean()))
     shift = float(np.linalg.norm(twist[3:]))

@@ -10,7 +10,7 @@ import trimesh
 from dqreg.files import write_cloud
 from dqreg.geometry import Mesh, MeshSurface, sample_mesh
 from dqreg.synth import demo_case, load_case
-from dqreg.synth.parts import box, bracket
+from dqreg.synth.parts import box, bracket, plate
 from tests.cli.command import run
 
 
@@ -207,3 +207,21 @@ def test_regions_of_the_record_stand_where_the_part_does(tmp_path: Path) -> None
     assert len(regions) == 6
     for right in middles:
         assert min(np.linalg.norm(np.array(region["centre"]) - right) for region in regions) < 3.0
+
+
+def test_a_part_out_of_tolerance_is_that_part(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    # A plate 0.4 too thick, scanned on all sides where it stands, of which a best fit lays half on either side.
+    rng = np.random.default_rng(4)
+    nominal, made = Mesh(*plate(size=(80.0, 60.0, 6.0))), Mesh(*plate(size=(80.0, 60.0, 6.4)))
+    trimesh.Trimesh(nominal.vertices, nominal.faces, process=False).export(tmp_path / "part.stl")
+    write_cloud(tmp_path / "scan.ply", sample_mesh(made, 20_000, rng).points + 0.01 * rng.normal(size=(20_000, 3)))
+    common = ("inspect", tmp_path / "scan.ply", tmp_path / "part.stl", "--start", "identity")
+    # By its own tolerance, twice of which is expected; one that is small against what is off; and by word.
+    assert run(*common, "--tolerance", "0.15") == 3
+    assert run(*common, "--tolerance", "0.02") == 1
+    assert "--expected-deviation" in capsys.readouterr().out
+    assert run(*common, "--tolerance", "0.02", "--expected-deviation", "0.4") == 3
+    (tmp_path / "plan.toml").write_text("tolerance = 0.02\nexpected_deviation = 0.4\n", encoding="utf-8")
+    assert run(*common, "--plan", tmp_path / "plan.toml") == 3
+    assert run(*common, "--tolerance", "0.1", "--expected-deviation", "-1") == 2
+    assert "must be a length above 0" in capsys.readouterr().err

@@ -71,3 +71,11 @@ def test_times_tell_a_drift_between_clouds_whatever_the_order_of_the_points(shif
     assert ("drift" in told) == (shift > 0.0)
     # Within two degrees of x.
     assert not shift or "along (1.00, " in told["drift"]
+
+
+def test_exact_data_have_no_scatter_to_divide_by() -> None:
+    # Raised LinAlgError: of a scan without noise most points lie exactly on their faces, the others beside rounding.
+    rng = np.random.default_rng(0)
+    points, normals = box(rng, 3_000)
+    residuals = np.where(rng.random(3_000) < 0.2, 3e-14, 0.0)
+    assert not drift_of(points, normals, residuals, rng.uniform(-0.5, 0.5, 3_000)).matters(SIZE)

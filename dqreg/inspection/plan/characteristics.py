@@ -100,6 +100,13 @@ class PlannedCharacteristic:
     line: PlannedLine = PlannedLine()  # Which lines of the face a roundness or straightness is of
     fit: PlannedFit = "gauss"  # Of its features
 
+    @property
+    def largest_deviation(self) -> float:
+        """Largest deviation of a face that it allows, a length; 0 for an angle."""
+        if self.kind in ZONES:
+            return 0.5 * self.plus + abs(self.middle)
+        return 0.0 if self.kind == "angle" else max(self.plus, self.minus)
+
 
 def characteristic_of(entry: Any, where: str, letters: list[str]) -> PlannedCharacteristic:
     """The characteristic of an entry, given the letters of the datums."""

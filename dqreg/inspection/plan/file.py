@@ -16,6 +16,7 @@ from dqreg.inspection.plan.keys import (
     FaceName,
     face_of,
     list_of,
+    number_of,
     require_known,
     require_one_of,
     triple_of,
@@ -29,7 +30,8 @@ AlignmentKind = Literal["best-fit", "datums", "steps"]
 
 # Fields of the report's head that batches and the studio ask for; a plan may have others.
 HEAD = ("part", "drawing", "serial", "order", "operator", "device", "note")
-KEYS = ("units", "head", "alignment", "datum", "characteristic", "section", "face", "report", *SIDES, "required")
+TABLES = ("head", "alignment", "datum", "characteristic", "section", "face", "report")
+KEYS = ("units", *TABLES, *SIDES, "required", "expected_deviation")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -76,6 +78,8 @@ class Plan:
         Faces with a tolerance of their own, in the order of the file: the last that names a face counts.
     report : PlannedReport
         Which parts of the report are written.
+    expected_deviation : float or None
+        Of the part from its model, for the registration, see `dqreg.register`; None: by the tolerances.
     """
 
     head: dict[str, str]
@@ -88,6 +92,14 @@ class Plan:
     tolerance: Tolerance | None = None
     face_tolerances: tuple[FaceTolerance, ...] = ()
     report: PlannedReport = PlannedReport()
+    expected_deviation: float | None = None
+
+    @property
+    def largest_deviation(self) -> float:
+        """Largest deviation of a face that a tolerance of the plan allows; 0 where there is none."""
+        wholes = [self.tolerance, *(own.tolerance for own in self.face_tolerances)]
+        of_faces = [each.size for each in wholes if each is not None]
+        return max([*of_faces, *(row.largest_deviation for row in self.characteristics)], default=0.0)
 
 
 def read_plan(path: str | os.PathLike[str]) -> Plan:
@@ -160,7 +172,10 @@ def plan_of(values: dict[str, Any], name: str = "plan") -> Plan:
         raise InputError(f"{name}: head must be a table of words")
     words = {key: str(value) for key, value in head.items()}
     report = planned_report(values, tuple(cut.name for cut in sections), name)
-    return Plan(words, datums, alignment, characteristics, units, steps, sections, whole, single, report)
+    expected = number_of(values, "expected_deviation", name) if "expected_deviation" in values else None
+    if expected is not None and not expected > 0.0:
+        raise InputError(f"{name}: expected_deviation is a length above 0; got {expected:g}")
+    return Plan(words, datums, alignment, characteristics, units, steps, sections, whole, single, report, expected)
 
 
 def _datum(entry: Any, where: str) -> PlannedDatum:

@@ -31,6 +31,7 @@ def plan_in(plan: Plan, unit: str | None) -> Plan:
             dataclasses.replace(own, faces=_faces(own.faces, k), tolerance=_tolerance(own.tolerance, k))
             for own in plan.face_tolerances
         ),
+        expected_deviation=None if plan.expected_deviation is None else k * plan.expected_deviation,
     )
 
 

@@ -68,6 +68,7 @@ OPTIONS = {
     "viewpoint": OptionKind(_viewpoints, "three numbers x y z, of several places with ; between them, or none"),
     "search": TEXT,
     "clutter": TEXT,
+    "expected_deviation": NUMBER,
 }
 # And those that it cannot: what the batch says itself, and what is no text.
 NOT_OFFERED = ("prior", "observe", "observe_search", "keep_inputs", "verdict", "tolerance")

@@ -142,7 +142,7 @@ def _registered(row: Row, targets: Targets, *, keep_inputs: bool) -> tuple[Regis
     target, shown = targets.shown(row.target, own, row.asked)
     options = row.options if shown.units == own else {**row.options, "target_units": shown.units}
     with shown.source_units(row.scan, options.get("source_units")) as source_units:
-        options = {**options, "source_units": source_units}
+        options = {**row.asked.expected(shown), **options, "source_units": source_units}
         result = register(row.scan, target, shown.start(start), keep_inputs=keep_inputs, **options)
     return shown.named(result, row.target), shown
 

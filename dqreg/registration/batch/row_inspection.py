@@ -45,6 +45,14 @@ class RowInspection:
 
         return None if self.plan is None else read_plan(self.plan).units
 
+    def expected(self, shown: ShownTarget) -> dict[str, Any]:
+        """Options of the registration that follow from it, in the unit that the target is shown in."""
+        from dqreg.inspection import read_plan
+        from dqreg.registration.inspected import expected_deviation_of
+
+        plan = None if self.plan is None else shown.planned(read_plan(self.plan))
+        return {"expected_deviation": expected_deviation_of(plan, self.tolerance, shown.units)}
+
     def mark(self) -> dict[str, Any]:
         """All that the inspection depends on, in plain JSON values."""
         return {

@@ -12,6 +12,7 @@ from dqreg.inspection.plan.in_unit import plan_in
 TEXT = """
 units = "mm"
 tolerance = 10
+expected_deviation = 50
 required = 90
 [[datum]]
 name = "A"
