@@ -74,8 +74,7 @@ def agreement_of(
     Pairs are those that `evenly_asked` answers. A strain that is no fault has no axis unless that is asked for. Normals
     that came with a cloud are witnesses of their own. A part is expected to deviate by a length.
     """
-    mixture = run.mixture
-    near = near_limit(max_distance)
+    mixture, near = run.mixture, near_limit(max_distance)
     width = min(max(INLIER_SIGMAS * mixture.scale, expected), near)
     pairs = evenly_asked(run, scan, surface, mixture.scale) if pairs is None else pairs
     on = pairs.distances <= width

@@ -77,7 +77,6 @@ SEARCHES = ("never", "doubt", "always")
 NO_VIEWPOINT = "none"
 
 
-# Lengths in target units; None leaves them to the data.
 LENGTHS = ("max_distance", "expected_deviation")
 # Options that a result repeats as they were given.
 RECORDED = (
@@ -128,9 +127,8 @@ class Options:
     verdict: bool = True
 
     def __post_init__(self) -> None:
-        known = ("auto", *ESTIMATORS)
         # Only text is looked up: a list has no hash, and would end in an error without a name.
-        if not isinstance(self.method, str) or self.method not in known:
+        if not isinstance(self.method, str) or self.method not in (known := ("auto", *ESTIMATORS)):
             raise InputError(f"unknown method {self.method!r}; known are {', '.join(known)}")
         require_effort(self.effort)
         if not isinstance(self.search, str) or self.search not in SEARCHES:
@@ -169,8 +167,7 @@ class Options:
             object.__setattr__(self, name, None if value is None else _as_float(value))
         object.__setattr__(self, "time_limit", read_time_limit(self.time_limit))
         for name in LENGTHS:
-            value = getattr(self, name)
-            if value is not None and not 0.0 < value <= LARGEST:
+            if (value := getattr(self, name)) is not None and not 0.0 < value <= LARGEST:
                 raise InputError(f"{name} must be a length above 0 in target units; got {value!r}")
         if not 0.0 < self.max_angle_deg <= 90.0:
             raise InputError(f"max_angle_deg must be above 0 and at most 90; got {self.max_angle_deg!r}")

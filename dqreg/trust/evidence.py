@@ -144,6 +144,8 @@ class Evidence:
         not more deviate than a right pose may have.
     share_deformed : float
         Fraction of the scan off the target in those.
+    expected_deviation : float
+        How far the part may be off its mesh; 0 where nothing is said.
 
     Examples
     --------
