@@ -44,9 +44,11 @@ NEAR = 0.25
 # size at least.
 USUAL, LEAST = 3.0, 3e-4
 # What displaces faces of a part by less, in sizes, leaves the pose where it is and is of how the part was made: half of
-# what patches may deviate, and what strains displace the surface, root mean square. A plate of 80 x 60 x 6 made 0.02
-# too thick was strained by 0.3 %, and a step of a block made 0.05 too high was another part.
+# what patches may deviate, and what strains displace the surface, root mean square, or by twice as much anywhere. A
+# plate of 80 x 60 x 6 made 0.02 too thick was strained by 0.3 %, and a step of a block made 0.05 too high was another
+# part.
 PATCH_SCALE_DIAGONALS, STRAINED_DIAGONALS = PART_DEVIATION_DIAGONALS, PART_DEVIATION_DIAGONALS
+LARGEST_TO_USUAL = 2.0
 # Points from which the strain is fitted; share of strays from which on they may draw the fit: scans with 10 % of them
 # come to 0.09 and more, scans without, of other parts too, to 0.011.
 STRAINED, SOME_STRAYS = 3_000, 0.05
@@ -249,7 +251,8 @@ def _shape_of(
     deformation = 0.0
     if not clutter and may_be_deformed(width, noise, size * ratio):
         deformation = deformation_of(*columns, size * ratio, ON_A_PART)
-    is_strained = strain.is_strained and (sparse or strain.shown >= STRAINED_DIAGONALS * size * ratio)
+    matters = max(strain.shown, strain.most / LARGEST_TO_USUAL) >= STRAINED_DIAGONALS * size * ratio
+    is_strained = strain.is_strained and (sparse or matters)
     is_bent = strain.is_bent and strain.bend >= MIN_BEND * ratio
     return _Shape(strain.value if is_strained else 0.0, strain.along, strain.bend if is_bent else 0.0, deformation)
 

@@ -8,12 +8,12 @@ import math
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, median
+from dqreg._arrays import FloatArray, median, root_mean_square
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.vector_rows import second_moment
 from dqreg.solvers.motion_words import Vector
 from dqreg.solvers.quadratic import ROWS, plane_rows
-from dqreg.trust.robust_fit import TINY, robust_fit, unexplained, weights_of
+from dqreg.trust.robust_fit import TINY, best_motion, robust_fit, unexplained, weights_of
 
 # Correspondences without which no strain is asked for.
 MIN_CORRESPONDENCES = 300
@@ -58,7 +58,10 @@ class Strain:
     bend: float = 0.0
     bend_sigma: float = math.inf
     significant: float = STRAIN_SIGMAS  # Standard deviations from which on they are no chance
-    shown: float = 0.0  # Displacement along the normals by all of them that no motion explains, root mean square
+    # Displacement along the normals by all of them that no motion explains, root mean square and largest of all points:
+    # those that the fit leaves out are displaced as well
+    shown: float = 0.0
+    most: float = 0.0
 
     @property
     def is_strained(self) -> bool:
@@ -105,8 +108,8 @@ def strain_of(
     fitted = fit.fitted
     if is_small(fitted, NO_FAULT_SHARE if faults else NEGLIGIBLE_SHARE):
         return Strain()
-    shown = unexplained(fitted[6:] @ rows[6:], rows[:6], fit.weights)
-    if shown < least:
+    displaced = fitted[6:] @ rows[6:]
+    if unexplained(displaced, rows[:6], fit.weights) < least:
         return Strain()
     scatter = fit.scatter(points, normals)
     if scatter is None:
@@ -116,7 +119,9 @@ def strain_of(
     sigmas = np.sqrt(np.diag(scatter)[12:]) * factor
     k = int(np.argmax(bends / sigmas)) if (sigmas > 0.0).all() else 0
     significant = STRAIN_SIGMAS_IN_CLUTTER if clutter else STRAIN_SIGMAS
-    return Strain(value, sigma, along, float(bends[k]), float(sigmas[k]), significant, shown)
+    left = displaced - best_motion(displaced, rows[:6], fit.weights) @ rows[:6]
+    shown = root_mean_square(left), float(np.abs(left).max())
+    return Strain(value, sigma, along, float(bends[k]), float(sigmas[k]), significant, *shown)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

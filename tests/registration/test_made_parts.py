@@ -67,7 +67,7 @@ def test_a_plate_of_another_thickness_is_none_of_these() -> None:
 
 @pytest.mark.parametrize(
     ("nominal", "made", "off"),
-    [(PLATE, plate(size=(80.0, 60.0, 6.6)), 0.6), (PLATE, bent(0.5), 0.6)],
+    [(PLATE, plate(size=(80.0, 60.0, 6.6)), 0.6), (PLATE, bent(0.5), 0.6), (BRACKET, bracket(length=121.5), 1.5)],
 )
 def test_what_a_part_is_expected_to_be_off_is_no_doubt(nominal: dqreg.Mesh, made: Any, off: float) -> None:
     part = dqreg.Mesh(*made)
@@ -110,3 +110,9 @@ def test_a_wrong_pose_stays_one_where_a_part_may_be_off() -> None:
 def test_an_expected_deviation_is_a_length(wrong: Any) -> None:
     with pytest.raises(dqreg.InputError, match="expected_deviation must be a"):
         dqreg.register(PLATE, PLATE, "identity", expected_deviation=wrong)
+
+
+def test_a_strain_counts_at_the_points_that_its_fit_leaves_out() -> None:
+    # A bracket one in a hundred longer: its ends, a tenth of the scan, are outliers to the fit, and it was accepted.
+    result, _ = registered(BRACKET, dqreg.Mesh(*bracket(length=121.5)), 40_807)
+    assert "stretched" in result.verdict.codes
