@@ -127,8 +127,9 @@ class Options:
     verdict: bool = True
 
     def __post_init__(self) -> None:
+        known = ("auto", *ESTIMATORS)
         # Only text is looked up: a list has no hash, and would end in an error without a name.
-        if not isinstance(self.method, str) or self.method not in (known := ("auto", *ESTIMATORS)):
+        if not isinstance(self.method, str) or self.method not in known:
             raise InputError(f"unknown method {self.method!r}; known are {', '.join(known)}")
         require_effort(self.effort)
         if not isinstance(self.search, str) or self.search not in SEARCHES:
@@ -150,8 +151,8 @@ class Options:
             raise InputError(f"{given} compares poses by their verdicts: leave it out, or verdict=False")
         _require_scale(self.scale)
         self._require_numbers()
-        for name in ("observe", "observe_search"):
-            require_observer(getattr(self, name), name)
+        require_observer(self.observe, "observe")
+        require_observer(self.observe_search, "observe_search")
 
     def _require_numbers(self) -> None:
         for name in (*LENGTHS, "max_angle_deg", "max_iterations", "convergence"):
