@@ -128,7 +128,7 @@ class Options:
 
     def __post_init__(self) -> None:
         known = ("auto", *ESTIMATORS)
-        # Only text is looked up: a list has no hash, and would end in an error without a name.
+        # Only text is looked up: a list has no hash.
         if not isinstance(self.method, str) or self.method not in known:
             raise InputError(f"unknown method {self.method!r}; known are {', '.join(known)}")
         require_effort(self.effort)
@@ -176,9 +176,7 @@ class Options:
         if self.max_iterations < 1:
             raise InputError(f"max_iterations must be at least 1; got {self.max_iterations!r}")
         if not 0.0 < self.convergence < 1.0:
-            raise InputError(
-                f"convergence is a share of the target's size, above 0 and below 1; got {self.convergence!r}"
-            )
+            raise InputError(f"convergence is a share of the size, above 0 and below 1; got {self.convergence!r}")
 
     @property
     def recorded(self) -> dict[str, Any]:
