@@ -7,16 +7,15 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, median
-from dqreg.geometry.cells import CellSurface
+from dqreg._arrays import FloatArray
 from dqreg.geometry.vector_rows import nonzero_rows
 from dqreg.icp.correspondences import Correspondences
+from dqreg.icp.rejectors import weights_by_distance, weights_by_height, weights_by_noise
 from dqreg.rigid import single_pose
 from dqreg.solvers import Fit, Matches, solve_moments, svd
 from dqreg.solvers.moments import sums_of
 from dqreg.solvers.newton import FLAT, least_cost
 from dqreg.solvers.quadratic import QuadraticForm
-from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 
 Estimator = Callable[[Correspondences, FloatArray, float], Fit]
 
@@ -31,10 +30,6 @@ BEND_VARIANCE = 0.04
 # 0.005 to 0.1: their errors fell by 40 and 5 to 13 % against a share of the ratio itself. The points along a plane say
 # less than they seem to: where they are is of the scanner, the same at both poses.
 BEND_VARIANCE_SHARE, MIN_BEND_VARIANCE = 0.7, 1e-3
-# Heights, in their usual size, at which a correspondence between cells counts half, and on the last level distances, in
-# their median. Of 60 simulated streets under a LiDAR the errors fell to a half, the worst to a fifth; measured pairs
-# lost up to a twentieth. At 6 and 1, and at 20 and 2, the streets lost less or these gained.
-HALF_WEIGHT_HEIGHTS, HALF_WEIGHT_DISTANCES = 12.0, 1.5
 # Pairs that are summed in one go: to hand over fewer costs more than it saves.
 CHUNK_PAIRS = 8_192
 # Correspondences from which on a step so short that the first order of its rotation is all of it is taken by
@@ -151,7 +146,7 @@ def surfaces_to_surfaces(pairs: Correspondences, weights: FloatArray, noise: flo
 
     Between two clouds, where either side's planes are guesses, it beats point-to-plane; on an exact mesh it does not.
     """
-    weights = weights_by_height(pairs, weights)
+    weights = weights_by_noise(pairs, weights_by_height(pairs, weights))
     moments = pair_sums(pairs, weights)
     if moments[DIRECTION_PAIR_ROW] < MIN_PLANES:
         return points_only(pairs, weights, noise)
@@ -161,42 +156,6 @@ def surfaces_to_surfaces(pairs: Correspondences, weights: FloatArray, noise: flo
 def cells_to_cells(pairs: Correspondences, weights: FloatArray, noise: float) -> Fit:
     """The same on the last level between cells, where those that stand far apart count less."""
     return surfaces_to_surfaces(pairs, weights_by_distance(pairs, weights), noise)
-
-
-def weights_by_height(pairs: Correspondences, weights: FloatArray) -> FloatArray:
-    """Weights of correspondences between cells, less where they are far off the target's planes for most of them.
-
-    Cells are as far apart as they are wide, which is all that the kernel of their distances knows: beside a kerb, on
-    which they stand askew, they are off by a fraction of that, and by many times what others are. Cauchy's weight.
-    """
-    kept = np.flatnonzero(weights)
-    if not isinstance(pairs.surface, CellSurface) or not len(kept):
-        return weights
-    heights = np.abs(pairs.point_to_plane)
-    # Noise that both clouds were rid of is no reason to believe less in faces that are not in place yet.
-    usual = math.hypot(median(heights[kept]), math.sqrt(2.0) * pairs.surface.smoothed_by)
-    scale = HALF_WEIGHT_HEIGHTS * GAUSSIAN_MEDIAN * usual
-    return weights / (1.0 + (heights / scale) ** 2) if scale > 0.0 else weights
-
-
-def weights_by_distance(pairs: Correspondences, weights: FloatArray) -> FloatArray:
-    """Weights of correspondences between cells, less where these are farther apart than most.
-
-    A surface bends away from its plane by the square of the way along it, so that the variance of the height grows with
-    its fourth power. Where the rings of a LiDAR are metres apart on the ground, cells have their partners at the next
-    ring: few as they are, their long levers would decide on roll and pitch. A plane that was found flat far around does
-    not bend, and leans by the error of its normal: the variance grows with the square, and what it holds alone it does.
-    """
-    kept = np.flatnonzero(weights)
-    if not isinstance(pairs.surface, CellSurface) or not len(kept):
-        return weights
-    scale = HALF_WEIGHT_DISTANCES * median(pairs.distances[kept])
-    if not scale > 0.0:
-        return weights
-    squares = (pairs.distances / scale) ** 2
-    if not pairs.surface.wide.any():
-        return weights / (1.0 + squares**2)
-    return weights / (1.0 + np.where(pairs.surface.wide[pairs.closest.elements], squares, squares**2))
 
 
 def both_planes(pairs: Correspondences, weights: FloatArray, moments: FloatArray) -> QuadraticForm:

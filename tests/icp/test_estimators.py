@@ -24,8 +24,6 @@ from dqreg.icp import (
 from dqreg.icp.estimators import (
     BEND_VARIANCE,
     BEND_VARIANCE_SHARE,
-    HALF_WEIGHT_DISTANCES,
-    HALF_WEIGHT_HEIGHTS,
     MIN_BEND_VARIANCE,
     Estimator,
     both_planes,
@@ -33,8 +31,14 @@ from dqreg.icp.estimators import (
     pair_sums,
     plane_to_plane_form,
     surfaces_to_surfaces,
+)
+from dqreg.icp.rejectors import (
+    HALF_WEIGHT_DISTANCES,
+    HALF_WEIGHT_HEIGHTS,
+    HALF_WEIGHT_VARIANCE,
     weights_by_distance,
     weights_by_height,
+    weights_by_noise,
 )
 from dqreg.rigid import pose, twist
 from dqreg.solvers import horn, solve
@@ -316,6 +320,25 @@ def test_cells_that_stand_far_apart_count_by_how_far_a_bend_would_lift_them() ->
     )
     of_points = Correspondences(scan, np.eye(4), closest, False, CloudSurface(means))
     np.testing.assert_array_equal(weights_by_distance(of_points, weights), weights)
+
+
+def test_points_whose_neighbourhoods_are_noise_count_next_to_nothing_and_cells_do() -> None:
+    rng = np.random.default_rng(2)
+    means = PointCloud(np.column_stack([rng.uniform(size=(200, 2)), np.zeros(200)]))
+    scan, up = prepare_scan(means), np.tile([0.0, 0.0, 1.0], (200, 1))
+    variances = np.where(np.arange(200) < 150, 10.0 * HALF_WEIGHT_VARIANCE, HALF_WEIGHT_VARIANCE) - scan._variances
+    closest = Closest(scan.points, up, np.zeros(200), np.arange(200), None, variances)
+    weights = rng.uniform(size=200)
+    of_points = Correspondences(scan, np.eye(4), closest, False, CloudSurface(means))
+    # By hand: at ten times the variance of a half, one in 1 + 10^4.
+    expected = np.where(np.arange(200) < 150, 1.0 / 10_001.0, 0.5)
+    np.testing.assert_allclose(weights_by_noise(of_points, weights) / weights, expected, rtol=1e-9)
+    of_cells = Correspondences(scan, np.eye(4), closest, False, CellSurface(means, Cells.of(means.points, 1e-9)))
+    np.testing.assert_array_equal(weights_by_noise(of_cells, weights), weights)
+    # Where all are noisy alike, none counts less than another.
+    alike = Closest(scan.points, up, np.zeros(200), np.arange(200), None, np.full(200, 1.0) - scan._variances)
+    same = weights_by_noise(Correspondences(scan, np.eye(4), alike, False, CloudSurface(means)), weights) / weights
+    np.testing.assert_allclose(same, 0.5, rtol=1e-9)
 
 
 def test_a_bend_below_rings_that_stand_far_apart_does_not_tilt_the_pose() -> None:
