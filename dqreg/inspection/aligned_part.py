@@ -23,7 +23,7 @@ from dqreg.inspection.alignment import (
 from dqreg.inspection.characteristics import KnownFrame
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.facing import closest_as_before
-from dqreg.inspection.places import MEDIAN_SIGMA, PLACE
+from dqreg.inspection.places import MEDIAN_SIGMA, PLACE_POINTS
 from dqreg.inspection.plan.alignment import PlannedStep
 from dqreg.inspection.plan.file import Plan, PlannedDatum
 from dqreg.inspection.scanned_part import ScannedPart
@@ -32,11 +32,11 @@ from dqreg.rigid import pose
 Alignment = DatumAlignment | PointAlignment | SurfaceAlignment
 
 # Times that the scan is laid on the datums: the first pose decides which points are on which face.
-ROUNDS = 3
+DATUM_ROUNDS = 3
 # A reference point is measured where scan points lie within so many usual spacings.
-NEAR = 4.0
+POINT_REACH_SPACINGS = 4.0
 # And stands on the part to that share of its size.
-BESIDE = 0.05
+MAX_OFF_PART_DIAGONALS = 0.05
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -89,7 +89,7 @@ def aligned_part(deviations: Deviations, plan: Plan) -> AlignedPart:
     for step in planned:
         with entry(f"alignment {step.name!r}") if plan.steps else contextlib.nullcontext():
             start = T
-            for _ in range(ROUNDS if step.kind == "datums" else 1):
+            for _ in range(DATUM_ROUNDS if step.kind == "datums" else 1):
                 # Which face a point near an edge belongs to is asked again under the new pose.
                 found = _found(part, deviations, plan, step, T, start)
                 T = found.T_target_source @ T
@@ -165,7 +165,7 @@ def _points(part: ScannedPart, step: PlannedStep) -> PointAlignment:
     given = np.array([each[:3] for each in step.points]) - part.origin
     nominal = part.surface.closest(given)
     beside = np.linalg.norm(given - nominal.points, axis=1)
-    if (beside > BESIDE * part.mesh.diagonal).any():
+    if (beside > MAX_OFF_PART_DIAGONALS * part.mesh.diagonal).any():
         k = int(np.argmax(beside))
         raise InputError(
             f"reference point {list(step.points[k][:3])} lies {beside[k]:.4g} beside the part: give a place on it, in "
@@ -173,11 +173,11 @@ def _points(part: ScannedPart, step: PlannedStep) -> PointAlignment:
         )
     normals = part.mesh.face_normals[nominal.elements]
     feet, own, values = part.deviations()
-    away, rows = cKDTree(feet).query(nominal.points, k=min(PLACE, len(feet)))
+    away, rows = cKDTree(feet).query(nominal.points, k=min(PLACE_POINTS, len(feet)))
     rows = np.asarray(rows, dtype=np.int64).reshape(len(given), -1)
     # Of a neighbouring face the deviations are along another normal.
     alike = np.einsum("ijk,ik->ij", own[rows], normals) > 0.9
-    near = (np.asarray(away).reshape(rows.shape) <= NEAR * part.spacing * np.sqrt(PLACE)) & alike
+    near = (np.asarray(away).reshape(rows.shape) <= POINT_REACH_SPACINGS * part.spacing * np.sqrt(PLACE_POINTS)) & alike
     for k, each in enumerate(step.points):
         if not near[k].any():
             raise DegenerateGeometryError(

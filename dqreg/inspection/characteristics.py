@@ -16,18 +16,17 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.inspection.features import Feature
+from dqreg.inspection.features.feature import NUDGE_SIGMAS
 from dqreg.inspection.features.fit import zone_width
 from dqreg.inspection.features.models import distances
 from dqreg.inspection.features.spread import normals_of
-from dqreg.inspection.places import COVERAGE
+from dqreg.inspection.places import COVERAGE_FACTOR
 from dqreg.inspection.regions import Outcome
 from dqreg.inspection.surface_model import Medians
 from dqreg.rigid import pose, twist
 
-# Step of the numerical derivatives, in standard deviations of a feature's parameters.
-NUDGE = 1e-2
 # Directions whose cosine is less are at right angles on the part itself.
-RIGHT = 1e-5
+PERPENDICULAR_COS = 1e-5
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,17 +71,17 @@ def propagated(value: Value, features: Sequence[Feature], frame: KnownFrame | No
     for k, feature in enumerate(features):
         for step in _steps(feature.covariance):
             changed = value([*features[:k], feature.nudged(step), *features[k + 1 :]])
-            total += ((changed - found) / NUDGE) ** 2
+            total += ((changed - found) / NUDGE_SIGMAS) ** 2
     if frame is not None:
         for step in _steps(frame.covariance):
             T = pose.about(twist.exp(step), frame.centre)
-            total += ((value([feature.moved(T) for feature in features]) - found) / NUDGE) ** 2
+            total += ((value([feature.moved(T) for feature in features]) - found) / NUDGE_SIGMAS) ** 2
     return Measured(found, coverage_of(min(feature.freedom for feature in features)) * math.sqrt(total))
 
 
 def _steps(covariance: FloatArray) -> list[FloatArray]:
     variances, vectors = np.linalg.eigh(covariance)
-    return [NUDGE * math.sqrt(float(s)) * v for s, v in zip(variances, vectors.T, strict=True) if s > 0.0]
+    return [NUDGE_SIGMAS * math.sqrt(float(s)) * v for s, v in zip(variances, vectors.T, strict=True) if s > 0.0]
 
 
 def coverage_of(freedom: int) -> float:
@@ -93,7 +92,7 @@ def coverage_of(freedom: int) -> float:
     """
     from scipy.special import ndtr, stdtrit
 
-    return float(stdtrit(max(freedom, 1), ndtr(COVERAGE)))
+    return float(stdtrit(max(freedom, 1), ndtr(COVERAGE_FACTOR)))
 
 
 def diameter(feature: Feature) -> Measured:
@@ -130,7 +129,7 @@ def angle(first: Feature, second: Feature, nominal_deg: float = 0.0, ideal: Sequ
     """
     require_directions(first, second)
     along = float(ideal[0].axis @ ideal[1].axis) if ideal else 0.0
-    side = math.copysign(1.0, along) if abs(along) > RIGHT else 0.0
+    side = math.copysign(1.0, along) if abs(along) > PERPENDICULAR_COS else 0.0
 
     def value(f: Sequence[Feature]) -> float:
         found = angle_deg(f[0], f[1], side)
@@ -171,7 +170,7 @@ def profile(
     medians = Medians.of(deviations, points, noise)
     largest = 2.0 * float(np.abs(medians.values - middle).max())
     value, spread = medians.corrected(largest, lambda z: 2.0 * np.abs(z - middle).max(axis=1), 2.0)
-    return Measured(value, math.hypot(spread, 2.0 * COVERAGE * frame_sigma))
+    return Measured(value, math.hypot(spread, 2.0 * COVERAGE_FACTOR * frame_sigma))
 
 
 def require_directions(*features: Feature) -> None:

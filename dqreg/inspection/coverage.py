@@ -13,9 +13,9 @@ from dqreg.geometry.mesh_faces import areas_of, triangle_areas
 
 # A place of a face is covered where a scan point of that face lies within so many usual spacings: of points that are
 # spread at random over a face, 0.0004 % of the places have none.
-NEAR = 2.0
+COVERING_SPACINGS = 2.0
 # Places that are asked on each face, and on all.
-PLACES, MOST = 400, 400_000
+PLACES_PER_FACE, MAX_PLACES = 400, 400_000
 # Points that are looked at for the share of a whole part: more say the same.
 LOOKED_AT = 200_000
 # The plastic number's powers: steps that fill a square evenly.
@@ -60,9 +60,9 @@ def covered(mesh: Mesh, of_triangle: IntArray, points: FloatArray, on: IntArray,
     count = int(of_triangle.max()) + 1 if len(of_triangle) else 0
     if not len(points) or not density > 0.0:
         return np.zeros(count)
-    each = max(1, min(PLACES, MOST // max(count, 1)))
+    each = max(1, min(PLACES_PER_FACE, MAX_PLACES // max(count, 1)))
     places = _places(mesh, of_triangle, count, each)
-    reach = NEAR / math.sqrt(density)
+    reach = COVERING_SPACINGS / math.sqrt(density)
     # Faces lie apart in a fourth direction: a point on the other side of a thin sheet covers nothing here.
     apart = 2.0 * reach
     tree = cKDTree(np.column_stack([points, apart * on]))

@@ -14,7 +14,7 @@ from dqreg.errors import InputError
 from dqreg.geometry import Mesh
 from dqreg.inspection.coverage import scanned_share
 from dqreg.inspection.deviations import Deviations
-from dqreg.inspection.places import COVERAGE, OutOfTolerance, places_of
+from dqreg.inspection.places import COVERAGE_FACTOR, OutOfTolerance, places_of
 from dqreg.inspection.regions import Cut, Outcome, Region, cut_of, regions_of, require_faces
 from dqreg.inspection.tolerances import REQUIRED_SHARE, PointLimits, Tolerance, limits_at, require_share, tolerance_of
 from dqreg.inspection.wall_doubts import WallDoubt
@@ -130,7 +130,7 @@ def decide(
     require_share(required_share)
     whole, own = _asked(deviations, tolerance, faces or {})
     rows = np.flatnonzero(deviations.counted)
-    values, room = deviations.values[rows], COVERAGE * deviations.pose_sigma(rows)
+    values, room = deviations.values[rows], COVERAGE_FACTOR * deviations.pose_sigma(rows)
     cut = cut_of(deviations, by_face=bool(own))
     limits = limits_at(cut.labels, whole, own)
     places = places_of(deviations, rows, room, limits, cut.labels)

@@ -22,10 +22,10 @@ from dqreg.inspection.tolerances import PointLimits
 
 # Blue and vermilion are those of Okabe and Ito (2008); either branch only darkens from the middle, and beyond the
 # limit follows a colour of its own. A reader who sees no red from green still sees blue from yellow, one a branch.
-STOPS = ((0, 62, 110), (0, 114, 178), (134, 188, 222), (247, 247, 247), (246, 185, 122), (213, 94, 0), (140, 55, 0))
-BELOW, ABOVE = (30, 10, 70), (75, 0, 20)
+RGB_STOPS = ((0, 62, 110), (0, 114, 178), (134, 188, 222), (247, 247, 247), (246, 185, 122), (213, 94, 0), (140, 55, 0))
+BELOW_RGB, ABOVE_RGB = (30, 10, 70), (75, 0, 20)
 # What belongs to something else.
-BEYOND = (128, 128, 128)
+BEYOND_RGB = (128, 128, 128)
 
 ByteArray = NDArray[np.uint8]
 
@@ -52,14 +52,14 @@ def colours_of(values: FloatArray, limit: float, reach: float = np.inf) -> ByteA
     >>> colours_of(np.array([-1.0, 0.0, 1.0, 1.5, 9.0]), 1.0, reach=5.0).tolist()
     [[0, 62, 110], [247, 247, 247], [140, 55, 0], [75, 0, 20], [128, 128, 128]]
     """
-    stops = np.array(STOPS, dtype=np.float64)
+    stops = np.array(RGB_STOPS, dtype=np.float64)
     at = np.linspace(-limit, limit, len(stops))
     colours = np.zeros((len(values), 3), dtype=np.uint8)
     for k in range(3):
         colours[:, k] = np.rint(np.interp(values, at, stops[:, k]))
-    colours[values < -limit] = BELOW
-    colours[values > limit] = ABOVE
-    colours[np.abs(values) > reach] = BEYOND
+    colours[values < -limit] = BELOW_RGB
+    colours[values > limit] = ABOVE_RGB
+    colours[np.abs(values) > reach] = BEYOND_RGB
     return colours
 
 
@@ -69,7 +69,8 @@ LENGTHS = ("x", "y", "z", "deviation", "closest_x", "closest_y", "closest_z")
 OTHERS = ("face", "row", "normal_x", "normal_y", "normal_z", "flag")
 # Digits of lengths in a table: a step of that share of the scan's noise, which rounding widens by 2e-5, or of the
 # target's size where that is more or no noise is known. And of unit normals.
-OF_NOISE, OF_SIZE, NORMAL_DIGITS = 0.02, 1e-8, 4
+OF_NOISE, OF_SIZE = 0.02, 1e-8
+NORMAL_DIGITS = 4
 
 
 def require_suffix(path: str | os.PathLike[str]) -> str:
@@ -171,7 +172,7 @@ def write_coloured(
     comments.append(f"flag: {FLAGS_IN_WORDS}; {ON_PART} is coloured")
     colours = colours_of(values, limit)
     if allowed is not None:
-        colours[values < allowed.low], colours[values > allowed.high] = BELOW, ABOVE
+        colours[values < allowed.low], colours[values > allowed.high] = BELOW_RGB, ABOVE_RGB
         comments.append("dark also: out of the tolerance of its own face")
-    colours[flags != ON_PART] = BEYOND
+    colours[flags != ON_PART] = BEYOND_RGB
     write_cloud(path, points, colors=colours, fields={"deviation": values, "flag": flags}, comments=comments)

@@ -13,13 +13,12 @@ from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.features import fit_feature
 from dqreg.inspection.features.edge import EdgePoint, border_offset, meeting_point
 from dqreg.inspection.part_faces import Face, face_sides, feet_on
-from dqreg.inspection.scanned_part import CUT, ScannedPart
-from dqreg.inspection.statistics import PROBED
+from dqreg.inspection.scanned_part import CUT_SIGMAS, ScannedPart, outlier_cut
 
 # Scan points within so many usual spacings of the place are taken, where no radius is given.
-RADIUS = 12.0
+REACH_SPACINGS = 12.0
 # A place farther than that share of the part's size from every edge names none.
-FAR = 0.02
+MAX_OFF_EDGE_DIAGONALS = 0.02
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -91,7 +90,7 @@ def edge_on(part: ScannedPart, place: FloatArray, *, face: int | None = None, ra
     if radius is not None and not 0.0 < radius < np.inf:
         raise InputError(f"radius must be a length above 0; got {radius!r}")
     edge = edge_beside(part, place, face)
-    reach = RADIUS * part.spacing if radius is None else radius
+    reach = REACH_SPACINGS * part.spacing if radius is None else radius
     return _meeting(part, edge, reach) if len(edge.faces) == 2 else _border(part, edge, reach)
 
 
@@ -116,7 +115,7 @@ def nominal_edge(part: ScannedPart, place: FloatArray) -> NominalEdge:
     feet = feet_on(ends, place)
     away = np.linalg.norm(feet - place, axis=1)
     nearest = int(np.argmin(away))
-    if away[nearest] > FAR * mesh.diagonal:
+    if away[nearest] > MAX_OFF_EDGE_DIAGONALS * mesh.diagonal:
         at = ", ".join(f"{x:.6g}" for x in feet[nearest] + part.origin)
         raise InputError(f"no edge lies near the point: the nearest place of one is ({at})")
     # Both triangles at the side have it, each once.
@@ -142,7 +141,7 @@ def _meeting(part: ScannedPart, edge: NominalEdge, radius: float) -> EdgePoint:
         flat = _flattened(part, edge, k, rows[np.linalg.norm(part.points[rows] - edge.point, axis=1) <= radius])
         _require_scanned(part, face, len(flat), 0.5 * np.pi * radius**2)
         sides = np.broadcast_to(edge.normals[k], flat.shape)
-        planes.append(fit_feature(flat, "plane", normals=sides, cut=CUT if len(flat) > PROBED else None))
+        planes.append(fit_feature(flat, "plane", normals=sides, cut=outlier_cut(flat)))
     met, covariance = meeting_point(planes[0], planes[1], edge.point, edge.direction)
     return EdgePoint(
         kind="meeting",
@@ -166,7 +165,7 @@ def _border(part: ScannedPart, edge: NominalEdge, radius: float) -> EdgePoint:
     near = (np.abs(along) <= radius) & (np.abs(across) <= radius)
     _require_scanned(part, face, int(near.sum()), 2.0 * radius**2)
     sides = np.broadcast_to(edge.normals[0], flat[near].shape)
-    plane = fit_feature(flat[near], "plane", normals=sides, cut=CUT)
+    plane = fit_feature(flat[near], "plane", normals=sides, cut=CUT_SIGMAS)
     spacing = radius * float(np.sqrt(2.0 / near.sum()))
     offset, sigma = border_offset(along[near], across[near], spacing)
     axis, outward = plane.axis, edge.outward[0]

@@ -21,7 +21,7 @@ SIGHT_AWAY, SIGHT_ALIKE = -0.17, 0.0
 # that is known.
 MAX_AWAY_NORMALS, MAX_AWAY_SIGHTS = 0.25, 0.1
 # Points that are asked for that share.
-ASKED = 2_000
+MAX_ASKED_POINTS = 2_000
 
 # Unit directions to which the surface looks at some rows of the scan, whose points are given; 0 where none is known.
 Directions = Callable[[IntArray, FloatArray], FloatArray]
@@ -63,7 +63,7 @@ class Facing:
 
     def holds(self, points: FloatArray, surface: Surface, outside: float) -> bool:
         """Whether few enough of the points look away from what is closest to them."""
-        rows = np.linspace(0, len(points) - 1, min(len(points), ASKED)).astype(np.int64)
+        rows = np.linspace(0, len(points) - 1, min(len(points), MAX_ASKED_POINTS)).astype(np.int64)
         some = np.take(points, rows, axis=0)
         cosines = outside * row_dots(surface.closest(some).normals, self.directions(rows, some))
         return bool(np.count_nonzero(cosines < self.away) <= self.most * len(rows))

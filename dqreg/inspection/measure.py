@@ -23,12 +23,12 @@ from dqreg.inspection.facing import Facing
 from dqreg.inspection.membership import EXCLUDED, ON_PART, Flags, Membership, by_reach, in_boxes, membership
 from dqreg.inspection.scan_scene import Nominal
 from dqreg.inspection.signed_distances import Progress, moved, signed_distances
-from dqreg.inspection.statistics import FEWEST, PROBED
+from dqreg.inspection.statistics import MIN_PLACE_POINTS, MIN_SCANNED_POINTS
 from dqreg.inspection.wall_doubts import WallDoubt, some_rows, wall_doubts
 from dqreg.rigid import pose
 
 # Distance between two worst places, in sizes of the target, where the scan's spacing asks for no more.
-APART = 0.05
+PLACES_APART_DIAGONALS = 0.05
 
 
 def measure_deviations(
@@ -124,10 +124,10 @@ def measure_deviations(
     values, closest, faces = signed_distances(points, geometry, surface, reason is None, progress, facing, farthest)
     spacing = _spacing_of(points) if spacing is None else spacing
     # A cell of the places must hold enough points; where a probe took them by hand, one is enough.
-    resolved = (FEWEST if count >= PROBED else 0.5) * spacing
+    resolved = (MIN_PLACE_POINTS if count >= MIN_SCANNED_POINTS else 0.5) * spacing
     shift = np.zeros(3) if origin is None else as_place(origin, "origin")
     given = reach is not None or not math.isfinite(limit)
-    if noise is not None and count >= PROBED:
+    if noise is not None and count >= MIN_SCANNED_POINTS:
         nominal = _nominal(geometry, closest, faces)
         found = membership(points, values, nominal, limit=farthest, noise=noise, spacing=spacing, given=given)
     else:
@@ -148,7 +148,7 @@ def measure_deviations(
         reach=found.reach,
         reach_from=found.source,
         limit=farthest,
-        apart=max(APART * surface.diagonal, resolved),
+        apart=max(PLACES_APART_DIAGONALS * surface.diagonal, resolved),
         size=surface.diagonal,
         origin=shift,
         flags=flags,

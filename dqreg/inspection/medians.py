@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
-from dqreg.inspection.places import MEDIAN_SIGMA, PLACE
+from dqreg.inspection.places import MEDIAN_SIGMA, PLACE_POINTS
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 
 
@@ -23,11 +23,11 @@ def smoothed(values: FloatArray, points: FloatArray, labels: IntArray | None = N
     names = np.zeros(len(values), dtype=np.int64) if labels is None else labels
     order = np.argsort(names, kind="stable")
     for rows in np.split(order, 1 + np.flatnonzero(np.diff(names[order]))):
-        count = min(PLACE, len(rows) // 2)
-        if len(values) >= 2 * PLACE and count > 1:
+        count = min(PLACE_POINTS, len(rows) // 2)
+        if len(values) >= 2 * PLACE_POINTS and count > 1:
             around = values[rows][cKDTree(points[rows]).query(points[rows], k=count)[1]]
             medians[rows] = np.median(around, axis=1)
             spreads[rows] = np.median(np.abs(around - medians[rows, None]), axis=1)
     known = spreads > 0.0
     spread = GAUSSIAN_MEDIAN * float(np.median(spreads[known])) if known.any() else 0.0
-    return medians, MEDIAN_SIGMA * spread / math.sqrt(PLACE)
+    return medians, MEDIAN_SIGMA * spread / math.sqrt(PLACE_POINTS)

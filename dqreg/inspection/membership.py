@@ -15,7 +15,7 @@ from dqreg.inspection.scan_cells import ScanCells
 from dqreg.inspection.scan_scene import Nominal
 from dqreg.inspection.scan_surfaces import Surfaces, surfaces_of
 from dqreg.inspection.sparse_groups import sparse_groups
-from dqreg.inspection.statistics import PROBED
+from dqreg.inspection.statistics import MIN_SCANNED_POINTS
 
 Flags = NDArray[np.int8]
 # What a point belongs to. Files of deviations hold these numbers: never renumbered.
@@ -36,19 +36,20 @@ ReachFrom = Literal["given", "size", "noise", "spacing", "deviations"]
 # A point is off the surface from that many sigmas of the scan's noise, or from one spacing, whichever is more ...
 OFF_SIGMAS, OFF_SPACINGS = 6.0, 1.0
 # ... and lies beside another surface, not on the part, from that many sigmas on.
-BESIDE = 3.0
+BESIDE_SIGMAS = 3.0
 # Less than this share of the spacing is no noise: files in single precision round there.
-ROUNDED = 1e-6
+ROUNDING_SPACINGS = 1e-6
 # Cells in which points off the surface are neighbours, in spacings: a surface fills them, outliers do not.
-CELL = 3.0
+CELL_SPACINGS = 3.0
 # A point is a spike where, of so many neighbours on the part, fewer than these leave their median on its side by half
 # as much as it does. More are a patch, whatever made it.
-AROUND, ALIKE, HALF = 25, 5, 0.5
+SPIKE_NEIGHBOURS, MIN_ALIKE_NEIGHBOURS = 25, 5
+ALIKE_SHARE = 0.5
 # Where the highest of a cluster are gone, those below them stand alone: so many rounds. Cells of which more is off the
 # part are a patch.
-ROUNDS, WHOLE = 8, 0.9
+SPIKE_ROUNDS, MAX_OFF_CELL_SHARE = 8, 0.9
 # Points that are asked at once.
-CHUNK = 100_000
+CHUNK_POINTS = 100_000
 
 
 @dataclasses.dataclass(frozen=True)
@@ -127,23 +128,23 @@ def membership(
     """
     distances = np.abs(values)
     # What is left of exact data is rounding, of which neighbours know nothing.
-    noisy, spaced = OFF_SIGMAS * max(noise, ROUNDED * spacing), OFF_SPACINGS * spacing
+    noisy, spaced = OFF_SIGMAS * max(noise, ROUNDING_SPACINGS * spacing), OFF_SPACINGS * spacing
     begins = max(noisy, spaced)
     flags = by_reach(values, limit)
     off = np.flatnonzero(distances > begins)
     if np.isfinite(limit) and spacing > 0.0 and len(off):
-        cells = ScanCells(points[off], CELL * spacing)
+        cells = ScanCells(points[off], CELL_SPACINGS * spacing)
         found = surfaces_of(
             cells, off, points, distances, nominal, limit=limit, noise=noise, spacing=spacing, closed=given
         )
-        _flag(flags, off, found, cells, points, distances, (begins, BESIDE * noise))
+        _flag(flags, off, found, cells, points, distances, (begins, BESIDE_SIGMAS * noise))
         single = off[~found.crowded[cells.cell]]
         single = single[distances[single] <= limit]
         flags[sparse_groups(single, flags == ON_PART, values, nominal, noise=noise)] = ON_PART
     if np.isfinite(limit) and spacing > 0.0 and noise > 0.0:
         on = flags == ON_PART
         if (on & (distances > noisy)).any():
-            flags[_spikes(np.flatnonzero(on), values, nominal.feet, noisy, CELL * spacing)] = OUTLIER
+            flags[_spikes(np.flatnonzero(on), values, nominal.feet, noisy, CELL_SPACINGS * spacing)] = OUTLIER
     if given:
         return Membership(flags, limit, "given")
     least: ReachFrom = "noise" if noisy >= spaced else "spacing"
@@ -155,12 +156,12 @@ def membership(
 def _spikes(rows: IntArray, values: FloatArray, feet: FloatArray, least: float, width: float) -> IntArray:
     """Of rows on the part those whose points leave it by ``least`` and stand alone among their neighbours."""
     begun = rows
-    for _ in range(ROUNDS):
+    for _ in range(SPIKE_ROUNDS):
         off = np.abs(values[rows]) > least
-        if len(rows) < PROBED or not off.any():
+        if len(rows) < MIN_SCANNED_POINTS or not off.any():
             break
         cells = ScanCells(feet[rows], width)
-        asked = np.flatnonzero(off & (cells.sums(off) <= WHOLE * cells.counts)[cells.cell])
+        asked = np.flatnonzero(off & (cells.sums(off) <= MAX_OFF_CELL_SHARE * cells.counts)[cells.cell])
         alone = _alone(values[rows], feet[rows], asked, least)
         if not alone.any():
             break
@@ -173,13 +174,13 @@ def _alone(values: FloatArray, feet: FloatArray, asked: IntArray, least: float) 
     from scipy.spatial import cKDTree
 
     tree, found = cKDTree(feet), np.zeros(len(asked), dtype=bool)
-    for begin in range(0, len(asked), CHUNK):
-        chunk = asked[begin : begin + CHUNK]
-        around = values[tree.query(feet[chunk], k=AROUND)[1]]
+    for begin in range(0, len(asked), CHUNK_POINTS):
+        chunk = asked[begin : begin + CHUNK_POINTS]
+        around = values[tree.query(feet[chunk], k=SPIKE_NEIGHBOURS)[1]]
         middle = np.median(around, axis=1)
         away = values[chunk] - middle
-        alike = (around - middle[:, None]) * np.sign(away)[:, None] >= HALF * np.abs(away)[:, None]
-        found[begin : begin + CHUNK] = (np.abs(away) > least) & (alike.sum(axis=1) < ALIKE)
+        alike = (around - middle[:, None]) * np.sign(away)[:, None] >= ALIKE_SHARE * np.abs(away)[:, None]
+        found[begin : begin + CHUNK_POINTS] = (np.abs(away) > least) & (alike.sum(axis=1) < MIN_ALIKE_NEIGHBOURS)
     return found
 
 

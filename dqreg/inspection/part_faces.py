@@ -19,17 +19,17 @@ from dqreg.inspection.features.torus import Torus, fit_torus
 FaceKind = Literal["plane", "cylinder", "cone", "sphere", "torus", "free"]
 
 # A face is of a kind where its corners lie within that share of its size of the ideal shape: a tessellation's do.
-EXACT = 1e-4
+MAX_FORM_EXTENTS = 1e-4
 # Coarse files round the corners of a cylinder or cone: they may lie off by that share of what the middles of their
 # sides do. Corners of another shape lie as far off as the middles, and half of their form error is more than that.
-COARSE = 0.75
+MAX_FORM_SAGITTAS = 0.75
 # Single precision, in sizes of the part.
-ROUNDING = 1e-6
+ROUNDING_DIAGONALS = 1e-6
 # Corners that are fitted; more say the same.
-FITTED = 3_000
-# Corners that are asked first where there are many more, and how far beyond `EXACT` their fit says that all are no such
-# shape: four fits of a free face would take longer than reading it.
-ASKED, NEVER = 300, 3.0
+MAX_FITTED_CORNERS = 3_000
+# Corners that are asked first where there are many more, and how far beyond what is allowed their fit says that all are
+# no such shape: four fits of a free face would take longer than reading it.
+FIRST_CORNERS, REFUSED_FORM_RATIO = 300, 3.0
 # Kinds that are tried, the simplest first.
 TRIED: tuple[FeatureKind, ...] = ("plane", "cylinder", "cone", "sphere")
 
@@ -164,7 +164,7 @@ def faces_in_box(mesh: Mesh, faces: tuple[Face, ...], box: ArrayLike) -> tuple[F
         raise InputError(f"a box is six finite coordinates, two opposite corners; got {box!r:.80}")
     low, high = np.minimum(ends[:3], ends[3:]), np.maximum(ends[:3], ends[3:])
     # A corner in single precision may lie beside the plane that it was meant for.
-    margin = ROUNDING * mesh.diagonal
+    margin = ROUNDING_DIAGONALS * mesh.diagonal
     inside = ((mesh.corners >= low - margin) & (mesh.corners <= high + margin)).all(axis=(1, 2))
     out = np.bincount(faces_of(mesh)[1], weights=~inside, minlength=len(faces))
     return tuple(face for face in faces if not out[face.number])
@@ -194,7 +194,7 @@ def faces_at(mesh: Mesh, place: FloatArray) -> tuple[int, ...]:
     found, labels = MeshSurface(mesh).closest(place[None]), faces_of(mesh)[1]
     own, ends = face_sides(mesh, labels)
     away = np.linalg.norm(feet_on(ends, found.points[0]) - found.points[0], axis=1)
-    beside = own[away <= ROUNDING * mesh.diagonal]
+    beside = own[away <= ROUNDING_DIAGONALS * mesh.diagonal]
     return tuple(sorted({int(labels[found.elements[0]]), *labels[beside].tolist()}))
 
 
@@ -207,7 +207,7 @@ def _face(mesh: Mesh, number: int, rows: IntArray, area: float) -> Face:
     kind: FaceKind = "free"
     is_hole = False
     torus = None
-    if feature is None or feature.form > EXACT * extent:
+    if feature is None or feature.form > MAX_FORM_EXTENTS * extent:
         # Corners that are on no other shape, or only as those of a coarse file are.
         torus = _torus_of(corners, normals, extent)
     if torus is not None:
@@ -222,17 +222,17 @@ def _face(mesh: Mesh, number: int, rows: IntArray, area: float) -> Face:
 def _feature_of(corners: FloatArray, normals: FloatArray, extent: float) -> Feature | None:
     middles = 0.5 * (corners + np.roll(corners, -1, axis=1)).reshape(-1, 3)
     points, sides = corners.reshape(-1, 3), np.repeat(normals, 3, axis=0)
-    step = -(-len(points) // FITTED)
+    step = -(-len(points) // MAX_FITTED_CORNERS)
     points, sides, middles = points[::step], sides[::step], middles[::step]
     if len(points) < 6:
         # One triangle, or what is left of one: a plane of three corners has no form error to judge.
         points, sides = np.vstack([points, points.mean(axis=0)]), np.vstack([sides, sides[:1]])
-    few = slice(None, None, max(1, len(points) // ASKED))
+    few = slice(None, None, max(1, len(points) // FIRST_CORNERS))
     for kind in TRIED:
         try:
-            if len(points) > 4 * ASKED:
+            if len(points) > 4 * FIRST_CORNERS:
                 asked = fit_feature(points[few], kind, normals=sides[few])
-                if asked.form > NEVER * _allowed(asked, middles, extent):
+                if asked.form > REFUSED_FORM_RATIO * _allowed(asked, middles, extent):
                     continue
             found = fit_feature(points, kind, normals=sides)
         except DegenerateGeometryError:
@@ -243,20 +243,24 @@ def _feature_of(corners: FloatArray, normals: FloatArray, extent: float) -> Feat
 
 
 def _torus_of(corners: FloatArray, normals: FloatArray, extent: float) -> Torus | None:
-    few = slice(None, None, max(1, 3 * len(corners) // ASKED))
-    if 3 * len(corners) > 4 * ASKED and fit_torus(corners[few], normals[few], NEVER * EXACT * extent) is None:
+    few = slice(None, None, max(1, 3 * len(corners) // FIRST_CORNERS))
+    form = MAX_FORM_EXTENTS * extent
+    if (
+        3 * len(corners) > 4 * FIRST_CORNERS
+        and fit_torus(corners[few], normals[few], REFUSED_FORM_RATIO * form) is None
+    ):
         return None
-    chosen = slice(None, None, -(-3 * len(corners) // FITTED))
-    return fit_torus(corners[chosen], normals[chosen], EXACT * extent)
+    chosen = slice(None, None, -(-3 * len(corners) // MAX_FITTED_CORNERS))
+    return fit_torus(corners[chosen], normals[chosen], form)
 
 
 def _allowed(found: Feature, middles: FloatArray, extent: float) -> float:
     """Form error that the corners of a tessellated face may have; sides of a round one cut their chords anyway."""
     if found.kind not in ("cylinder", "cone"):
         # Two rims of a wall are on a sphere too, whose chords are as long as the wall is high.
-        return EXACT * extent
+        return MAX_FORM_EXTENTS * extent
     sagitta = float(np.abs(distances(found.kind, found.shape, middles)[0]).max())
-    return max(EXACT * extent, COARSE * sagitta)
+    return max(MAX_FORM_EXTENTS * extent, MAX_FORM_SAGITTAS * sagitta)
 
 
 def _faces_inward(feature: Feature, points: FloatArray, normals: FloatArray, weights: FloatArray) -> bool:

@@ -7,35 +7,33 @@ from itertools import combinations
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
-from dqreg.inspection.scan_scene import COVERED, LEAVES_COS, Scene
+from dqreg.inspection.scan_scene import BEFORE_PART_SHARE, LEAVES_COS, PAD_COVERED_SHARE, Scene
 
 # Points on the part go on smoothly where they leave the tangent plane of the surface beside them by less than this
 # slope, and turn by less than the angle.
-SLOPE, SMOOTH_COS = 0.35, float(np.cos(np.deg2rad(20.0)))
+MAX_SLOPE, SMOOTH_COS = 0.35, float(np.cos(np.deg2rad(20.0)))
 # A point on a face has its foot beside it by less than this share of the distance at which feet are of one place.
-BESIDE = 0.1
+MAX_ASIDE_SHARE = 0.1
 # Directions about a surface, and the share of them in which the part goes on smoothly that makes it a lid of the part,
 # or an island amid one of its faces: beside the part it does so in half of them at most.
-SECTORS, ENCLOSED = 24, 0.6
+SECTOR_COUNT, MIN_ENCLOSED_SHARE = 24, 0.6
 # Share in which it does so beside one side of a patch, and how far such patches are apart about an edge, in cells.
-BORDERED, EDGE = 0.25, 3.0
+MIN_BORDERED_SHARE, EDGE_GAP_CELLS = 0.25, 3.0
 # Share of the directions in which the part lies around what closes a bore; around a notch it is three quarters.
-CLOSED = 0.8
+MIN_CLOSED_SHARE = 0.8
 # A lid is no wider than so many limits: half of the part.
-LARGEST = 10.0
+MAX_LID_LIMITS = 10.0
 # Points of an island at least, and how far it goes, in limits; beyond that another object stands on the part.
-ISLAND, WIDE = 25, 5.0
+MIN_ISLAND_POINTS, MAX_ISLAND_LIMITS = 25, 5.0
 # Faces beneath an island along whose normals it is looked at, and how far around it, in radii of it.
-LOOKED_ALONG, AROUND = 3, 3.0
-# Share of the places behind an island that were measured, from which it is before the part and does not stand on it.
-SHADOW = 0.7
+TRIED_NORMALS, AROUND_RADII = 3, 3.0
 
 
 def of_the_part(scene: Scene, other: BoolArray) -> BoolArray:
     """Patches among those of other surfaces that are the part's all the same."""
     if not other.any():
         return other
-    lids = _lids(scene, other & scene.is_flat & (scene.counts >= ISLAND))
+    lids = _lids(scene, other & scene.is_flat & (scene.counts >= MIN_ISLAND_POINTS))
     return lids | _islands(scene, other & ~lids)
 
 
@@ -43,16 +41,16 @@ def _lids(scene: Scene, asked: BoolArray) -> BoolArray:
     """Patches around which a face of the part, as it was scanned, goes on smoothly; and corners of such."""
     shares = np.zeros(scene.count)
     mine = np.flatnonzero(asked[scene.patch] & scene.crowded)
-    wide = _extents(scene.cells.planes[0][mine], scene.patch[mine], scene.count) > LARGEST * scene.limit
+    wide = _extents(scene.cells.planes[0][mine], scene.patch[mine], scene.count) > MAX_LID_LIMITS * scene.limit
     mine = mine[~wide[scene.patch[mine]]]
     if len(mine):
         rows, patch = _going_on(scene, mine)
-        for number in np.flatnonzero(np.bincount(patch, minlength=scene.count) >= SECTORS * BORDERED):
+        for number in np.flatnonzero(np.bincount(patch, minlength=scene.count) >= SECTOR_COUNT * MIN_BORDERED_SHARE):
             points = scene.points[scene.rows_of(int(number))]
             around = scene.points[rows[patch == number]]
             plane, middle = _plane_of(points)[:, :2], points.mean(axis=0)
             shares[number] = _enclosed((points - middle) @ plane, (around - middle) @ plane)
-    return (shares >= ENCLOSED) | _corners(scene, np.flatnonzero(shares >= BORDERED))
+    return (shares >= MIN_ENCLOSED_SHARE) | _corners(scene, np.flatnonzero(shares >= MIN_BORDERED_SHARE))
 
 
 def _corners(scene: Scene, bordered: IntArray) -> BoolArray:
@@ -67,7 +65,7 @@ def _corners(scene: Scene, bordered: IntArray) -> BoolArray:
     normals = [_plane_of(each)[:, 2] for each in points]
     for one, two in combinations(range(len(bordered)), 2):
         if abs(normals[one] @ normals[two]) <= LEAVES_COS:
-            near = cKDTree(points[one]).query(points[two], distance_upper_bound=EDGE * scene.cells.width)[0]
+            near = cKDTree(points[one]).query(points[two], distance_upper_bound=EDGE_GAP_CELLS * scene.cells.width)[0]
             found[bordered[[one, two]]] |= bool(np.isfinite(near).any())
     return found
 
@@ -94,18 +92,18 @@ def _going_on(scene: Scene, mine: IntArray) -> tuple[IntArray, IntArray]:
     of = np.repeat(np.arange(len(rows)), times)
     between = points[of] - middles[beside]
     smooth = np.abs(np.einsum("ij,ij->i", nominal[of], normals[beside])) >= SMOOTH_COS
-    smooth &= np.abs(np.einsum("ij,ij->i", between, normals[beside])) <= SLOPE * np.linalg.norm(between, axis=1)
-    smooth &= (aside <= BESIDE * scene.near)[of]
+    smooth &= np.abs(np.einsum("ij,ij->i", between, normals[beside])) <= MAX_SLOPE * np.linalg.norm(between, axis=1)
+    smooth &= (aside <= MAX_ASIDE_SHARE * scene.near)[of]
     each = np.unique(np.column_stack([rows[of[smooth]], scene.patch[beside[smooth]]]), axis=0)
     return each[:, 0], each[:, 1]
 
 
 def _enclosed(points: FloatArray, around: FloatArray, farther: float = 0.0) -> float:
     """Share of the directions in a plane in which points lie around others, farther out. Shapes: (n, 2), (m, 2)."""
-    inner, outer = (np.zeros(SECTORS) for _ in range(2))
+    inner, outer = (np.zeros(SECTOR_COUNT) for _ in range(2))
     for places, farthest in ((points, inner), (around, outer)):
         x, y = places.T
-        sector = np.floor((np.arctan2(y, x) / (2.0 * np.pi) + 0.5) * SECTORS).astype(np.int64) % SECTORS
+        sector = np.floor((np.arctan2(y, x) / (2.0 * np.pi) + 0.5) * SECTOR_COUNT).astype(np.int64) % SECTOR_COUNT
         np.maximum.at(farthest, sector, np.hypot(x, y))
     return float(np.mean(outer > inner + farther))
 
@@ -119,18 +117,19 @@ def _islands(scene: Scene, asked: BoolArray) -> BoolArray:
     of = np.where(mine, island[scene.cells.cell], count)
     sizes = np.bincount(of, minlength=count + 1)[:count]
     rows = scene.off[mine]
-    found = (sizes >= ISLAND) & (_extents(scene.points[rows], of[mine], count) <= WIDE * scene.limit)
+    small = _extents(scene.points[rows], of[mine], count) <= MAX_ISLAND_LIMITS * scene.limit
+    found = (sizes >= MIN_ISLAND_POINTS) & small
     touching = np.bincount(island, weights=marked & scene.beside_part, minlength=count) > 0
     for number in np.flatnonzero(found):
         found[number] = _stands_on(scene, rows[of[mine] == number], touches=bool(touching[number]))
     standing = np.append(found, False)[of]
     under = np.bincount(of, weights=scene.covered(standing, mine & ~standing), minlength=count + 1)[:count]
-    found &= under < COVERED * sizes
+    found &= under < PAD_COVERED_SHARE * sizes
     patches = scene.any_of_patch(found[island] & marked)
     if not patches.any():
         return patches
     # A table is seen through the holes of a part.
-    return asked & patches & ~scene.in_planes(asked & ~patches & scene.is_flat & (scene.counts >= ISLAND))
+    return asked & patches & ~scene.in_planes(asked & ~patches & scene.is_flat & (scene.counts >= MIN_ISLAND_POINTS))
 
 
 def _stands_on(scene: Scene, rows: IntArray, *, touches: bool) -> bool:
@@ -138,10 +137,10 @@ def _stands_on(scene: Scene, rows: IntArray, *, touches: bool) -> bool:
 
     The sides of a pin are not seen from above: its shadow on the part is the only place that was not measured.
     """
-    if not (touches or 0.0 < scene.share_measured(rows) < SHADOW):
+    if not (touches or 0.0 < scene.share_measured(rows) < BEFORE_PART_SHARE):
         return False
     normals, faces = scene.nominal.normals(rows), scene.nominal.faces(rows)
-    for face in np.argsort(-np.bincount(faces))[:LOOKED_ALONG]:
+    for face in np.argsort(-np.bincount(faces))[:TRIED_NORMALS]:
         if (faces == face).any() and _amid(scene, rows, normals[faces == face].mean(axis=0)):
             return True
     return _closes(scene, rows)
@@ -152,7 +151,7 @@ def _closes(scene: Scene, rows: IntArray) -> bool:
     points = scene.points[rows]
     axes, middle = _plane_of(points), points.mean(axis=0)
     across = (points - middle) @ axes[:, :2]
-    if _enclosed(across, (scene.nominal.feet[rows] - middle) @ axes[:, :2]) < CLOSED:
+    if _enclosed(across, (scene.nominal.feet[rows] - middle) @ axes[:, :2]) < MIN_CLOSED_SHARE:
         return False
     corners = (scene.nominal.corners - middle) @ axes
     # The plane is as uncertain far off as that is in radii of the surface.
@@ -169,8 +168,8 @@ def _amid(scene: Scene, rows: IntArray, along: FloatArray) -> bool:
     middle = scene.points[rows].mean(axis=0)
     island = (scene.points[rows] - middle) @ plane
     part = (scene.points[scene.rows_on] - middle) @ plane
-    part = part[np.hypot(*part.T) <= AROUND * np.hypot(*island.T).max() + scene.near]
-    return len(part) > 0 and _enclosed(island, part, scene.near) >= ENCLOSED
+    part = part[np.hypot(*part.T) <= AROUND_RADII * np.hypot(*island.T).max() + scene.near]
+    return len(part) > 0 and _enclosed(island, part, scene.near) >= MIN_ENCLOSED_SHARE
 
 
 def _extents(points: FloatArray, of: IntArray, count: int) -> FloatArray:

@@ -11,24 +11,24 @@ from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.membership import OFF_SIGMAS
 from dqreg.inspection.regions import Outcome
-from dqreg.inspection.statistics import PROBED
+from dqreg.inspection.statistics import MIN_SCANNED_POINTS
 from dqreg.inspection.tolerances import PointLimits
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 
 # Expanded uncertainty, in standard deviations: 95 % (ISO 14253-1, k = 2).
-COVERAGE = 2.0
+COVERAGE_FACTOR = 2.0
 # A place is the median of so many neighbouring points: half of them may be noise.
-PLACE = 25
+PLACE_POINTS = 25
 # Places that are named.
-NAMED = 50
+MAX_NAMED_PLACES = 50
 # Points asked whether a place is out of tolerance, and points that answer for the neighbourhood: more say the same.
-ASKED, NEIGHBOURS = 20_000, 1_000_000
+MAX_ASKED_POINTS, MAX_NEIGHBOUR_POINTS = 20_000, 1_000_000
 # Standard deviation of a median of n normal values: 1.2533 sigma / sqrt(n).
 MEDIAN_SIGMA = 1.2533
 # Neighbours that lie farther apart than usual by this factor are strays; so many points say what is usual.
-SPARSE, SAMPLED = 3.0, 1_000
+SPARSE_RATIO, SPACING_SAMPLE = 3.0, 1_000
 # The same on one side of a thin wall: what is farther apart there is no scan of it.
-SPARSE_SIDE = 4.0
+SPARSE_SIDE_RATIO = 4.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,11 +64,11 @@ def places_of(
     Of the counted points, ``rows`` of the scan: expanded uncertainty, limits and region of each.
     """
     asked = np.flatnonzero(limits.beyond(deviations.values[rows]) + room > 0.0)
-    asked = asked[:: -(-max(len(asked), 1) // ASKED)]
+    asked = asked[:: -(-max(len(asked), 1) // MAX_ASKED_POINTS)]
     if not len(asked):
         return ()
     medians, spreads = _medians(deviations, rows, asked)
-    uncertainty = np.hypot(room[asked], COVERAGE * spreads)
+    uncertainty = np.hypot(room[asked], COVERAGE_FACTOR * spreads)
     beyond = limits.of(asked).beyond(medians)
     fails = beyond > uncertainty
     near = fails | (beyond + uncertainty > 0.0)
@@ -89,9 +89,9 @@ def places_of(
 def _medians(deviations: Deviations, rows: IntArray, asked: IntArray) -> tuple[FloatArray, FloatArray]:
     """Median deviation about each asked point, and its standard deviation. Shapes: (m,), (m,)."""
     values = deviations.values[rows]
-    if len(rows) < PROBED:
+    if len(rows) < MIN_SCANNED_POINTS:
         return values[asked], np.zeros(len(asked))
-    step = -(-len(rows) // NEIGHBOURS)
+    step = -(-len(rows) // MAX_NEIGHBOUR_POINTS)
     feet, kept = deviations.closest[rows] - deviations.origin, values[::step]
     # Neighbours on the part: a point off it stands with those that were measured where it should be.
     medians, spreads = _voted(kept[_on_one_side(deviations, rows[::step], feet[::step], rows[asked], feet[asked])])
@@ -103,11 +103,11 @@ def _medians(deviations: Deviations, rows: IntArray, asked: IntArray) -> tuple[F
         points = (deviations.points[rows] - deviations.origin)[::step]
         beside, widths = _beside(points, deviations.points[rows[asked[far]]] - deviations.origin)
         others, scatters = _voted(kept[beside])
-        usual = float(np.median(_beside(points, points[:: -(-len(points) // SAMPLED)])[1]))
+        usual = float(np.median(_beside(points, points[:: -(-len(points) // SPACING_SAMPLE)])[1]))
         # Fewer points in the same place are strays. The vote that deviates more counts.
-        more = (widths <= SPARSE * usual) & (np.abs(others) > np.abs(medians[far]))
+        more = (widths <= SPARSE_RATIO * usual) & (np.abs(others) > np.abs(medians[far]))
         medians[far[more]], spreads[far[more]] = others[more], scatters[more]
-    return medians, MEDIAN_SIGMA * spreads / math.sqrt(PLACE)
+    return medians, MEDIAN_SIGMA * spreads / math.sqrt(PLACE_POINTS)
 
 
 def _on_one_side(deviations: Deviations, rows: IntArray, feet: FloatArray, of: IntArray, asked: FloatArray) -> IntArray:
@@ -124,8 +124,8 @@ def _on_one_side(deviations: Deviations, rows: IntArray, feet: FloatArray, of: I
         found, reach = _beside(sided, np.hstack([asked[mixed], deviations.size * own[mixed]]))
         # Few strays say nothing of a place, that their scatter would leave open.
         medians, spreads = _voted(deviations.values[rows][found])
-        told = np.abs(medians) > COVERAGE * MEDIAN_SIGMA * spreads / math.sqrt(PLACE)
-        told &= reach <= SPARSE_SIDE * widths[mixed]
+        told = np.abs(medians) > COVERAGE_FACTOR * MEDIAN_SIGMA * spreads / math.sqrt(PLACE_POINTS)
+        told &= reach <= SPARSE_SIDE_RATIO * widths[mixed]
         beside[mixed[told]] = found[told]
     return beside
 
@@ -134,7 +134,7 @@ def _beside(points: FloatArray, asked: FloatArray) -> tuple[IntArray, FloatArray
     """The points nearest to each asked one, (m, 25), and how far the last of them lies, (m,)."""
     from scipy.spatial import cKDTree
 
-    away, beside = cKDTree(points).query(asked, k=PLACE)
+    away, beside = cKDTree(points).query(asked, k=PLACE_POINTS)
     return np.asarray(beside), np.asarray(away)[:, -1]
 
 
@@ -148,7 +148,7 @@ def _apart(feet: FloatArray, order: IntArray, apart: float) -> list[int]:
     """The first of the order, and each further one that is not near one taken."""
     taken: list[int] = []
     left: BoolArray = np.ones(len(order), dtype=bool)
-    while left.any() and len(taken) < NAMED:
+    while left.any() and len(taken) < MAX_NAMED_PLACES:
         first = int(order[np.argmax(left)])
         taken.append(first)
         left &= np.linalg.norm(feet[order] - feet[first], axis=1) >= max(apart, 1e-300)

@@ -19,15 +19,15 @@ from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 Outcome = Literal["pass", "fail", "undecided"]
 
 # A face with fewer points than this share of the usual number on its area was not scanned: strays lie near it.
-SCANNED = 0.08
+MIN_DENSITY_RATIO = 0.08
 # More faces than that make no table: an organic shape, or a rough mesh. It is cut into eight boxes instead.
 MOST_FACES = 400
 # Places along the edges of faces at most.
 MOST_PLACES = 400_000
 # Points from which on a region is judged.
-FEWEST = 30
+MIN_REGION_POINTS = 30
 # A region is flat where its normals agree to that much.
-FLAT = 0.9998
+FLAT_RESULTANT_LENGTH = 0.9998
 FACES = "The part's faces that were scanned, cut where its surface turns sharply or a plane ends."
 BOXES = "Eight boxes about the centre of the target, as it has no sharp edges to be cut at."
 
@@ -110,10 +110,10 @@ def regions_of(deviations: Deviations, cut: Cut) -> tuple[Region, ...]:
     # Positions near the origin, where a mean keeps its digits.
     points, normals = deviations.points[on] - deviations.origin, deviations.normals(on)
     counts = np.bincount(cut.labels) if len(cut.labels) else np.zeros(0, dtype=np.int64)
-    known = counts >= FEWEST
+    known = counts >= MIN_REGION_POINTS
     if cut.areas is not None and known.any():
         density = counts / np.maximum(cut.areas[: len(counts)], np.finfo(float).tiny)
-        known &= density >= SCANNED * weighted_median(density[known], counts[known])
+        known &= density >= MIN_DENSITY_RATIO * weighted_median(density[known], counts[known])
     biggest = np.argsort(-counts, kind="stable")
     regions = []
     for number in biggest[known[biggest]]:
@@ -157,7 +157,7 @@ def _region(number: int, values: FloatArray, name: str, centre: FloatArray) -> R
 def _face_name(normals: FloatArray) -> str:
     mean = normals.mean(axis=0)
     length = float(np.linalg.norm(mean))
-    if length < FLAT:
+    if length < FLAT_RESULTANT_LENGTH:
         return "curved face"
     x, y, z = np.where(np.abs(mean / length) < 0.005, 0.0, mean / length)
     for sign, end in ((1.0, "+"), (-1.0, "−")):

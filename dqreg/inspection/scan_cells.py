@@ -11,9 +11,9 @@ from dqreg._arrays import BoolArray, FloatArray, IntArray
 
 # Points around a cell leave their plane by less than this share of their extent where they are of a smooth surface,
 # beside what noise does; and are no line, which lies in many planes.
-FLAT, LINE = 0.2, 0.15
+MAX_FLAT_RATIO, MAX_LINE_RATIO = 0.2, 0.15
 # Points that are looked at together.
-CHUNK = 1 << 13
+CHUNK_POINTS = 1 << 13
 
 
 class ScanCells:
@@ -79,8 +79,8 @@ class ScanCells:
     def flat(self, noise: float) -> BoolArray:
         """Cells whose points are of a smooth surface, (k,)."""
         least, middle, most = self.planes[2].T
-        smooth = np.maximum(least - noise**2, 0.0) < FLAT**2 * middle
-        found: BoolArray = smooth & (middle > LINE**2 * most)
+        smooth = np.maximum(least - noise**2, 0.0) < MAX_FLAT_RATIO**2 * middle
+        found: BoolArray = smooth & (middle > MAX_LINE_RATIO**2 * most)
         return found
 
     def patches(self, linked: BoolArray) -> IntArray:
@@ -109,7 +109,7 @@ class ScanCells:
         def hold(first: int, last: int) -> None:
             held.append(np.unique(self._keys_of(points[first:last][asked[first:last]])[0]))
 
-        over_chunks(hold, len(points), chunk=CHUNK)
+        over_chunks(hold, len(points), chunk=CHUNK_POINTS)
         keys = np.unique(np.concatenate(held))
         found = np.zeros(len(self.keys), dtype=bool)
         for shift in self._shifts:
@@ -133,7 +133,7 @@ class ScanCells:
             there = _looked_up(keys, own)[1]
             held.append((rows[inside][there], own[there]))
 
-        over_chunks(hold, len(points), chunk=CHUNK)
+        over_chunks(hold, len(points), chunk=CHUNK_POINTS)
         rows, own = (np.concatenate(each) for each in zip(*held, strict=True))
         order = np.argsort(rows)
         return rows[order], own[order]

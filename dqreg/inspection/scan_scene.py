@@ -14,24 +14,27 @@ from dqreg.inspection.scan_cells import ScanCells
 
 # Points around a cell, its own included, that make it one of a surface; and points beyond a distance that make a
 # surface one that runs on beyond it.
-SURFACE, LEAVES = 5, 10
+MIN_SURFACE_POINTS, MIN_LEAVING_POINTS = 5, 10
 # The distance from the part grows along a surface by the sine of the angle between them: a bent part departs from its
 # nominal shape by less than the first angle, what stands on it or carries it by more than the second.
 CONTINUES_COS, LEAVES_COS = float(np.cos(np.deg2rad(20.0))), float(np.cos(np.deg2rad(45.0)))
 # Most of a surface.
-MOST = 0.8
-# Share of feet on measured places from which a surface stands before the part.
-BEFORE = 0.7
-# Share of the nominal places behind a surface that were measured, up to which the surface is the face there; and the
-# share of the face that it covers, more where some of its points are above another face.
-REPLACES, COVERS, MOSTLY = 0.25, 0.25, 0.5
+MOST_SHARE = 0.8
+# Share of the places behind a surface that were measured, from which it stands before the part, not on it.
+BEFORE_PART_SHARE = 0.7
+# Share of the nominal places behind a surface that were measured, up to which the surface is the face there.
+MAX_MEASURED_SHARE = 0.25
+# Share of that face that it covers, more where some of its points are above another face.
+MIN_COVERED_SHARE, MIN_COVERED_SHARE_OF_TWO = 0.25, 0.5
 # Of a face that is out of place as a whole, so small a share was measured in its place: points of the faces beside it,
 # which are single ones in a place.
-KEPT, SINGLE = 0.1, 1
-# Surfaces are of one plane within so many sigmas of the noise, or so many spacings; planes that are looked at.
-ONE_PLANE, ONE_PLANE_SPACINGS, PLANES = 4.0, 0.5, 8
+MAX_KEPT_SHARE, SINGLE_POINTS = 0.1, 1
+# Surfaces are of one plane within so many sigmas of the noise, or so many spacings.
+ONE_PLANE_SIGMAS, ONE_PLANE_SPACINGS = 4.0, 0.5
+# Planes that are looked at, the largest ones.
+MAX_PLANES = 8
 # Share of the points of a surface above which another object lies, from which it is that one's pad.
-COVERED = 0.5
+PAD_COVERED_SHARE = 0.5
 # Points of a side that are asked which one is nearest.
 LOOKED_AT = 200_000
 
@@ -72,7 +75,7 @@ class Scene:
     def runs_on(self) -> BoolArray:
         """Patches that go on beyond the limit."""
         beyond = self.per_patch(self.distances[self.off] > self.limit)
-        found: BoolArray = (beyond >= LEAVES) | (beyond > 0.5 * self.counts)
+        found: BoolArray = (beyond >= MIN_LEAVING_POINTS) | (beyond > 0.5 * self.counts)
         return found
 
     def per_patch(self, values: FloatArray | BoolArray) -> FloatArray:
@@ -89,7 +92,7 @@ class Scene:
     @cached_property
     def turned(self) -> BoolArray:
         """Patches that face the part like one of its own faces."""
-        found: BoolArray = self._turned >= MOST * self.counts
+        found: BoolArray = self._turned >= MOST_SHARE * self.counts
         return found
 
     @cached_property
@@ -143,7 +146,7 @@ class Scene:
 
     def stands_before(self, number: int) -> bool:
         """Whether the nominal places behind a surface were measured too."""
-        return self.share_measured(self.rows_of(number)) >= BEFORE
+        return self.share_measured(self.rows_of(number)) >= BEFORE_PART_SHARE
 
     def share_measured(self, rows: IntArray) -> float:
         """Share of the nominal places behind some rows of the scan that were measured too."""
@@ -165,12 +168,12 @@ class Scene:
     def in_planes(self, marked: BoolArray) -> BoolArray:
         """Patches that lie in the plane of one of those marked, the largest ones."""
         found = np.zeros(self.count, dtype=bool)
-        for number in np.flatnonzero(marked)[np.argsort(-self.counts[marked])][:PLANES]:
+        for number in np.flatnonzero(marked)[np.argsort(-self.counts[marked])][:MAX_PLANES]:
             points = self.points[self.rows_of(int(number))]
             middle = points.mean(axis=0)
             normal = np.linalg.svd(np.cov((points - middle).T))[0][:, 2]
             near = np.abs((self.points[self.off] - middle) @ normal) <= self.width
-            found |= self.per_patch(near) >= MOST * self.counts
+            found |= self.per_patch(near) >= MOST_SHARE * self.counts
         return found
 
     def nearer_to(self, other: BoolArray, pieces: BoolArray) -> BoolArray:
@@ -224,12 +227,13 @@ class Scene:
         places = np.unique(np.floor(self.nominal.feet[above] / self.near), axis=0)
         covers = len(places) * self.near**2 / self.nominal.area(face)
         # A surface above two faces replaces one of them where it covers more of it.
-        if len(above) <= 0.5 * len(rows) or covers < (COVERS if len(above) >= MOST * len(rows) else MOSTLY):
+        needed = MIN_COVERED_SHARE if len(above) >= MOST_SHARE * len(rows) else MIN_COVERED_SHARE_OF_TWO
+        if len(above) <= 0.5 * len(rows) or covers < needed:
             return False
-        if self.share_measured(above) > REPLACES:
+        if self.share_measured(above) > MAX_MEASURED_SHARE:
             return False
         # A face is out of place as a whole: where some of it was measured in its place, this one is another object's.
         own = self.rows_on[self.nominal.faces(self.rows_on) == face]
         points = np.unique(np.floor(self.nominal.feet[own] / self.near), axis=0, return_counts=True)[1]
-        kept = int(np.count_nonzero(points > SINGLE))
-        return kept <= KEPT * (kept + len(places))
+        kept = int(np.count_nonzero(points > SINGLE_POINTS))
+        return kept <= MAX_KEPT_SHARE * (kept + len(places))

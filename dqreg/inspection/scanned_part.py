@@ -20,22 +20,28 @@ from dqreg.inspection.features.hidden_form import hidden_form
 from dqreg.inspection.features.spread import covariance_on
 from dqreg.inspection.medians import smoothed
 from dqreg.inspection.part_faces import Face, faces_at, faces_in_box, nearest_face, part_faces
-from dqreg.inspection.places import MEDIAN_SIGMA, PLACE
+from dqreg.inspection.places import MEDIAN_SIGMA, PLACE_POINTS
 from dqreg.inspection.plan.keys import FaceName
-from dqreg.inspection.regions import SCANNED, edge_places
-from dqreg.inspection.statistics import PROBED
+from dqreg.inspection.regions import MIN_DENSITY_RATIO, edge_places
+from dqreg.inspection.statistics import MIN_SCANNED_POINTS
 from dqreg.inspection.zone_features import PlannedFit, zone_feature
 from dqreg.rigid import pose
 
 # Points farther from a feature than that many robust standard deviations are cut.
-CUT = 3.5
-# Points nearer to an edge than so many times what 95 % of the deviations do not exceed may be of the face beyond it; at
-# most that share of a face's extent is left out, and never half of its points.
-MIXED, EDGE, HALF = 2.0, 0.05, 0.5
+CUT_SIGMAS = 3.5
+# Points nearer to an edge than so many times what 95 % of the deviations do not exceed may be of the face beyond it.
+MIXED_QUANTILES = 2.0
+# At most that share of a face's extent is left out so, and never half of its points.
+MAX_EDGE_EXTENTS, MIN_INNER_SHARE = 0.05, 0.5
 # Places along edges are that part of the usual spacing apart.
-FINE = 0.1
+EDGE_STEP_SPACINGS = 0.1
 # Faces are the wall of a slot where their corners lie within that share of its length of one.
-SLOT = 1e-3
+MAX_SLOT_FORM_LENGTHS = 1e-3
+
+
+def outlier_cut(points: FloatArray | IntArray) -> float | None:
+    """Beyond which outliers of a face are cut, in sigmas; None of few points, each of which a touch probe measured."""
+    return CUT_SIGMAS if len(points) > MIN_SCANNED_POINTS else None
 
 
 @dataclasses.dataclass(eq=False)
@@ -130,16 +136,16 @@ class ScannedPart:
         rows = np.flatnonzero(self._on == face.number)
         if self._from_edges is None:
             self._from_edges, self._mixed = self._edges()
-        inner = rows[self._from_edges[rows] > min(self._mixed, EDGE * face.extent)]
-        return inner if len(inner) > HALF * len(rows) else rows
+        inner = rows[self._from_edges[rows] > min(self._mixed, MAX_EDGE_EXTENTS * face.extent)]
+        return inner if len(inner) > MIN_INNER_SHARE * len(rows) else rows
 
     def _edges(self) -> tuple[FloatArray, float]:
         """Distance of each point's foot from the nearest edge, and how far from one the points of two faces mix."""
         from scipy.spatial import cKDTree
 
         feet, _, values = self.deviations()
-        mixed = MIXED * float(np.quantile(np.abs(values), 0.95)) if len(values) else 0.0
-        places, step = edge_places(self.mesh, self.of_triangle, max(0.5 * mixed, FINE * self.spacing))
+        mixed = MIXED_QUANTILES * float(np.quantile(np.abs(values), 0.95)) if len(values) else 0.0
+        places, step = edge_places(self.mesh, self.of_triangle, max(0.5 * mixed, EDGE_STEP_SPACINGS * self.spacing))
         if not len(places) or not len(feet):
             return np.full(len(feet), np.inf), 0.0
         width = math.hypot(mixed, 0.5 * step)
@@ -161,7 +167,8 @@ class ScannedPart:
     def noise(self) -> float:
         """Standard deviation of a scan point, from how neighbours on one face differ."""
         if self._noise is None:
-            self._noise = smoothed(self.deviations()[2], self.points, self._on)[1] * math.sqrt(PLACE) / MEDIAN_SIGMA
+            sigma = smoothed(self.deviations()[2], self.points, self._on)[1]
+            self._noise = sigma * math.sqrt(PLACE_POINTS) / MEDIAN_SIGMA
         return self._noise
 
     def deviations(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -198,7 +205,7 @@ class ScannedPart:
         rows = self.rows_on(face)
         points, normals = self.points[rows], self.mesh.face_normals[self.triangles[rows]]
         try:
-            found = fit_feature(points, nominal.kind, normals=normals, cut=CUT if len(points) > PROBED else None)
+            found = fit_feature(points, nominal.kind, normals=normals, cut=outlier_cut(points))
         except DegenerateGeometryError as error:
             words = f"face {face.number} was not scanned well enough: {error}"
             raise DegenerateGeometryError(words) from error
@@ -226,7 +233,7 @@ class ScannedPart:
             found = fit_feature(corners, "slot", normals=np.repeat(self.mesh.face_normals[triangles], 3, axis=0))
         except DegenerateGeometryError as error:
             raise InputError(refusal) from error
-        if found.form > SLOT * found.length:
+        if found.form > MAX_SLOT_FORM_LENGTHS * found.length:
             raise InputError(refusal)
         return found
 
@@ -236,13 +243,13 @@ class ScannedPart:
             self.require_scanned(face)
         rows = np.concatenate([self.rows_on(face) for face in faces])
         normals = self.mesh.face_normals[self.triangles[rows]]
-        found = fit_feature(self.points[rows], "slot", normals=normals, cut=CUT if len(rows) > PROBED else None)
+        found = fit_feature(self.points[rows], "slot", normals=normals, cut=outlier_cut(rows))
         return found if found.axis @ self.ideal_slot(faces).axis > 0.0 else found.reversed()
 
     def require_scanned(self, face: Face) -> None:
         """`DegenerateGeometryError` where a face has too few points for a face that was scanned."""
         count, usual = int(np.count_nonzero(self._on == face.number)), self._density * face.area
-        if count < SCANNED * usual:
+        if count < MIN_DENSITY_RATIO * usual:
             raise DegenerateGeometryError(
                 f"face {face.number} was not scanned: {count} points lie on it where {usual:.0f} are expected; "
                 "dqreg inspect SCAN --suggest PART names faces that were"
@@ -251,7 +258,7 @@ class ScannedPart:
     def scanned(self) -> BoolArray:
         """Which faces have enough points for faces that were scanned, (faces,)."""
         usual = self._density * np.array([face.area for face in self.faces])
-        return np.asarray(self.counts() >= SCANNED * usual)
+        return np.asarray(self.counts() >= MIN_DENSITY_RATIO * usual)
 
     def counts(self) -> IntArray:
         """Scan points on each face, (faces,)."""

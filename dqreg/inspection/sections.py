@@ -20,9 +20,9 @@ from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 
 # Half the thickness of the slab of scan points that stands for the cut, and the step along the curve, in spacings of
 # the scan.
-HALF_SLAB, STEP = 1.5, 3.0
+HALF_SLAB_SPACINGS, STEP_SPACINGS = 1.5, 3.0
 # Points of the scan that a place of the curve needs.
-FEWEST = 3
+MIN_PLACE_POINTS = 3
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -169,9 +169,9 @@ def section_on(part: ScannedPart, point: ArrayLike, normal: ArrayLike, step: flo
         raise DegenerateGeometryError(
             f"the plane through ({', '.join(f'{x:.6g}' for x in at)}) misses the part: move it or turn its normal"
         )
-    width = STEP * part.spacing if step is None else step
+    width = STEP_SPACINGS * part.spacing if step is None else step
     places, outward, curve, arc = _spaced(curves, normals, width)
-    near = np.abs((part.points - begin) @ towards) <= (0.5 * width if step else HALF_SLAB * part.spacing)
+    near = np.abs((part.points - begin) @ towards) <= (0.5 * width if step else HALF_SLAB_SPACINGS * part.spacing)
     values, sigma, counts = _medians(part, near, places, outward, width)
     return Section(
         point=at,
@@ -276,7 +276,7 @@ def _medians(
     for rows in np.split(order, 1 + np.flatnonzero(np.diff(owners))):
         place = int(np.asarray(nearest)[rows[0]]) if len(rows) else 0
         counts[place] = len(rows)
-        if len(rows) >= FEWEST:
+        if len(rows) >= MIN_PLACE_POINTS:
             medians[place] = np.median(values[rows])
             spread = GAUSSIAN_MEDIAN * float(np.median(np.abs(values[rows] - medians[place])))
             sigma[place] = MEDIAN_SIGMA * max(spread, part.noise) / np.sqrt(len(rows))

@@ -17,13 +17,13 @@ from dqreg.geometry.surface import Surface
 from dqreg.inspection.facing import Facing
 
 # Points of a range: what is known of them stays in a core's cache from the search to the sign.
-CHUNK = 1 << 13
+CHUNK_POINTS = 1 << 13
 # Points of a cloud's range: its tree has threads of its own.
-ASKED = 1 << 18
+CLOUD_CHUNK_POINTS = 1 << 18
 # Points after which progress is told.
-TOLD = 1 << 20
+PROGRESS_POINTS = 1 << 20
 # Radius of the disc that a point of a target cloud stands for, in spacings of that cloud: discs overlap, no holes.
-DISC = 3.0
+DISC_SPACINGS = 3.0
 
 Progress = Callable[[int, int], object]
 # Values, closest places, and faces or points that are closest.
@@ -61,13 +61,13 @@ def signed_distances(
         rows = order[told + first : told + last].astype(np.int64)
         scatter_rows(rows, *ask(np.take(points, rows, axis=0), rows), values, closest, faces)
 
-    for told in range(0, count, TOLD):
-        some = min(TOLD, count - told)
+    for told in range(0, count, PROGRESS_POINTS):
+        some = min(PROGRESS_POINTS, count - told)
         if is_mesh:
-            over_chunks(measure, some, told, chunk=CHUNK)
+            over_chunks(measure, some, told, chunk=CHUNK_POINTS)
         else:
-            for first in range(0, some, ASKED):
-                measure(first, min(first + ASKED, some), told)
+            for first in range(0, some, CLOUD_CHUNK_POINTS):
+                measure(first, min(first + CLOUD_CHUNK_POINTS, some), told)
         if progress is not None:
             progress(told + some, count)
     return values, closest, faces
@@ -80,7 +80,7 @@ def moved(points: FloatArray, offset: FloatArray, out: FloatArray) -> FloatArray
     def move(first: int, last: int) -> None:
         out[first:last] = shifted(points[first:last], offset)
 
-    over_chunks(move, len(points), chunk=CHUNK)
+    over_chunks(move, len(points), chunk=CHUNK_POINTS)
     return out
 
 
@@ -100,7 +100,7 @@ def _on_mesh(
 
 
 def _on_cloud(cloud: PointCloud, surface: Surface, signed: bool) -> Callable[[FloatArray, IntArray], Answer]:
-    radius = DISC * measure_spacing(NeighbourTree(cloud.points), cloud.points)
+    radius = DISC_SPACINGS * measure_spacing(NeighbourTree(cloud.points), cloud.points)
 
     def ask(points: FloatArray, _: IntArray) -> Answer:
         found = surface.closest(points)

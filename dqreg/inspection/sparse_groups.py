@@ -13,16 +13,16 @@ from dqreg.inspection.scan_scene import Nominal
 
 # Of so many neighbours on the same side of the part, so many at least lie beside a point of a group: their deviations
 # differ by no more than this slope, and so many sigmas of the noise, ask for.
-NEIGHBOURS, ALIKE = 8, 6
-SLOPE, SIGMAS = 0.25, 6.0
+GROUP_NEIGHBOURS, MIN_ALIKE_NEIGHBOURS = 8, 6
+ALIKE_SLOPE, ALIKE_SIGMAS = 0.25, 6.0
 # Points of a group at least: it goes over into the part as it was scanned at the root of their number.
-GROUP = 10
+MIN_GROUP_POINTS = 10
 # Feet of neighbours spread over the part: those of a table lie along its edges. Less in one direction by this share.
-LINE = 0.05
+MAX_LINE_RATIO = 0.05
 # Feet with normals that are opposed are that many usual distances of neighbours apart.
-OPPOSED = 10.0
+OPPOSED_SPACINGS = 10.0
 # Points on the part are looked for within so many of those distances.
-BESIDE = 2.0
+PART_REACH_SPACINGS = 2.0
 
 
 def sparse_groups(asked: IntArray, on: BoolArray, values: FloatArray, nominal: Nominal, *, noise: float) -> IntArray:
@@ -30,36 +30,36 @@ def sparse_groups(asked: IntArray, on: BoolArray, values: FloatArray, nominal: N
 
     ``on``, (n,): points on the part; ``values``, (n,): the deviations of all.
     """
-    if len(asked) < GROUP:
+    if len(asked) < MIN_GROUP_POINTS:
         return asked[:0]
     feet = nominal.feet[asked]
     # Of a group, neighbours are as far apart as its own points are, wherever the others lie.
-    weight = 0.5 * OPPOSED * float(np.median(_neighbours(feet, feet, NEIGHBOURS + 1)[1][:, -1]))
+    weight = 0.5 * OPPOSED_SPACINGS * float(np.median(_neighbours(feet, feet, GROUP_NEIGHBOURS + 1)[1][:, -1]))
     places = np.hstack([feet, weight * nominal.normals(asked)])
-    beside, apart = _neighbours(places, places, NEIGHBOURS + 1)
+    beside, apart = _neighbours(places, places, GROUP_NEIGHBOURS + 1)
     beside, apart = beside[:, 1:], apart[:, 1:]
-    alike = np.abs(values[asked][beside] - values[asked][:, None]) <= SLOPE * apart + SIGMAS * noise
-    smooth, reach = np.count_nonzero(alike, axis=1) >= ALIKE, BESIDE * apart[:, -1]
+    alike = np.abs(values[asked][beside] - values[asked][:, None]) <= ALIKE_SLOPE * apart + ALIKE_SIGMAS * noise
+    smooth, reach = np.count_nonzero(alike, axis=1) >= MIN_ALIKE_NEIGHBOURS, PART_REACH_SPACINGS * apart[:, -1]
     smooth[smooth] = _are_spread(feet[beside[smooth]])
     rows = _about(feet[smooth], reach[smooth], on, nominal)
-    if np.count_nonzero(smooth) < GROUP or len(rows) < NEIGHBOURS:
+    if np.count_nonzero(smooth) < MIN_GROUP_POINTS or len(rows) < GROUP_NEIGHBOURS:
         return asked[:0]
     part = np.hstack([nominal.feet[rows], weight * nominal.normals(rows)])
-    nearest, away = _neighbours(part, places, NEIGHBOURS)
+    nearest, away = _neighbours(part, places, GROUP_NEIGHBOURS)
     # What lies amid points on the part is a spike: noise, or a stray above a face that is as it should be.
     smooth &= away[:, -1] > apart[:, -1]
     step = np.abs(values[rows][nearest[:, 0]] - values[asked])
-    joined = smooth & (away[:, 0] <= reach) & (step <= SLOPE * away[:, 0] + SIGMAS * noise)
+    joined = smooth & (away[:, 0] <= reach) & (step <= ALIKE_SLOPE * away[:, 0] + ALIKE_SIGMAS * noise)
     group = _hanging_together(beside, alike & smooth[:, None] & smooth[beside])
     sizes, joints = (np.bincount(group, weights=side, minlength=len(asked)) for side in (smooth, joined))
-    of_the_part: IntArray = asked[smooth & ((sizes >= GROUP) & (joints**2 >= sizes))[group]]
+    of_the_part: IntArray = asked[smooth & ((sizes >= MIN_GROUP_POINTS) & (joints**2 >= sizes))[group]]
     return of_the_part
 
 
 def _are_spread(feet: FloatArray) -> BoolArray:
     """Which of some sets of feet, (n, k, 3), lie on no line, (n,)."""
     spreads = np.linalg.svd(feet - feet.mean(axis=1, keepdims=True), compute_uv=False)
-    return np.asarray(spreads[:, 1] > LINE * spreads[:, 0])
+    return np.asarray(spreads[:, 1] > MAX_LINE_RATIO * spreads[:, 0])
 
 
 def _about(feet: FloatArray, reach: FloatArray, on: BoolArray, nominal: Nominal) -> IntArray:

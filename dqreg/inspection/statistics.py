@@ -91,7 +91,7 @@ class Bands:
 
 
 # Numbers that are squared in one go.
-CHUNK = 1 << 16
+CHUNK_VALUES = 1 << 16
 
 
 def summary_of(
@@ -109,7 +109,8 @@ def summary_of(
         return Summary(0, total, none, none, none, none, none, none, tolerance, None if tolerance is None else none)
     mean = float(values.mean())
     sizes = np.abs(values, out=values if overwrite_input else None)
-    rms = float(np.sqrt(sum(float(np.square(sizes[i : i + CHUNK]).sum()) for i in range(0, count, CHUNK)) / count))
+    squares = sum(float(np.square(sizes[i : i + CHUNK_VALUES]).sum()) for i in range(0, count, CHUNK_VALUES))
+    rms = float(np.sqrt(squares / count))
     largest = float(sizes.max())
     share = None if tolerance is None else float(np.count_nonzero(sizes <= tolerance) / count)
     p50, p95, p99 = (float(q) for q in np.quantile(sizes, [0.5, 0.95, 0.99], overwrite_input=True))
@@ -139,13 +140,13 @@ def bands_of(values: FloatArray, tolerance: float, required_share: float, signed
 
 
 # Points that must deviate at least that much at a place, so that outliers make none ...
-FEWEST = 5
+MIN_PLACE_POINTS = 5
 # ... and at least this fraction of the points of its cell.
-SHARE = 0.05
+MIN_CELL_SHARE = 0.05
 # Below that many points a touch probe measured, and every point is meant.
-PROBED = 200
+MIN_SCANNED_POINTS = 200
 # A place holds the points that deviate at least that fraction of its own deviation.
-SAME = 0.5
+SAME_PLACE_SHARE = 0.5
 
 
 @dataclasses.dataclass(frozen=True)
@@ -193,7 +194,7 @@ def worst_places(feet: FloatArray, values: FloatArray, count: int, apart: float)
 
 def _cell_rows(feet: FloatArray, values: FloatArray, apart: float) -> IntArray:
     """One row for each cell and sign: the point whose deviation the cell counts with."""
-    fewest = FEWEST if len(values) >= PROBED else 1
+    fewest = MIN_PLACE_POINTS if len(values) >= MIN_SCANNED_POINTS else 1
     cells = np.floor((feet - feet.min(axis=0)) / apart).astype(np.int64)
     wide = cells.max(axis=0) + 1
     key = 2 * ((cells[:, 0] * wide[1] + cells[:, 1]) * wide[2] + cells[:, 2]) + (values > 0.0)
@@ -204,7 +205,7 @@ def _cell_rows(feet: FloatArray, values: FloatArray, apart: float) -> IntArray:
     # Points of the whole cell, whatever their sign.
     _, cell = np.unique(key[first] // 2, return_inverse=True)
     whole = np.bincount(cell, weights=sizes)[cell]
-    rank = np.maximum(np.ceil(SHARE * whole).astype(np.int64) if fewest > 1 else 1, fewest)
+    rank = np.maximum(np.ceil(MIN_CELL_SHARE * whole).astype(np.int64) if fewest > 1 else 1, fewest)
     enough = sizes >= rank
     rows: IntArray = order[(first + rank - 1)[enough]]
     return rows
@@ -212,7 +213,7 @@ def _cell_rows(feet: FloatArray, values: FloatArray, apart: float) -> IntArray:
 
 def _place(feet: FloatArray, values: FloatArray, row: int, apart: float) -> Place:
     value = float(values[row])
-    alike = np.flatnonzero(values * math.copysign(1.0, value) >= SAME * abs(value))
+    alike = np.flatnonzero(values * math.copysign(1.0, value) >= SAME_PLACE_SHARE * abs(value))
     near = np.linalg.norm(feet[alike] - feet[row], axis=1) <= apart
     return Place(value, feet[row], int(np.count_nonzero(near)), row)
 

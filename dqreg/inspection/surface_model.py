@@ -8,22 +8,23 @@ from collections.abc import Callable
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
-from dqreg.inspection.places import COVERAGE, MEDIAN_SIGMA, PLACE
+from dqreg.inspection.features.spread import DRAW_SEED
+from dqreg.inspection.places import COVERAGE_FACTOR, MEDIAN_SIGMA, PLACE_POINTS
 
 # A neighbourhood on a face holds that part of its points at most.
-SHARE = 40
+NEIGHBOURHOODS_PER_FACE = 40
 # Places whose medians are asked; more say the same.
-PLACES = 3_000
+MAX_PLACES = 3_000
 # Blocks of neighbouring points that the smooth surface is found from, at most.
-BLOCKS = 256
+MAX_BLOCKS = 256
 # Correlation lengths that are tried, in extents of the face; and sizes of the form error, in standard deviations of a
 # block's noise.
-LENGTHS = 2.0 ** np.arange(-5.0, 1.0)
-SIZES = np.concatenate([[0.0], np.geomspace(0.2, 100.0, 19)])
+LENGTHS_EXTENTS = 2.0 ** np.arange(-5.0, 1.0)
+SIZES_SIGMAS = np.concatenate([[0.0], np.geomspace(0.2, 100.0, 19)])
 # What the farthest place is not known by, in standard deviations of one.
-UNKNOWN = 1.2
-# Draws of the noise, and their seed: the same scan has the same uncertainty.
-DRAWS, SEED = 60, 20_261_122
+UNKNOWN_SIGMAS = 1.2
+# Draws of the noise.
+NOISE_DRAWS = 60
 
 # One number for each row of values at the places, (d, m).
 Statistic = Callable[[FloatArray], FloatArray]
@@ -49,8 +50,8 @@ class Medians:
         """
         from scipy.spatial import cKDTree
 
-        rows = np.arange(len(values))[:: -(-len(values) // PLACES)]
-        count = int(np.clip(len(values) // SHARE, 1, PLACE))
+        rows = np.arange(len(values))[:: -(-len(values) // MAX_PLACES)]
+        count = int(np.clip(len(values) // NEIGHBOURHOODS_PER_FACE, 1, PLACE_POINTS))
         around = np.asarray(cKDTree(points).query(points[rows], k=[*range(1, count + 1)])[1], dtype=np.int64)
         return cls(
             rows, np.asarray(np.median(values[around], axis=1)), sigma_of(noise, count), points, around, values, noise
@@ -74,13 +75,13 @@ class Medians:
         scatter = float(statistic(self.values + noise).std(ddof=1))
         most = max(most, least)
         half = 0.5 * (most - least)
-        return max(value - least - half, 0.0), half + COVERAGE * scatter + UNKNOWN * unit * self.sigma
+        return max(value - least - half, 0.0), half + COVERAGE_FACTOR * scatter + UNKNOWN_SIGMAS * unit * self.sigma
 
     def _draws(self) -> FloatArray:
         """Noise of the medians as it might have been, neighbours alike: (draws, m)."""
-        rng = np.random.default_rng(SEED)
+        rng = np.random.default_rng(DRAW_SEED)
         factor = self.sigma * np.sqrt(self.around.shape[1])
-        found = np.zeros((DRAWS, len(self.rows)))
+        found = np.zeros((NOISE_DRAWS, len(self.rows)))
         for row in found:
             row[:] = factor * rng.standard_normal(len(self.points))[self.around].mean(axis=1)
         return found
@@ -101,10 +102,10 @@ class Medians:
         away = np.linalg.norm(places[:, None] - places[None], axis=2)
         extent = max(float(away.max()), np.finfo(float).tiny)
         best, chosen = -np.inf, (0.0, np.zeros(len(values)), 1.0)
-        for length in LENGTHS * extent:
+        for length in LENGTHS_EXTENTS * extent:
             strengths, axes = np.linalg.eigh(matern(away / length))
             square = (axes.T @ (values - middle) / sigma) ** 2
-            for size in SIZES:
+            for size in SIZES_SIGMAS:
                 spread = size**2 * np.maximum(strengths, 0.0) + 1.0
                 height = -0.5 * float(np.sum(square / spread + np.log(spread)))
                 if height > best:
@@ -131,7 +132,7 @@ def matern(h: FloatArray) -> FloatArray:
 def blocks_of(points: FloatArray) -> list[IntArray]:
     """Points in blocks of neighbours, halved across their longest extent until there are enough."""
     blocks = [np.arange(len(points))]
-    while 2 * len(blocks) <= BLOCKS and len(blocks[0]) >= 2:
+    while 2 * len(blocks) <= MAX_BLOCKS and len(blocks[0]) >= 2:
         halves: list[IntArray] = []
         for rows in blocks:
             axis = int(np.argmax(np.ptp(points[rows], axis=0)))

@@ -17,9 +17,9 @@ from dqreg.inspection.scanned_part import ScannedPart
 from dqreg.inspection.surface_model import Medians
 
 # The far side is a wall where its normal turns from the ray by at most this cosine.
-OPPOSITE = 0.7
+OPPOSITE_COS = 0.7
 # Scan points on the far side are its measurement there within so many usual spacings.
-NEAR = 3.0
+REACH_SPACINGS = 3.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -135,7 +135,7 @@ def wall_thickness(part: ScannedPart, face: Face) -> Wall:
     single = np.full(len(own), np.nan)
     own = own[near_side.rows]
     far, far_normals, lengths, beyond = _far_side(part, feet[own], normals[own])
-    kept = np.isfinite(lengths) & (np.einsum("ij,ij->i", far_normals, normals[own]) < -OPPOSITE)
+    kept = np.isfinite(lengths) & (np.einsum("ij,ij->i", far_normals, normals[own]) < -OPPOSITE_COS)
     asked = np.flatnonzero(kept)
     own, far, far_normals, lengths, beyond = own[kept], far[kept], far_normals[kept], lengths[kept], beyond[kept]
     if not len(own):
@@ -144,9 +144,9 @@ def wall_thickness(part: ScannedPart, face: Face) -> Wall:
         )
     away, nearest = cKDTree(feet).query(far)
     row = np.asarray(nearest, dtype=np.int64)
-    alike = np.einsum("ij,ij->i", normals[row], far_normals) > OPPOSITE
+    alike = np.einsum("ij,ij->i", normals[row], far_normals) > OPPOSITE_COS
     # Strays near a face that the scanner did not see are no measurement of it.
-    seen = (away <= NEAR * part.spacing) & alike & part.scanned()[beyond]
+    seen = (away <= REACH_SPACINGS * part.spacing) & alike & part.scanned()[beyond]
     if not seen.any():
         raise DegenerateGeometryError(f"the far side of the wall behind face {face.number} was not scanned")
     asked, own, row, lengths = asked[seen], own[seen], row[seen], lengths[seen]

@@ -17,16 +17,18 @@ from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry.mesh_surface import MeshSurface
 
 # Points that are looked at, and those of them that tell first whether there is a wall: so many on walls are one.
-LOOKED_AT, FIRST = 100_000, 4_000
-FEWEST_ON_WALLS = 8
+MAX_POINTS, FIRST_POINTS = 100_000, 4_000
+MIN_WALL_POINTS = 8
 # Thickest wall that is thin, in sizes of the part; its far side looks the other way within 20 degrees.
-MAX_THICKNESS_DIAGONALS, OPPOSED = 0.03, float(np.cos(np.deg2rad(20.0)))
+MAX_THICKNESS_DIAGONALS, OPPOSED_COS = 0.03, float(np.cos(np.deg2rad(20.0)))
 # Neighbours on the middle of a wall that make a point one amid a single side.
-AROUND = 8
+AMID_NEIGHBOURS = 8
 # Between two patches of single sides lies a seam as wide as so many of their radii.
 SEAM_RADII = 2.0
-# A patch is so many points, beside so many points of seams, which are so large a share of what is beside it.
-FEWEST_OF_PATCH, FEWEST_OF_SEAM, MIN_SEAM_SHARE = 5, 5, 0.5
+# A patch is so many points, beside so many points of seams.
+MIN_PATCH_POINTS, MIN_SEAM_POINTS = 5, 5
+# Which are so large a share of what is beside it.
+MIN_SEAM_SHARE = 0.5
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -43,9 +45,9 @@ def wall_doubts(
     """Patches of points on the part that may be of the other side of a wall, the largest first. Shapes: (n, 3) each."""
     thickest = min(MAX_THICKNESS_DIAGONALS * surface.diagonal, 2.0 * limit)
     wall = _walls(feet, normals, surface, thickest)
-    if len(wall) <= AROUND:
+    if len(wall) <= AMID_NEIGHBOURS:
         return ()
-    far, _, _ = surface._closest_facing(feet[wall], -normals[wall], OPPOSED, thickest)
+    far, _, _ = surface._closest_facing(feet[wall], -normals[wall], OPPOSED_COS, thickest)
     normals, middles = normals[wall], 0.5 * (feet[wall] + far)
     # Places of the two sides are farther apart than any that belong together.
     patches = _Patches.of(middles, normals, surface.diagonal)
@@ -57,10 +59,10 @@ def wall_doubts(
 def _walls(feet: FloatArray, normals: FloatArray, surface: MeshSurface, thickest: float) -> IntArray:
     """Rows of feet that have another face, opposed, so near."""
     near: list[IntArray] = []
-    for first, last in ((0, FIRST), (FIRST, len(feet))):
-        away = surface._closest_facing(feet[first:last], -normals[first:last], OPPOSED, thickest)[1]
+    for first, last in ((0, FIRST_POINTS), (FIRST_POINTS, len(feet))):
+        away = surface._closest_facing(feet[first:last], -normals[first:last], OPPOSED_COS, thickest)[1]
         near.append(first + np.flatnonzero(np.isfinite(away)))
-        if len(near[0]) < FEWEST_ON_WALLS:
+        if len(near[0]) < MIN_WALL_POINTS:
             break
     return np.concatenate(near)
 
@@ -82,7 +84,7 @@ class _Patches:
         from scipy.sparse.csgraph import connected_components
         from scipy.spatial import cKDTree
 
-        found = cKDTree(middles).query(middles, k=[*range(1, AROUND + 2)])
+        found = cKDTree(middles).query(middles, k=[*range(1, AMID_NEIGHBOURS + 2)])
         away, beside = np.asarray(found[0]), np.asarray(found[1], dtype=np.int64)
         alike = np.einsum("ikj,ij->ik", normals[beside], normals) > 0.0
         single = alike.all(axis=1)
@@ -109,7 +111,7 @@ class _Patches:
             np.bincount(np.concatenate([own[kept & (own >= 0)], other[kept & (other >= 0)]]), minlength=self.count)
             for kept in (np.ones(len(seam), dtype=bool), is_seam)
         )
-        found = (sizes >= FEWEST_OF_PATCH) & (seams >= FEWEST_OF_SEAM) & (seams >= MIN_SEAM_SHARE * beside)
+        found = (sizes >= MIN_PATCH_POINTS) & (seams >= MIN_SEAM_POINTS) & (seams >= MIN_SEAM_SHARE * beside)
         found &= self._smaller(own[is_seam], other[is_seam], sizes)
         numbers = np.flatnonzero(found)
         return [self._middle(int(number)) for number in numbers[np.argsort(-sizes[numbers], kind="stable")]]
@@ -135,7 +137,7 @@ class _Patches:
 
 def some_rows(count: int) -> IntArray:
     """Rows of so many that are looked at: drawn, as scanners write lines."""
-    if count <= LOOKED_AT:
+    if count <= MAX_POINTS:
         # In any order, as the first ones stand for all.
         return np.random.default_rng(0).permutation(count)
-    return np.unique(np.random.default_rng(0).integers(count, size=LOOKED_AT))
+    return np.unique(np.random.default_rng(0).integers(count, size=MAX_POINTS))

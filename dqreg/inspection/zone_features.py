@@ -19,7 +19,7 @@ from dqreg.inspection.features.models import distances
 from dqreg.inspection.features.spread import normals_of
 from dqreg.inspection.features.zone_spread import noise_covariance
 from dqreg.inspection.line_forms.random_field import Series, drawn_series
-from dqreg.inspection.places import COVERAGE
+from dqreg.inspection.places import COVERAGE_FACTOR
 from dqreg.inspection.surface_model import blocks_of, sigma_of
 from dqreg.solvers.sandwich import larger
 
@@ -75,7 +75,7 @@ def _without_noise(found: Feature, places: FloatArray, sigma: float) -> Feature:
     depth, room = drawn.measured(share * draws.max(axis=1), share * float(draws.mean(axis=0).max()), 0.0)
     k = found.parameters.index("radius")
     scale = np.ones(len(found.parameters))
-    scale[k] = max(room / COVERAGE / max(found.sigma("radius"), np.finfo(float).tiny), 1.0)
+    scale[k] = max(room / COVERAGE_FACTOR / max(found.sigma("radius"), np.finfo(float).tiny), 1.0)
     return dataclasses.replace(
         found, radius=least.radius + sign * depth, covariance=found.covariance * scale * scale[:, None]
     )

@@ -26,11 +26,11 @@ from dqreg.inspection.characteristics import (
 from dqreg.inspection.features import Feature
 from dqreg.inspection.features.models import distances
 from dqreg.inspection.features.zone import chebyshev_step
-from dqreg.inspection.places import COVERAGE
+from dqreg.inspection.places import COVERAGE_FACTOR
 from dqreg.inspection.surface_model import Medians
 
 # A zone at less than that angle to its datum turns about the datum's direction without changing, radians.
-UPRIGHT = 1e-3
+UPRIGHT_RAD = 1e-3
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -139,7 +139,7 @@ def _plane_orientation(surface: Surface, datum: Feature, ideal_deg: float) -> Me
         plane, base = f
         toward = base.axis if base.axis @ plane.axis >= 0.0 else -base.axis
         feet = surface.feet(plane) - plane.point
-        if between < UPRIGHT:
+        if between < UPRIGHT_RAD:
             return np.asarray(feet @ toward), None
         beside = plane.axis - (plane.axis @ toward) * toward
         ideal = math.cos(between) * toward + math.sin(between) * beside / np.linalg.norm(beside)
@@ -184,6 +184,6 @@ def _from_nothing(found: Measured, freedom: int, ends: int = 1) -> Measured:
     from scipy.special import fdtri, ndtr
 
     # A length in two directions is below that many standard deviations as often as one value is below its coverage.
-    share = (2.0 * float(ndtr(COVERAGE)) - 1.0) ** (1.0 / ends)
+    share = (2.0 * float(ndtr(COVERAGE_FACTOR)) - 1.0) ** (1.0 / ends)
     wide = math.sqrt(2.0 * float(fdtri(2, freedom, share))) / coverage_of(freedom) * found.uncertainty
     return Measured(found.value, max(found.uncertainty, min(wide, found.value)))

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from dqreg.inspection import Band, Decision
-from dqreg.inspection.places import MEDIAN_SIGMA, PLACE
+from dqreg.inspection.places import MEDIAN_SIGMA, PLACE_POINTS
 from dqreg.report.decision_rows import OUTCOME_SIGNS, shown_outcome, wall_words
 from dqreg.report.page_tables import goto, rounded
 from dqreg.report.report_data import ReportData
@@ -54,7 +54,7 @@ def decision_words(found: Decision, unit: str, signed: bool) -> list[str]:
         worst = text_of(out[0].value, sign=signed)
         room = text_of(out[0].uncertainty, 2)
         many = "1 place is" if len(out) == 1 else f"{len(out)} places are"
-        median = f"the median of {PLACE} neighbouring points deviates by {worst} ± {room}{of} (k = 2)"
+        median = f"the median of {PLACE_POINTS} neighbouring points deviates by {worst} ± {room}{of} (k = 2)"
         words.append(f"{many} out of tolerance; at the worst {median}.")
     if open_places:
         many = "1 place is" if len(open_places) == 1 else f"{len(open_places)} places are"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dqreg.inspection import Characteristic, DatumAlignment, Decision, Inspection
-from dqreg.inspection.places import COVERAGE, PLACE
+from dqreg.inspection.places import COVERAGE_FACTOR, PLACE_POINTS
 from dqreg.report.decision_rows import decision_rows, shown_outcome
 from dqreg.report.hints import hints_of
 from dqreg.report.summary import ALIGNMENT, COLOURS
@@ -81,7 +81,7 @@ def sheet_csv(found: Inspection | None, decision: Decision | None, unit: str) ->
         order = scanned[np.argsort(cut.values[scanned])]
         for words, extreme in (("smallest", order[:1]), ("largest", order[-1:])):
             for at in extreme.tolist():
-                cells = _cells(0.0, math.nan, math.nan, float(cut.values[at]), COVERAGE * float(cut.sigma[at]))
+                cells = _cells(0.0, math.nan, math.nan, float(cut.values[at]), COVERAGE_FACTOR * float(cut.sigma[at]))
                 label = f"section {name}: {words} deviation"
                 rows.append((len(rows) + 1, label, "section", unit, *cells, "", int(cut.points[at]),
                              f"{100.0 * cut.coverage:.3g}", ""))  # fmt: skip
@@ -97,7 +97,7 @@ def sheet_csv(found: Inspection | None, decision: Decision | None, unit: str) ->
         for place in decision.places:
             name = "place at " + " ".join(f"{x:.7g}" for x in place.position)
             cells = _cells(0.0, *ends.get(place.region, (decision.low, decision.high)), place.value, place.uncertainty)
-            rows.append((len(rows) + 1, name, "deviation", unit, *cells, place.outcome, PLACE, "", ""))
+            rows.append((len(rows) + 1, name, "deviation", unit, *cells, place.outcome, PLACE_POINTS, "", ""))
     return to_csv(columns, rows)
 
 

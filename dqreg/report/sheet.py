@@ -15,7 +15,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.inspection import Inspection, Place
 from dqreg.inspection.decision import worst_of
-from dqreg.inspection.places import COVERAGE
+from dqreg.inspection.places import COVERAGE_FACTOR
 from dqreg.inspection.sections import Section
 from dqreg.report.alignment_table import alignment_of
 from dqreg.report.decision_rows import OUTCOME_SIGNS, shown_outcome
@@ -122,7 +122,7 @@ def section_words(cut: Section, unit: str) -> str:
         return f"{words} Nothing of its outline was scanned."
     behind = unit_words(unit)
     ends = f"{text_of(float(known.min()), sign=True)} to {text_of(float(known.max()), sign=True)}{behind}"
-    spread = text_of(COVERAGE * float(np.nanmax(cut.sigma)), 2)
+    spread = text_of(COVERAGE_FACTOR * float(np.nanmax(cut.sigma)), 2)
     return f"{words} Deviations along it: {ends}, medians of the scan points there, U (k = 2) {spread}{behind} at most."
 
 

@@ -12,7 +12,7 @@ from dqreg.errors import InputError
 from dqreg.files import read_cloud
 from dqreg.geometry import CloudSurface, Mesh, MeshSurface, PointCloud
 from dqreg.inspection import Deviations, measure_deviations, signed_distances
-from dqreg.inspection.deviation_files import STOPS, colours_of
+from dqreg.inspection.deviation_files import RGB_STOPS, colours_of
 from dqreg.synth.parts import box, bracket
 from tests.trust import shapes
 
@@ -64,8 +64,8 @@ def test_chunks_are_the_whole_in_the_order_of_the_scan(monkeypatch: pytest.Monke
     points = rng.uniform(*(mesh.bounds + np.array([[-5.0], [5.0]])), size=(1000, 3))
     points[500:] = points[rng.integers(500, size=500)]  # duplicates keep their rows and their values
     whole, told = measured(points, mesh), []
-    monkeypatch.setattr(signed_distances, "CHUNK", 16)
-    monkeypatch.setattr(signed_distances, "TOLD", 64)
+    monkeypatch.setattr(signed_distances, "CHUNK_POINTS", 16)
+    monkeypatch.setattr(signed_distances, "PROGRESS_POINTS", 64)
     parts = measured(points, mesh, progress=lambda done, total: told.append((done, total)))
     for name in ("values", "points", "closest", "faces"):
         np.testing.assert_array_equal(getattr(parts, name), getattr(whole, name))
@@ -261,4 +261,4 @@ def test_the_colours_are_told_apart_without_red_or_green() -> None:
         assert (blueness[23:] < -0.02).all()
         assert (np.diff(lightness[:21]) > 0.0).all()
         assert (np.diff(lightness[20:]) < 0.0).all()
-    assert len(STOPS) % 2 == 1
+    assert len(RGB_STOPS) % 2 == 1

@@ -5,11 +5,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dqreg.inspection.membership import by_reach
-from dqreg.inspection.statistics import CHUNK, summary_of
+from dqreg.inspection.statistics import CHUNK_VALUES, summary_of
 
 
 @settings(deadline=None, max_examples=20)
-@given(st.integers(0, 2**32 - 1), st.sampled_from([1, 7, CHUNK - 1, CHUNK, 2 * CHUNK + 3]))
+@given(st.integers(0, 2**32 - 1), st.sampled_from([1, 7, CHUNK_VALUES - 1, CHUNK_VALUES, 2 * CHUNK_VALUES + 3]))
 def test_figures_are_those_of_numpy_and_values_stay_unless_they_may_be_written_over(seed: int, count: int) -> None:
     values = np.random.default_rng(seed).normal(size=count)
     kept, sizes = values.copy(), np.abs(values)

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from dqreg._open3d import load_open3d
 from dqreg.geometry import Mesh
 from dqreg.geometry.mesh_faces import areas_of, faces_of
-from dqreg.inspection.deviation_files import ABOVE, BELOW
+from dqreg.inspection.deviation_files import ABOVE_RGB, BELOW_RGB
 from dqreg.inspection.tolerances import PointLimits, Tolerance, limits_at
 from dqreg.report.charts import NARROW, WIDE, convergence, histogram, ticks
 from dqreg.report.colours import Scale, nice_above
@@ -128,7 +128,7 @@ def test_a_bump_within_the_tolerance_of_another_face_is_dark_in_the_view(tmp_pat
     assert ((data.colour_codes(slice(None)) % 255 == 0) == out)[found.counted].all()
     data.deviations.save(tmp_path / "dev.ply")
     shown = load_open3d().t.io.read_point_cloud(str(tmp_path / "dev.ply")).point.colors.numpy()
-    dark = (shown == ABOVE).all(axis=1) | (shown == BELOW).all(axis=1)
+    dark = (shown == ABOVE_RGB).all(axis=1) | (shown == BELOW_RGB).all(axis=1)
     assert (dark == out)[found.counted].all()
 
 

@@ -18,11 +18,13 @@ from dqreg.solvers import Freedom
 
 # A motion is constrained by a datum from that share of its full effect on: less of it is the tilt of a hole that
 # another datum leaves as it is.
-CONSTRAINS = 0.1
+MIN_EFFECT_SHARE = 0.1
+# An axis meets a plane where its cosine to the normal is more than that.
+MEETING_COS = 0.1
 # Gauss-Newton steps for each datum, and the step, in radians and sizes, that ends them.
-ROUNDS, ENOUGH = 60, 1e-15
+MAX_ROUNDS, CONVERGED_STEP = 60, 1e-15
 # Step of the numerical derivatives of the pose by the features' parameters, in their standard deviations.
-NUDGE = 1e-3
+NUDGE_SIGMAS = 1e-3
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -173,20 +175,20 @@ def _laid(
 ) -> tuple[FloatArray, FloatArray]:
     """One residual of a datum brought to its least along the free motions, and the motions that are free after it."""
     assert callable(residual)
-    for _ in range(ROUNDS if free.shape[1] else 0):
+    for _ in range(MAX_ROUNDS if free.shape[1] else 0):
         values, slopes = residual(T, datum, first, centre, size)
         _, strengths, motions = np.linalg.svd(slopes @ free, full_matrices=True)
-        held = motions[: int(np.count_nonzero(strengths > CONSTRAINS))]
+        held = motions[: int(np.count_nonzero(strengths > MIN_EFFECT_SHARE))]
         if not len(held):
             return T, free
         step = free @ held.T @ np.linalg.lstsq(slopes @ free @ held.T, -values, rcond=None)[0]
         T = pose.about(twist.exp(np.r_[step[:3], size * step[3:]]), centre) @ T
-        if np.abs(step).max() < ENOUGH:
+        if np.abs(step).max() < CONVERGED_STEP:
             break
     if free.shape[1]:
         _, slopes = residual(T, datum, first, centre, size)
         _, strengths, motions = np.linalg.svd(slopes @ free, full_matrices=True)
-        free = free @ motions[int(np.count_nonzero(strengths > CONSTRAINS)) :].T
+        free = free @ motions[int(np.count_nonzero(strengths > MIN_EFFECT_SHARE)) :].T
     return T, free
 
 
@@ -225,7 +227,7 @@ def _point(feature: Feature, first: Feature) -> FloatArray:
         return apex
     if feature.kind in ("line", "cylinder") and first.kind == "plane":
         slope = float(feature.axis @ first.axis)
-        if abs(slope) > CONSTRAINS:
+        if abs(slope) > MEETING_COS:
             meets: FloatArray = feature.point + (first.point - feature.point) @ first.axis / slope * feature.axis
             return meets
     return feature.point
@@ -242,9 +244,9 @@ def _covariance(
         for value, vector in zip(values, vectors.T, strict=True):
             if value <= 0.0:
                 continue
-            nudge = NUDGE * float(np.sqrt(value)) * vector
+            nudge = NUDGE_SIGMAS * float(np.sqrt(value)) * vector
             other = [*datums[:k], dataclasses.replace(datum, measured=datum.measured.nudged(nudge)), *datums[k + 1 :]]
             moved, *_ = _solved(other, T if freedom.count == 6 else start, freedom)
-            change = twist.log(pose.about(moved @ pose.inverse(T), -centre)) / NUDGE
+            change = twist.log(pose.about(moved @ pose.inverse(T), -centre)) / NUDGE_SIGMAS
             total += np.outer(change, change)
     return total

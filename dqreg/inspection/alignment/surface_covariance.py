@@ -7,16 +7,17 @@ import numpy as np
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.inspection.alignment.surface_goals import as_small, least_largest
 from dqreg.inspection.alignment.surface_rows import SurfaceRows
-from dqreg.inspection.places import PLACE
+from dqreg.inspection.features.spread import DRAW_SEED
+from dqreg.inspection.places import PLACE_POINTS
 from dqreg.solvers import Freedom
 from dqreg.solvers.sandwich import scatter_of
 
-# A row decides where it is within that share of the largest of its limit, or so many sizes of the part from it.
-DECIDES = 1e-6
+# A row decides where it is so near to its limit.
+ACTIVE_ROW_DIAGONALS = 1e-9
 # Noise below that share of the part's size is rounding.
-EXACT = 1e-12
-# Repeated fits, their seed, and the places that enter them: those with the largest deviations.
-DRAWS, SEED, PLACES = 60, 20_261_122, 1_000
+ROUNDING_DIAGONALS = 1e-12
+# Repeated fits, and the places that enter them: those with the largest deviations.
+NOISE_DRAWS, MAX_DRAWN_PLACES = 60, 1_000
 
 
 def covariance_of(rows: SurfaceRows, T: FloatArray, goal: str, free: Freedom, prior: FloatArray | None) -> FloatArray:
@@ -54,9 +55,9 @@ def _of_largest(rows: SurfaceRows, T: FloatArray, basis: FloatArray, least: Floa
     values, slopes = rows.scaled(T)
     unit = np.linalg.norm(slopes[:, 3:], axis=1)
     slopes = slopes @ basis
-    if rows.place_sigma(T) <= EXACT * rows.size:
+    if rows.place_sigma(T) <= ROUNDING_DIAGONALS * rows.size:
         return np.zeros_like(least)
-    chosen = np.argsort(-np.abs(values), kind="stable")[:PLACES]
+    chosen = np.argsort(-np.abs(values), kind="stable")[:MAX_DRAWN_PLACES]
     # What is noise already is not there twice.
     variance = float(np.mean((values / unit) ** 2))
     surface = np.sqrt(max(1.0 - rows.place_sigma(T) ** 2 / variance, 0.0)) if variance > 0.0 else 0.0
@@ -67,7 +68,7 @@ def _of_largest(rows: SurfaceRows, T: FloatArray, basis: FloatArray, least: Floa
     slopes = slopes * lengths / size
     steps = np.array([least_largest(each / size, slopes) for each in surface * values + unit * _noise(rows, T, chosen)])
     # The inverse of a covariance from few draws is too large by this (Hartlap, Simon and Schneider 2007).
-    found = np.atleast_2d(np.cov(steps.T)) * (DRAWS - 1) / (DRAWS - len(lengths) - 2)
+    found = np.atleast_2d(np.cov(steps.T)) * (NOISE_DRAWS - 1) / (NOISE_DRAWS - len(lengths) - 2)
     # Poses whose largest deviation is as small are all an answer.
     found = found + np.diag(as_small(values / size, slopes) ** 2 / 12.0)
     return np.asarray(found * lengths * lengths[:, None])
@@ -77,18 +78,18 @@ def _noise(rows: SurfaceRows, T: FloatArray, chosen: IntArray) -> FloatArray:
     """Noise of the deviations of some rows as it might have been, alike where medians share points: (draws, m)."""
     from scipy.spatial import cKDTree
 
-    rng = np.random.default_rng(SEED)
+    rng = np.random.default_rng(DRAW_SEED)
     if np.isnan(rows.sigma):
-        return np.asarray(rows.place_sigma(T) * rng.standard_normal((DRAWS, len(chosen))))
-    around = np.zeros((len(chosen), PLACE), dtype=np.int64)
+        return np.asarray(rows.place_sigma(T) * rng.standard_normal((NOISE_DRAWS, len(chosen))))
+    around = np.zeros((len(chosen), PLACE_POINTS), dtype=np.int64)
     for label in np.unique(rows.labels[chosen]):
         own, here = np.flatnonzero(rows.labels == label), np.flatnonzero(rows.labels[chosen] == label)
-        nearest = cKDTree(rows.points[own]).query(rows.points[chosen[here]], k=min(PLACE, len(own)))[1]
+        nearest = cKDTree(rows.points[own]).query(rows.points[chosen[here]], k=min(PLACE_POINTS, len(own)))[1]
         nearest = np.asarray(nearest, dtype=np.int64).reshape(len(here), -1)
         # A face of fewer points than that repeats them.
-        around[here] = own[np.resize(nearest.T, (PLACE, len(here))).T]
-    factor = rows.sigma * np.sqrt(PLACE)
-    draws = [rng.standard_normal(len(rows.points))[around].mean(axis=1) for _ in range(DRAWS)]
+        around[here] = own[np.resize(nearest.T, (PLACE_POINTS, len(here))).T]
+    factor = rows.sigma * np.sqrt(PLACE_POINTS)
+    draws = [rng.standard_normal(len(rows.points))[around].mean(axis=1) for _ in range(NOISE_DRAWS)]
     return np.asarray(factor * np.stack(draws))
 
 
@@ -96,7 +97,7 @@ def _of_one_side(rows: SurfaceRows, T: FloatArray, basis: FloatArray, least: Flo
     _, values, slopes, _ = rows.at(T)
     limits = rows.low if sign > 0.0 else -rows.high
     limits = np.where(np.isfinite(limits), limits, 0.0)
-    active = sign * values - limits <= DECIDES * rows.size * 1e-3
+    active = sign * values - limits <= ACTIVE_ROW_DIAGONALS * rows.size
     matrix = slopes[active] @ basis
     inverse = np.linalg.pinv(matrix, rcond=1e-9)
     return np.asarray(rows.place_sigma(T) ** 2 * inverse @ inverse.T + _open(matrix, least))

@@ -14,7 +14,7 @@ from dqreg._arrays import FloatArray
 from dqreg.errors import DegenerateGeometryError, InputError, did_you_mean
 from dqreg.inspection.alignment.priors import prior_about
 from dqreg.inspection.alignment.surface_covariance import covariance_of
-from dqreg.inspection.alignment.surface_goals import minimax_step, one_sided_excess, one_sided_step
+from dqreg.inspection.alignment.surface_goals import PRIOR_SIGMAS, minimax_step, one_sided_excess, one_sided_step
 from dqreg.inspection.alignment.surface_rows import FaceTerms, SurfaceRows, rows_of
 from dqreg.inspection.deviations import Deviations
 from dqreg.rigid import pose
@@ -22,17 +22,19 @@ from dqreg.solvers import Freedom, PoseCost
 
 Goal = Literal["best-fit", "tolerance", "minimax", "outside", "inside"]
 
-# Steps at most; the step, in sizes of the part, that ends them; and the gain of a largest deviation that does.
-ROUNDS, ENOUGH, GAIN = 100, 1e-12, 1e-13
+# Steps at most, and the step that ends them, in radians and sizes of the part.
+MAX_STEPS, CONVERGED_STEP = 100, 1e-12
+# The gain of a largest deviation that ends them, or a step that may be no longer.
+CONVERGED_GAIN_DIAGONALS = 1e-13
 # A step that does not gain shortens the next one by that factor; the first may be that long, in sizes.
-SHORTER, LONGEST = 0.25, 0.05
+STEP_SHRINK_FACTOR, MAX_STEP_DIAGONALS = 0.25, 0.05
 # The tolerance fit first pulls all points that are out, then forgets those that are out by more than a width that
 # shrinks by this factor down to that share of the narrowest band.
-NARROWER, NARROWEST = 0.6, 0.1
+WIDTH_SHRINK_FACTOR, MIN_WIDTH_BANDS = 0.6, 0.1
 # Pull to the middle of the bands beside that of what exceeds them, in costs of half a band.
-FAINT = 1e-3
+CENTRING_COST_RATIO = 1e-3
 # Steps at each width, and the one that ends them, in sizes of the part.
-STEPS, STILL = 8, 1e-8
+STEPS_PER_WIDTH, SETTLED_STEP = 8, 1e-8
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -169,12 +171,12 @@ def _solved(rows: SurfaceRows, goal: Goal, free: Freedom, prior: PoseCost | None
 
 
 def _least_squares(rows: SurfaceRows, T: FloatArray, free: Freedom, prior: PoseCost | None) -> tuple[FloatArray, bool]:
-    for _ in range(ROUNDS):
+    for _ in range(MAX_STEPS):
         cost = rows.cost(T)
         moved = (cost if prior is None else cost + prior).minimise(near=T, dof=free, reference=np.eye(4))
         step = rows.length_of(moved.T_target_source, T)
         T = moved.T_target_source
-        if step < ENOUGH:
+        if step < CONVERGED_STEP:
             return T, True
     return T, False
 
@@ -182,7 +184,7 @@ def _least_squares(rows: SurfaceRows, T: FloatArray, free: Freedom, prior: PoseC
 def _most_within(rows: SurfaceRows, T: FloatArray, free: Freedom, prior: PoseCost | None) -> tuple[FloatArray, bool]:
     """Graduated: outliers of the bands lose their pull as the width shrinks; the pose with the most within is kept."""
     best, most = T, rows.within(T)
-    narrowest = NARROWEST * float((rows.high - rows.low).min())
+    narrowest = MIN_WIDTH_BANDS * float((rows.high - rows.low).min())
     width, still = max(float(np.abs(rows.deviations(T)[0]).max()), narrowest), False
     while True:
         T, still = _steps(rows, T, free, prior, width)
@@ -193,52 +195,52 @@ def _most_within(rows: SurfaceRows, T: FloatArray, free: Freedom, prior: PoseCos
                 best, most = pose_here, rows.within(pose_here)
         if width <= narrowest:
             return best, still
-        width = max(NARROWER * width, narrowest)
+        width = max(WIDTH_SHRINK_FACTOR * width, narrowest)
 
 
 def _steps(
     rows: SurfaceRows, T: FloatArray, free: Freedom, prior: PoseCost | None, width: float
 ) -> tuple[FloatArray, bool]:
-    faint = FAINT * (0.5 * float((rows.high - rows.low).min())) ** 2
-    for _ in range(STEPS):
+    faint = CENTRING_COST_RATIO * (0.5 * float((rows.high - rows.low).min())) ** 2
+    for _ in range(STEPS_PER_WIDTH):
         # A faint pull to the middle holds what the bands leave open.
         cost = rows.band_cost(T, width) + faint * rows.middle_cost(T) if width else rows.middle_cost(T)
         moved = (cost if prior is None else cost + prior).minimise(near=T, dof=free, reference=np.eye(4))
         step = rows.length_of(moved.T_target_source, T)
         T = moved.T_target_source
-        if step < STILL:
+        if step < SETTLED_STEP:
             break
-    return T, step < math.sqrt(STILL)
+    return T, step < math.sqrt(SETTLED_STEP)
 
 
 def _least_largest(rows: SurfaceRows, free: Freedom, prior: PoseCost | None) -> tuple[FloatArray, bool]:
-    T, longest = _least_squares(rows, np.eye(4), free, prior)[0], LONGEST
+    T, longest = _least_squares(rows, np.eye(4), free, prior)[0], MAX_STEP_DIAGONALS
     height = rows.height(T)
-    for _ in range(ROUNDS):
+    for _ in range(MAX_STEPS):
         step = minimax_step(rows, T, free, prior, longest)
         moved = rows.stepped(T, step, free)
         new = rows.height(moved)
         if new < height and _allowed(prior, moved):
             gained, T, height = height - new, moved, new
-            longest = min(2.0 * longest, LONGEST)
-            if gained < GAIN * rows.size:
+            longest = min(2.0 * longest, MAX_STEP_DIAGONALS)
+            if gained < CONVERGED_GAIN_DIAGONALS * rows.size:
                 return T, True
         else:
-            longest *= SHORTER
-            if longest < GAIN:
+            longest *= STEP_SHRINK_FACTOR
+            if longest < CONVERGED_GAIN_DIAGONALS:
                 return T, True
     return T, False
 
 
 def _allowed(prior: PoseCost | None, T: FloatArray) -> bool:
-    # Linear bounds of the step hold to first order; six standard normal values of two each give 24.
-    return prior is None or prior.value(T) <= 24.0 * (1.0 + 1e-6)
+    # Linear bounds of the step hold to first order; six values at their bound each give that.
+    return prior is None or prior.value(T) <= 6.0 * PRIOR_SIGMAS**2 * (1.0 + 1e-6)
 
 
 def _one_sided(
     rows: SurfaceRows, T: FloatArray, free: Freedom, prior: PoseCost | None, sign: float
 ) -> tuple[FloatArray, bool]:
-    for _ in range(ROUNDS):
+    for _ in range(MAX_STEPS):
         step = one_sided_step(rows, T, free, prior, sign)
         if step is None:
             side, other = ("outside", "inside") if sign > 0.0 else ("inside", "outside")
@@ -250,9 +252,9 @@ def _one_sided(
         moved = rows.stepped(T, step, free)
         length = rows.length_of(moved, T)
         T = moved
-        if length < ENOUGH:
+        if length < CONVERGED_STEP:
             return T, True
-    return T, length < math.sqrt(ENOUGH)
+    return T, length < math.sqrt(CONVERGED_STEP)
 
 
 def _require_held(rows: SurfaceRows, T: FloatArray, free: Freedom, prior: PoseCost | None) -> None:

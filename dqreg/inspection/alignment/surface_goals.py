@@ -8,14 +8,18 @@ from dqreg._arrays import FloatArray, IntArray
 from dqreg.inspection.alignment.surface_rows import SurfaceRows
 from dqreg.solvers import Freedom, PoseCost
 
-# Rows that enter a program at once; others join while they are violated, in sizes of the part.
-ACTIVE, VIOLATED = 400, 1e-13
+# Rows that enter a program at once; others join while they are violated by so much.
+MAX_JOINING_ROWS = 400
+# ... of the largest deviation, and of the part's size where all are on one side.
+VIOLATED_SHARE, VIOLATED_DIAGONALS = 1e-13, 1e-13
 # A prior bounds the minimax pose to that many standard deviations.
-COVERAGE = 2.0
+PRIOR_SIGMAS = 2.0
 # Programs for one step at most.
-PROGRAMS = 50
-# Rows that enter a repeated fit at first, the farthest that it goes, and what counts as the same largest value.
-FIRST, FAR, AS_SMALL = 60, 1e4, 1e-6
+MAX_PROGRAMS = 50
+# Rows that enter a repeated fit at first, and the farthest that it goes.
+FIRST_ROWS, MAX_STEP_SIGMAS = 60, 1e4
+# What counts as the same largest value, relative to it.
+AS_SMALL = 1e-6
 
 
 def minimax_step(rows: SurfaceRows, T: FloatArray, free: Freedom, prior: PoseCost | None, longest: float) -> FloatArray:
@@ -30,8 +34,8 @@ def minimax_step(rows: SurfaceRows, T: FloatArray, free: Freedom, prior: PoseCos
     values, slopes = values / unit, slopes / unit
     fixed, bound = _prior_rows(rows, T, basis, prior)
     count = basis.shape[1]
-    chosen = np.argsort(-values, kind="stable")[:ACTIVE]
-    for _ in range(PROGRAMS):
+    chosen = np.argsort(-values, kind="stable")[:MAX_JOINING_ROWS]
+    for _ in range(MAX_PROGRAMS):
         left = np.vstack(
             [np.column_stack([slopes[chosen], -np.ones(len(chosen))]), np.column_stack([fixed, np.zeros(len(fixed))])]
         )
@@ -41,7 +45,7 @@ def minimax_step(rows: SurfaceRows, T: FloatArray, free: Freedom, prior: PoseCos
         if found.x is None:
             return np.zeros(6)
         step, height = np.asarray(found.x[:-1]), float(found.x[-1])
-        missed = _missed(values + slopes @ step - height, chosen, VIOLATED)
+        missed = _missed(values + slopes @ step - height, chosen, VIOLATED_SHARE)
         if not len(missed):
             break
         chosen = np.concatenate([chosen, missed])
@@ -54,10 +58,10 @@ def least_largest(values: FloatArray, slopes: FloatArray) -> FloatArray:
 
     count = slopes.shape[1]
     values, slopes = np.concatenate([values, -values]), np.concatenate([slopes, -slopes])
-    chosen, step = np.argsort(-values, kind="stable")[:FIRST], np.zeros(count)
-    for _ in range(PROGRAMS):
+    chosen, step = np.argsort(-values, kind="stable")[:FIRST_ROWS], np.zeros(count)
+    for _ in range(MAX_PROGRAMS):
         left = np.column_stack([slopes[chosen], -np.ones(len(chosen))])
-        limits = [(-FAR, FAR)] * count + [(None, None)]
+        limits = [(-MAX_STEP_SIGMAS, MAX_STEP_SIGMAS)] * count + [(None, None)]
         found = linprog(np.r_[np.zeros(count), 1.0], A_ub=left, b_ub=-values[chosen], bounds=limits, method="highs")
         if found.x is None:
             return step
@@ -65,7 +69,7 @@ def least_largest(values: FloatArray, slopes: FloatArray) -> FloatArray:
         missed = _missed(values + slopes @ step - found.x[-1], chosen, 1e-9)
         if not len(missed):
             return step
-        chosen = np.concatenate([chosen, missed[:FIRST]])
+        chosen = np.concatenate([chosen, missed[:FIRST_ROWS]])
     return step
 
 
@@ -80,9 +84,10 @@ def as_small(values: FloatArray, slopes: FloatArray) -> FloatArray:
     if np.linalg.matrix_rank(held) > count:
         return spans
     left, right = np.concatenate([slopes, -slopes]), largest - np.concatenate([values, -values])
+    limits = [(-MAX_STEP_SIGMAS, MAX_STEP_SIGMAS)] * count
     for k, sign in ((k, sign) for k in range(count) for sign in (1.0, -1.0)):
         wanted = np.where(np.arange(count) == k, -sign, 0.0)
-        found = linprog(wanted, A_ub=left, b_ub=right, bounds=[(-FAR, FAR)] * count, method="highs")
+        found = linprog(wanted, A_ub=left, b_ub=right, bounds=limits, method="highs")
         spans[k] += 0.0 if found.x is None else abs(float(found.x[k]))
     return spans
 
@@ -110,13 +115,13 @@ def one_sided_step(
     sides = sign * slopes
     needed = limits - sign * values - sides @ least
     sides = np.asarray(np.linalg.solve(root, sides.T).T, dtype=np.float64)
-    chosen = np.argsort(-needed, kind="stable")[:ACTIVE]
-    for _ in range(PROGRAMS):
+    chosen = np.argsort(-needed, kind="stable")[:MAX_JOINING_ROWS]
+    for _ in range(MAX_PROGRAMS):
         found = _least_distance(sides[chosen], needed[chosen])
         if found is None:
             return None
         x = found
-        missed = _missed(needed - sides @ x, chosen, VIOLATED * rows.size)
+        missed = _missed(needed - sides @ x, chosen, VIOLATED_DIAGONALS * rows.size)
         if not len(missed):
             break
         chosen = np.concatenate([chosen, missed])
@@ -158,7 +163,7 @@ def _missed(short: FloatArray, chosen: IntArray, enough: float) -> IntArray:
     short = short.copy()
     short[chosen] = -np.inf
     missed = np.flatnonzero(short > enough)
-    return missed[np.argsort(-short[missed], kind="stable")][:ACTIVE]
+    return missed[np.argsort(-short[missed], kind="stable")][:MAX_JOINING_ROWS]
 
 
 def _prior_rows(
@@ -173,4 +178,5 @@ def _prior_rows(
     # The cost is |e + W d|^2 with W^T W the information: its gradient is 2 W^T e.
     away = 0.5 * axes[:, known].T @ prior.gradient(T, rows.centre) / root
     slopes = (axes[:, known] * root).T @ basis
-    return np.vstack([slopes, -slopes]), np.concatenate([COVERAGE - away, COVERAGE + away]).clip(min=0.0)
+    bounds = np.concatenate([PRIOR_SIGMAS - away, PRIOR_SIGMAS + away])
+    return np.vstack([slopes, -slopes]), bounds.clip(min=0.0)

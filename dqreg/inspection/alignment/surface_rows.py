@@ -15,14 +15,14 @@ from dqreg.geometry.mesh_faces import faces_of
 from dqreg.geometry.morton import morton_order
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.medians import smoothed
-from dqreg.inspection.places import PLACE
+from dqreg.inspection.places import PLACE_POINTS
 from dqreg.rigid import pose, twist
 from dqreg.solvers import Freedom, PoseCost
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 
 # Points that an alignment takes at most, evenly over the scan; more say the same.
-MOST = 100_000
-FEWEST = 6
+MAX_POINTS = 100_000
+MIN_POINTS = 6
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,7 +100,7 @@ class SurfaceRows:
         values, _ = self.deviations(T)
         medians, sigma = smoothed(values, pose.apply(T, self.points), self.labels)
         # Fewer points are probed by hand, and are their own medians.
-        known = sigma if len(values) >= 2 * PLACE else math.nan
+        known = sigma if len(values) >= 2 * PLACE_POINTS else math.nan
         return dataclasses.replace(self, offsets=medians - values, sigma=known)
 
     def weighed_by_noise(self, T: FloatArray) -> SurfaceRows:
@@ -185,12 +185,12 @@ def rows_of(deviations: Deviations, faces: Mapping[int, FaceTerms] | None) -> Su
             raise InputError(f"the part has no face {number}; its faces are 0 to {count - 1}")
     of_point = labels[deviations.faces]
     on = np.flatnonzero(deviations.counted & np.isin(of_point, list(chosen)))
-    if len(on) < FEWEST:
+    if len(on) < MIN_POINTS:
         raise DegenerateGeometryError(f"{len(on)} points lie on the chosen faces: choose faces that were scanned")
     points = deviations.points[on] - deviations.origin
     part = mesh if faces is None else _without_others(mesh, labels, chosen)
     surface = MeshSurface(part)
-    kept = np.arange(len(on))[:: -(-len(on) // MOST)]
+    kept = np.arange(len(on))[:: -(-len(on) // MAX_POINTS)]
     kept = kept[morton_order(points[kept])]
     labels = of_point[on[kept]]
     weights, low, high = np.array([[chosen[k].weight, chosen[k].low, chosen[k].high] for k in labels.tolist()]).T

@@ -9,18 +9,16 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.errors import DegenerateGeometryError
-from dqreg.inspection.features.feature import Feature
+from dqreg.inspection.features.feature import NUDGE_SIGMAS, Feature
 
 EdgeKind = Literal["meeting", "border"]
 
 # Faces that turn by less than the sine of it (10 degrees) do not meet in an edge.
-SHARP = 0.17
-# Step of the numerical derivatives, in standard deviations of a plane's parameters.
-NUDGE = 1e-2
-# Width of a strip across a border, and depth of the points that it takes, in spacings.
-STRIP, FEWEST_STRIPS = 2.0, 5
+MIN_EDGE_SIN = 0.17
+# Width of a strip across a border, and strips that show where one is.
+STRIP_WIDTH_SPACINGS, MIN_STRIPS = 2.0, 5
 # Imaginary borders inside the sheet, from and to that share of the depth: how the estimate does is seen there.
-INNER, CUTS = (0.1, 0.8), 40
+TRIAL_BORDER_SHARES, TRIAL_BORDERS = (0.1, 0.8), 40
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -69,16 +67,16 @@ def meeting_point(
     first: Feature, second: Feature, nominal: FloatArray, direction: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Where two planes meet in the section through a point across a direction, and its covariance: (3,), (3, 3)."""
-    if np.linalg.norm(np.cross(first.axis, second.axis)) < SHARP:
+    if np.linalg.norm(np.cross(first.axis, second.axis)) < MIN_EDGE_SIN:
         raise DegenerateGeometryError("the faces meet at too small an angle for an edge: they run into each other")
     found = _met(first, second, nominal, direction)
     total = np.zeros((3, 3))
     for k, plane in enumerate((first, second)):
         variances, vectors = np.linalg.eigh(plane.covariance)
         for step in (vectors * np.sqrt(np.maximum(variances, 0.0))).T:
-            moved = plane.nudged(NUDGE * step)
+            moved = plane.nudged(NUDGE_SIGMAS * step)
             pair = (moved, second) if k == 0 else (first, moved)
-            change = (_met(*pair, nominal, direction) - found) / NUDGE
+            change = (_met(*pair, nominal, direction) - found) / NUDGE_SIGMAS
             total += np.outer(change, change)
     return found, total
 
@@ -96,17 +94,17 @@ def border_offset(along: FloatArray, outward: FloatArray, spacing: float) -> tup
     In each strip the outermost point lies short of the border by less than the points' distance. By how much on
     average, and how far one estimate is off, is seen at imaginary borders inside the sheet, whatever their pattern is.
     """
-    width = STRIP * spacing
+    width = STRIP_WIDTH_SPACINGS * spacing
     half = float(np.abs(along).max(initial=0.0))
     count = int(2.0 * half / width)
-    if count < FEWEST_STRIPS:
+    if count < MIN_STRIPS:
         raise DegenerateGeometryError(f"{len(along)} points do not show where a border is: scan it more densely")
     strip = np.clip(((along + half) / (2.0 * half) * count).astype(np.int64), 0, count - 1)
     middles = ((np.arange(count) + 0.5) / count * 2.0 - 1.0) * half
     found, slope = _line(middles, _outermost(strip, outward, count, np.inf))
     straight = outward - slope * along
     depth = found - float(straight.min())
-    cuts = found - depth * np.linspace(*INNER, CUTS)
+    cuts = found - depth * np.linspace(*TRIAL_BORDER_SHARES, TRIAL_BORDERS)
     short = np.array([cut - _outermost(strip, straight, count, cut) for cut in cuts])
     missed = np.array([_line(middles, row)[0] for row in short])
     if not np.isfinite(found) or not np.isfinite(missed).all():
@@ -128,7 +126,7 @@ def _outermost(strip: IntArray, outward: FloatArray, count: int, cut: float) -> 
 
 def _line(at: FloatArray, values: FloatArray) -> tuple[float, float]:
     known = np.isfinite(values)
-    if np.count_nonzero(known) < FEWEST_STRIPS:
+    if np.count_nonzero(known) < MIN_STRIPS:
         return float("nan"), 0.0
     slope, height = np.polyfit(at[known], values[known], 1)
     return float(height), float(slope)

@@ -12,6 +12,9 @@ from dqreg._arrays import FloatArray, as_pose
 from dqreg.inspection.features.models import FeatureKind, Shape
 from dqreg.rigid import pose
 
+# Step of the numerical derivatives, in standard deviations of the parameters.
+NUDGE_SIGMAS = 1e-2
+
 FeatureMethod = Literal["gauss", "chebyshev", "inscribed", "circumscribed"]
 
 

@@ -20,10 +20,10 @@ from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 
 # Shapes that have a largest one inside and a least one outside.
 ROUND = ("circle", "cylinder", "sphere")
-# Parameters whose standard deviation exceeds the size of the points by that much are not held by them.
-LOOSE = 1e-8
+# Parameters are not held by points where a singular value is below that share of the largest one.
+MIN_SINGULAR_RATIO = 1e-8
 # Rounds of cutting outliers at most.
-CUTS = 10
+MAX_CUT_ROUNDS = 10
 
 
 def fit_feature(
@@ -83,7 +83,7 @@ def fit_feature(
     _check_options(chosen, sides, cut)
     _require_spread(chosen, kind)
     used = np.ones(len(chosen), dtype=bool)
-    for _ in range(CUTS if cut is not None else 1):
+    for _ in range(MAX_CUT_ROUNDS if cut is not None else 1):
         shape = fit_gauss(kind, chosen[used], None if sides is None else sides[used])
         if cut is None:
             break
@@ -135,7 +135,8 @@ def _require_spread(points: FloatArray, kind: FeatureKind) -> None:
     """Points on one line, or one plane, are on so many shapes that a fit would find any of them."""
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     # Far from the origin the digits of the coordinates themselves are spread.
-    least = max(LOOSE * spread[0], 8.0 * np.finfo(float).eps * float(np.abs(points).max()) * np.sqrt(len(points)))
+    rounding = 8.0 * np.finfo(float).eps * float(np.abs(points).max()) * np.sqrt(len(points))
+    least = max(MIN_SINGULAR_RATIO * spread[0], rounding)
     needed = {"plane": 1, "line": 0, "circle": 1}.get(kind, 2)
     if spread[needed] <= least:
         raise _not_held(kind, len(points))
@@ -160,7 +161,7 @@ def _require_held(kind: FeatureKind, shape: Shape, points: FloatArray) -> None:
     _, slopes = distances(kind, shape, points)
     size = float(np.sqrt(np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=1))))
     values = np.linalg.svd(slopes * as_displacements(kind, size), compute_uv=False) if size > 0.0 else np.zeros(1)
-    if values[-1] <= LOOSE * max(values[0], np.finfo(float).tiny):
+    if values[-1] <= MIN_SINGULAR_RATIO * max(values[0], np.finfo(float).tiny):
         raise _not_held(kind, len(points))
 
 

@@ -9,13 +9,13 @@ from dqreg.inspection.features.models import PARAMETERS, FeatureKind, Shape, dis
 from dqreg.inspection.features.starts import starts_of
 
 # Steps at most, and the step, in sizes of the points, below which nothing improves.
-ROUNDS, SMALLEST = 100, 4.0 * np.finfo(float).eps
+MAX_STEPS, MIN_STEP_SIZES = 100, 4.0 * np.finfo(float).eps
 # A cost that rises by that share has not changed; steps below that end when they no longer halve.
-FLAT, NEARLY = 1e-12, 1e-11
+SAME_COST_SHARE, SMALL_STEP_SIZES = 1e-12, 1e-11
 # With normals the axis is nearly known: a start whose cost is that many times the best one's is another basin.
-HOPELESS = 100.0
+MAX_START_COST_RATIO = 100.0
 # A rejected step is damped by that factor, an accepted one released by it.
-DAMP = 10.0
+DAMPING_FACTOR = 10.0
 
 
 def fit_gauss(kind: FeatureKind, points: FloatArray, normals: FloatArray | None = None) -> Shape:
@@ -29,7 +29,7 @@ def fit_gauss(kind: FeatureKind, points: FloatArray, normals: FloatArray | None 
     starts = starts_of(kind, scaled, normals)
     if normals is not None:
         costs = [_cost(kind, shape, scaled) for shape in starts]
-        starts = [shape for shape, cost in zip(starts, costs, strict=True) if cost <= HOPELESS * min(costs)]
+        starts = [shape for shape, cost in zip(starts, costs, strict=True) if cost <= MAX_START_COST_RATIO * min(costs)]
     # Points that hold no such shape let it grow beyond all numbers; the caller asks whether they hold it.
     with np.errstate(over="ignore", invalid="ignore"):
         found = [_refined(kind, shape, scaled) for shape in starts]
@@ -60,7 +60,7 @@ def _cost(kind: FeatureKind, shape: Shape, points: FloatArray) -> float:
 def _refined(kind: FeatureKind, shape: Shape, points: FloatArray) -> Shape:
     """Levenberg's steps about the shape itself, so that no parameter is ever singular."""
     damping, cost, last = 0.0, _cost(kind, shape, points), np.inf
-    for _ in range(ROUNDS):
+    for _ in range(MAX_STEPS):
         residuals, slopes = distances(kind, shape, points)
         count = len(PARAMETERS[kind])
         scale = np.linalg.norm(slopes, axis=0) + np.finfo(float).tiny
@@ -71,13 +71,13 @@ def _refined(kind: FeatureKind, shape: Shape, points: FloatArray) -> Shape:
         new = _cost(kind, moved, points)
         size = float(np.abs(step).max())
         # Where a cost no longer changes by its own rounding, steps still do: they end when they shrink no more.
-        if new <= cost * (1.0 + FLAT):
-            shape, cost, damping = moved, new, damping / DAMP if damping > 1e-9 else 0.0
-            if size < SMALLEST or (size < NEARLY and size > 0.5 * last):
+        if new <= cost * (1.0 + SAME_COST_SHARE):
+            shape, cost, damping = moved, new, damping / DAMPING_FACTOR if damping > 1e-9 else 0.0
+            if size < MIN_STEP_SIZES or (size < SMALL_STEP_SIZES and size > 0.5 * last):
                 break
             last = size
-        elif size < SMALLEST or damping > 1e9:
+        elif size < MIN_STEP_SIZES or damping > 1e9:
             break
         else:
-            damping = max(DAMP * damping, 1e-6)
+            damping = max(DAMPING_FACTOR * damping, 1e-6)
     return shape

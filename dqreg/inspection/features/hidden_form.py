@@ -11,7 +11,7 @@ from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 # Lobes that are tried; one turn of them is a shift.
 LOBES = range(2, 10)
 # Points farther than that many robust standard deviations are left out; fewer points tell no lobes.
-FAR, FEWEST = 5.0, 50
+OUTLIER_SIGMAS, MIN_POINTS = 5.0, 50
 
 
 def hidden_form(kind: FeatureKind, shape: Shape, points: FloatArray) -> FloatArray:
@@ -22,15 +22,15 @@ def hidden_form(kind: FeatureKind, shape: Shape, points: FloatArray) -> FloatArr
     """
     rows, slopes = distances(kind, shape, points)
     none = np.zeros((slopes.shape[1],) * 2)
-    if kind not in ("cylinder", "cone") or len(points) < FEWEST:
+    if kind not in ("cylinder", "cone") or len(points) < MIN_POINTS:
         return none
     local = shape.local(points)
-    kept = np.abs(rows) <= FAR * GAUSSIAN_MEDIAN * float(np.median(np.abs(rows)))
+    kept = np.abs(rows) <= OUTLIER_SIGMAS * GAUSSIAN_MEDIAN * float(np.median(np.abs(rows)))
     rows, slopes, turn = rows[kept], slopes[kept], np.arctan2(local[kept, 1], local[kept, 0])
     count, scale = len(rows), np.linalg.norm(slopes, axis=0)
     scores, changes = [0.0], [np.zeros(len(scale))]
     least = float(rows @ rows)
-    if count < FEWEST or least == 0.0 or not scale.all():
+    if count < MIN_POINTS or least == 0.0 or not scale.all():
         return none
     for lobes in LOBES:
         both = np.column_stack([slopes / scale, np.cos(lobes * turn), np.sin(lobes * turn)])

@@ -9,13 +9,15 @@ from dqreg.geometry.morton import morton_order
 from dqreg.inspection.features.models import FeatureKind, Shape, distances
 from dqreg.solvers.sandwich import larger, scatter_of
 
+# Seed wherever noise is drawn: the same scan has the same uncertainty.
+DRAW_SEED = 20_261_122
 # Points from which on neighbours' residuals are compared: form error makes them alike.
-PATCHWISE = 400
+MIN_PATCHED_POINTS = 400
 # What a point's residual keeps of its own error at least.
-LEAST = 0.3
+MIN_RESIDUAL_SHARE = 0.3
 # Share of the variance of what neighbours have in common that is taken for an error of the scanner: no scan tells it
 # from form. Of virtual scans, which have none, it makes the uncertainty of a distance between wavy faces twice as wide.
-REPEATED = 0.1
+SCANNER_ERROR_SHARE = 0.1
 
 
 def covariance_of(
@@ -27,7 +29,7 @@ def covariance_of(
     """
     variance = float(rows @ rows) / max(len(rows) - slopes.shape[1], 1)
     spread: FloatArray | None = None
-    if len(points) >= PATCHWISE and len(rows) == len(points):
+    if len(points) >= MIN_PATCHED_POINTS and len(rows) == len(points):
         order = morton_order(points)
         none = np.zeros((slopes.shape[1],) * 2)
         # Scaled, so that parameters of any unit stand beside each other.
@@ -51,7 +53,7 @@ def _of_few(rows: FloatArray, slopes: FloatArray, variance: float) -> FloatArray
     bread = np.linalg.pinv(slopes.T @ slopes)
     alike = np.asarray(bread * variance)
     levers = np.einsum("ri,ij,rj->r", slopes, bread, slopes)
-    each = (rows / np.maximum(1.0 - levers, LEAST))[:, None] * slopes @ bread
+    each = (rows / np.maximum(1.0 - levers, MIN_RESIDUAL_SHARE))[:, None] * slopes @ bread
     scale = np.sqrt(np.diag(alike))
     if not scale.all():
         return alike
@@ -71,14 +73,14 @@ def covariance_on(
     rows, slopes = distances(kind, shape, points)
     white = np.linalg.pinv(slopes.T @ slopes) * rms**2
     lengths = np.sqrt(np.diag(white))
-    if len(rows) != len(points) or len(points) < PATCHWISE or not lengths.all():
+    if len(rows) != len(points) or len(points) < MIN_PATCHED_POINTS or not lengths.all():
         return covariance
     scale = lengths[:, None] * lengths
     values, axes = np.linalg.eigh(white / scale)
     root = axes * np.sqrt(np.maximum(values, 1e-12))
     inverse = axes / np.sqrt(np.maximum(values, 1e-12))
     excess, turned = np.linalg.eigh(inverse.T @ (covariance / scale) @ inverse)
-    share = REPEATED + (1.0 - REPEATED) * (1.0 - scanned)
+    share = SCANNER_ERROR_SHARE + (1.0 - SCANNER_ERROR_SHARE) * (1.0 - scanned)
     wide = root @ turned
     found: FloatArray = ((wide * (1.0 + share * np.maximum(excess - 1.0, 0.0))) @ wide.T) * scale
     return found

@@ -10,9 +10,9 @@ from dqreg._arrays import FloatArray
 from dqreg.inspection.features.models import FeatureKind, Shape, distances
 
 # Directions of an axis that are tried where no normals tell it: even over half a sphere, by the golden angle.
-TRIED, GOLDEN = 64, np.pi * (3.0 - 5.0**0.5)
+TRIED_AXES, GOLDEN_ANGLE_RAD = 64, np.pi * (3.0 - 5.0**0.5)
 # The best of them that are refined.
-KEPT = 4
+REFINED_STARTS = 4
 
 
 def starts_of(kind: FeatureKind, points: FloatArray, normals: FloatArray | None) -> list[Shape]:
@@ -27,12 +27,11 @@ def starts_of(kind: FeatureKind, points: FloatArray, normals: FloatArray | None)
     if kind == "circle":
         return [_round("circle", points, axes[2])]
     if kind == "slot":
-        return [
-            _slot(points, axis) for axis in _directions("cylinder", axes, normals)[: KEPT if normals is None else 1]
-        ]
+        tried = _directions("cylinder", axes, normals)
+        return [_slot(points, axis) for axis in tried[: REFINED_STARTS if normals is None else 1]]
     found = [_round(kind, points, axis) for axis in _directions(kind, axes, normals)]
     found.sort(key=lambda shape: float(np.sum(distances(kind, shape, points)[0] ** 2)))
-    return found[:KEPT]
+    return found[:REFINED_STARTS]
 
 
 def frame_along(axis: FloatArray) -> FloatArray:
@@ -55,10 +54,10 @@ def _directions(kind: FeatureKind, axes: FloatArray, normals: FloatArray | None)
         middle = normals.mean(axis=0) if kind == "cone" else np.zeros(3)
         _, _, spread = np.linalg.svd(normals - middle, full_matrices=False)
         return np.vstack([spread[2:], axes])
-    k = np.arange(TRIED) + 0.5
-    z = 1.0 - k / TRIED
+    k = np.arange(TRIED_AXES) + 0.5
+    z = 1.0 - k / TRIED_AXES
     across = np.sqrt(1.0 - z**2)
-    even = np.column_stack([across * np.cos(GOLDEN * k), across * np.sin(GOLDEN * k), z])
+    even = np.column_stack([across * np.cos(GOLDEN_ANGLE_RAD * k), across * np.sin(GOLDEN_ANGLE_RAD * k), z])
     return np.vstack([axes, even])
 
 

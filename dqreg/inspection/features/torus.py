@@ -11,17 +11,17 @@ from dqreg.inspection.features.starts import frame_along
 from dqreg.rigid import twist
 
 # Steps at most, and the step, in sizes of the points, below which nothing improves.
-ROUNDS, SMALLEST = 60, 1e-15
+MAX_STEPS, MIN_STEP_SIZES = 60, 1e-15
 # Fewest corners across the tube and round the axis that lie apart: three are on a circle of any face of revolution.
-FEWEST = 4
+MIN_CORNERS_APART = 4
 # Corners closer than that share of their size are one; so many are needed, since seven are on a torus of any shape.
-ONE, CORNERS = 1e-6, FEWEST**2
+SAME_CORNER_SIZES, MIN_CORNERS = 1e-6, MIN_CORNERS_APART**2
 # Corners lie apart where their angles differ by that share of the range.
-APART = 1e-2
+APART_RANGE_SHARE = 1e-2
 # Share of the area, and the cosine, to which the triangles lean as the torus does.
-LEANING, COSINE = 0.99, 0.7
+LEANING_AREA_SHARE, LEANING_COS = 0.99, 0.7
 # Both radii are held to that share by corners that are anywhere within the form error.
-HELD = 0.01
+HELD_RADIUS_SHARE = 0.01
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -86,7 +86,7 @@ def fit_torus(corners: FloatArray, normals: FloatArray, allowed: float) -> Torus
     flat = corners.reshape(-1, 3)
     middle = flat.mean(axis=0)
     size = float(np.sqrt(np.mean(np.sum((flat - middle) ** 2, axis=1))))
-    if size <= 0.0 or len(np.unique(np.round((flat - middle) / (ONE * size)), axis=0)) < CORNERS:
+    if size <= 0.0 or len(np.unique(np.round((flat - middle) / (SAME_CORNER_SIZES * size)), axis=0)) < MIN_CORNERS:
         return None
     points, centres = (flat - middle) / size, (corners.mean(axis=1) - middle) / size
     starts = [start for start in _starts(points, centres, normals) if start is not None]
@@ -139,7 +139,7 @@ def _about(points: FloatArray, axis: FloatArray, moment: FloatArray) -> _Ring | 
 def _refined(ring: _Ring, points: FloatArray) -> _Ring:
     """Gauss-Newton's steps, halved where they lead upwards."""
     cost = ring.cost(points)
-    for _ in range(ROUNDS):
+    for _ in range(MAX_STEPS):
         residuals, slopes = ring.rows(points)
         if not np.isfinite(slopes).all():
             return ring
@@ -153,7 +153,7 @@ def _refined(ring: _Ring, points: FloatArray) -> _Ring:
         if not new < cost:
             return ring
         ring, cost = moved, new
-        if np.abs(step).max() < SMALLEST:
+        if np.abs(step).max() < MIN_STEP_SIZES:
             break
     return ring
 
@@ -162,11 +162,11 @@ def _is_held(ring: _Ring, points: FloatArray, slopes: FloatArray, form: float) -
     """Whether there are corners enough both ways, and no corner within the form error changes a radius by much."""
     q = ring.local(points)
     tube = np.arctan2(q[:, 2], np.hypot(q[:, 0], q[:, 1]) - ring.major)
-    if min(_apart(tube), _apart(np.arctan2(q[:, 1], q[:, 0]))) < FEWEST:
+    if min(_apart(tube), _apart(np.arctan2(q[:, 1], q[:, 0]))) < MIN_CORNERS_APART:
         return False
     # Corners may all be off towards the worst: their errors are those of a shape, not of chance.
     slack = np.abs(np.linalg.pinv(slopes, rcond=1e-13))[5:].sum(axis=1) * max(0.5 * form, np.finfo(float).eps)
-    return bool((slack <= HELD * np.array([ring.major, ring.minor])).all())
+    return bool((slack <= HELD_RADIUS_SHARE * np.array([ring.major, ring.minor])).all())
 
 
 def _apart(angles: FloatArray) -> int:
@@ -176,8 +176,8 @@ def _apart(angles: FloatArray) -> int:
     widest = int(np.argmax(gaps))
     along = np.concatenate([[0.0], np.cumsum(np.roll(gaps, -1 - widest)[:-1])])
     count, last = 1, 0.0
-    while along[-1] > 1e-9 and along[-1] - last > APART * along[-1]:
-        last = float(along[np.searchsorted(along, last + APART * along[-1], side="right")])
+    while along[-1] > 1e-9 and along[-1] - last > APART_RANGE_SHARE * along[-1]:
+        last = float(along[np.searchsorted(along, last + APART_RANGE_SHARE * along[-1], side="right")])
         count += 1
     return count
 
@@ -185,5 +185,5 @@ def _apart(angles: FloatArray) -> int:
 def _leans(ring: _Ring, centres: FloatArray, normals: FloatArray, sizes: FloatArray) -> bool:
     """Whether the triangles lie along the torus, all on one side: the flat end that a fillet runs into does not."""
     cosines = np.einsum("ij,ij->i", _gradients(ring.local(centres), ring.major)[1] @ ring.frame.T, normals)
-    whole = LEANING * float(sizes.sum())
-    return max(float(sizes[cosines > COSINE].sum()), float(sizes[cosines < -COSINE].sum())) >= whole
+    whole = LEANING_AREA_SHARE * float(sizes.sum())
+    return max(float(sizes[cosines > LEANING_COS].sum()), float(sizes[cosines < -LEANING_COS].sum())) >= whole

@@ -15,20 +15,20 @@ from dqreg.inspection.features.models import PARAMETERS, FeatureKind, Shape, dis
 ZoneMethod = Literal["chebyshev", "inscribed", "circumscribed"]
 
 # Linear programs at most, and the gain, in sizes of the points, that ends them.
-ROUNDS, ENOUGH = 60, 1e-14
-# The first trust region, in sizes; it is halved where a step does not gain and doubled where it does.
-TRUST = 0.3
+MAX_PROGRAMS, CONVERGED_GAIN_SIZES = 60, 1e-14
+# The first trust region, and the largest; it is quartered where a step does not gain and doubled where it does.
+MAX_TRUST_SIZES = 0.3
 # Points that enter a program: those with the largest distances; more are added while any other one is violated.
-ACTIVE = 400
+MAX_JOINING_POINTS = 400
 # Points whose directions enter the program of a line at once.
-CUTS = 20
+LINE_POINTS = 20
 # Directions that it begins with, and the tolerance of its programs, which may be no finer.
-SIDES = 24
-FINE = 1e-10
+PRISM_SIDES = 24
+LP_TOLERANCE = 1e-10
 # What those programs leave where they end, in heights.
-ROUNDING = 1e-10
+LP_ROUNDING = 1e-10
 # A step in sizes, and the share of it that a shape which points hold on all sides does not gain.
-STEP, GAINED = 1e-3, 0.01
+PROBE_STEP_SIZES, MAX_PROBE_GAIN_SHARE = 1e-3, 0.01
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -94,7 +94,7 @@ def chebyshev_step(values: FloatArray, slopes: FloatArray, trust: float) -> Floa
 
     count = slopes.shape[1]
     bounds = [(-trust, trust)] * count + [(None, None)]
-    chosen = np.argsort(-values, kind="stable")[:ACTIVE]
+    chosen = np.argsort(-values, kind="stable")[:MAX_JOINING_POINTS]
     while True:
         rows = np.column_stack([slopes[chosen], -np.ones(len(chosen))])
         found = linprog(np.r_[np.zeros(count), 1.0], A_ub=rows, b_ub=-values[chosen], bounds=bounds, method="highs")
@@ -105,7 +105,7 @@ def chebyshev_step(values: FloatArray, slopes: FloatArray, trust: float) -> Floa
         missed = np.flatnonzero(short > 1e-13)
         if not len(missed):
             return np.asarray(found.x[:-1], dtype=np.float64)
-        chosen = np.concatenate([chosen, missed[np.argsort(-short[missed], kind="stable")][:ACTIVE]])
+        chosen = np.concatenate([chosen, missed[np.argsort(-short[missed], kind="stable")][:MAX_JOINING_POINTS]])
 
 
 def tube_step(values: FloatArray, slopes: FloatArray, trust: float) -> FloatArray:
@@ -124,15 +124,15 @@ def tube_step(values: FloatArray, slopes: FloatArray, trust: float) -> FloatArra
     rows: list[FloatArray] = []
     bounds: list[FloatArray] = []
     limits = [(-trust, trust)] * len(step) + [(None, None)]
-    for _ in range(ROUNDS):
+    for _ in range(MAX_PROGRAMS):
         moved = parts + changes @ step
         sizes = np.hypot(*moved)
-        worst = np.argsort(-sizes, kind="stable")[:CUTS]
+        worst = np.argsort(-sizes, kind="stable")[:LINE_POINTS]
         across = moved[:, worst] / np.maximum(sizes[worst], np.finfo(float).tiny)
         if not rows:
             # At first along even directions: the cylinder lies within a prism.
-            turns = 2.0 * np.pi / SIDES * np.repeat(np.arange(SIDES), len(worst))
-            worst, across = np.tile(worst, SIDES), np.stack([np.cos(turns), np.sin(turns)])
+            turns = 2.0 * np.pi / PRISM_SIDES * np.repeat(np.arange(PRISM_SIDES), len(worst))
+            worst, across = np.tile(worst, PRISM_SIDES), np.stack([np.cos(turns), np.sin(turns)])
         rows.append(np.column_stack([np.einsum("jw,jwk->wk", across, changes[:, worst]), -np.ones(len(worst))]))
         bounds.append(-np.einsum("jw,jw->w", across, parts[:, worst]))
         goal = np.r_[np.zeros(len(step)), 1.0]
@@ -142,14 +142,14 @@ def tube_step(values: FloatArray, slopes: FloatArray, trust: float) -> FloatArra
             np.concatenate(bounds),
             bounds=limits,
             method="highs",
-            options={"primal_feasibility_tolerance": FINE, "dual_feasibility_tolerance": FINE},
+            options={"primal_feasibility_tolerance": LP_TOLERANCE, "dual_feasibility_tolerance": LP_TOLERANCE},
         )
         if found.x is None:
             break
         step = np.asarray(found.x[:-1], dtype=np.float64)
         gap = float(np.hypot(*(parts + changes @ step)).max() - found.x[-1])
         # A gap of the programs' rounding closes no more.
-        if gap <= ENOUGH or (gap < ROUNDING and gap > 0.5 * last):
+        if gap <= CONVERGED_GAIN_SIZES or (gap < LP_ROUNDING and gap > 0.5 * last):
             break
         last = gap
     return unit * step
@@ -169,7 +169,7 @@ def _surrounded(problem: ZoneProblem, gauss: Shape) -> bool:
         hull = ConvexHull(local / np.maximum(lengths, np.finfo(float).tiny)[:, None])
     except QhullError:
         return False
-    return float(-hull.equations[:, -1].max()) > ROUNDING
+    return float(-hull.equations[:, -1].max()) > LP_ROUNDING
 
 
 def _not_surrounded(kind: FeatureKind, method: ZoneMethod) -> DegenerateGeometryError:
@@ -197,24 +197,25 @@ def fit_zone(kind: FeatureKind, method: ZoneMethod, points: FloatArray, gauss: S
     problem = ZoneProblem(kind, method, (points - centre) / size)
     if method != "chebyshev" and not _surrounded(problem, shape):
         raise _not_surrounded(kind, method)
-    height, trust = problem.height(shape), TRUST
-    for _ in range(ROUNDS):
+    height, trust = problem.height(shape), MAX_TRUST_SIZES
+    for _ in range(MAX_PROGRAMS):
         step = problem.step(shape, trust)
-        if height - problem.promised(shape, step) <= ENOUGH:
+        if height - problem.promised(shape, step) <= CONVERGED_GAIN_SIZES:
             break
         moved = shape.moved(kind, step)
         new = problem.height(moved)
         if new < height:
-            gained, shape, height, trust = height - new, moved, new, min(2.0 * trust, TRUST)
-            if gained < ENOUGH:
+            gained, shape, height, trust = height - new, moved, new, min(2.0 * trust, MAX_TRUST_SIZES)
+            if gained < CONVERGED_GAIN_SIZES:
                 break
         else:
             trust *= 0.25
-            if trust < ENOUGH:
+            if trust < CONVERGED_GAIN_SIZES:
                 break
     radius = shape.radius
     if method != "chebyshev":
-        if height - problem.promised(shape, problem.step(shape, STEP)) > GAINED * STEP:
+        gain = height - problem.promised(shape, problem.step(shape, PROBE_STEP_SIZES))
+        if gain > MAX_PROBE_GAIN_SHARE * PROBE_STEP_SIZES:
             raise _not_surrounded(kind, method)
         radius = height if method == "circumscribed" else -height
     half = size * shape.half_length

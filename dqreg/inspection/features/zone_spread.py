@@ -6,18 +6,18 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.inspection.features.models import PARAMETERS, FeatureKind, Shape, as_displacements, distances
-from dqreg.inspection.features.spread import PATCHWISE, covariance_of
-from dqreg.inspection.features.zone import ZoneMethod, ZoneProblem, chebyshev_step
+from dqreg.inspection.features.spread import DRAW_SEED, MIN_PATCHED_POINTS, covariance_of
+from dqreg.inspection.features.zone import PRISM_SIDES, ZoneMethod, ZoneProblem, chebyshev_step
 from dqreg.solvers.sandwich import larger
 
-# Repeated fits, and their seed: the same points have the same covariance.
-DRAWS, SEED = 100, 20_261_122
+# Fits that are repeated on drawn residuals.
+RESIDUAL_DRAWS = 100
 # Bounds of the step of a linear problem, in standard deviations of a residual: it has a least without them.
-FAR = 1e6
-# The cylinder about a line is a prism of so many sides here, within a hundredth of it, about the farthest points.
-SIDES, FARTHEST = 24, 60
+STEP_BOUND_SIGMAS = 1e6
+# The cylinder about a line is a prism here, within a hundredth of it, about so many points.
+FARTHEST_POINTS = 60
 # Residuals with less kurtosis than that lie at two values; beyond the other, a handful of points decides.
-LEAST, MOST = 1.2, 9.0
+MIN_KURTOSIS, MAX_KURTOSIS = 1.2, 9.0
 
 
 def zone_covariance(
@@ -36,9 +36,9 @@ def zone_covariance(
     unit = as_displacements(kind, size)
     _, slopes = distances(kind, shape, points)
     slopes = slopes * unit
-    rng = np.random.default_rng(SEED)
+    rng = np.random.default_rng(DRAW_SEED)
     problem, count = ZoneProblem(kind, method, points), own.shape[1]
-    steps = np.zeros((DRAWS, count))
+    steps = np.zeros((RESIDUAL_DRAWS, count))
     drawn = _drawn(rows, len(points), count, rng)
     scale = float(drawn.std())
     if scale == 0.0:
@@ -46,9 +46,9 @@ def zone_covariance(
     for step, values in zip(steps, drawn / scale, strict=True):
         step[:] = _repeated(problem, values, slopes)
     # The inverse of a covariance from few draws is too large by this (Hartlap, Simon and Schneider 2007).
-    found = np.cov(steps.T).reshape(count, count) * scale**2 * (DRAWS - 1) / (DRAWS - count - 2)
+    found = np.cov(steps.T).reshape(count, count) * scale**2 * (RESIDUAL_DRAWS - 1) / (RESIDUAL_DRAWS - count - 2)
     covariance: FloatArray = found * unit * unit[:, None]
-    if len(points) < PATCHWISE or len(rows) != len(points):
+    if len(points) < MIN_PATCHED_POINTS or len(rows) != len(points):
         return covariance
     # Scaled, so that parameters of any unit stand beside each other.
     lengths = np.sqrt(np.diag(covariance))
@@ -63,8 +63,9 @@ def noise_covariance(
     size = float(np.sqrt(np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=1)))) or 1.0
     unit = as_displacements(kind, size)
     values, slopes = distances(kind, shape, points)
-    rng, problem = np.random.default_rng(SEED), ZoneProblem(kind, method, points)
-    steps = [_repeated(problem, values / sigma + rng.standard_normal(len(values)), slopes * unit) for _ in range(DRAWS)]
+    rng, problem = np.random.default_rng(DRAW_SEED), ZoneProblem(kind, method, points)
+    drawn = (values / sigma + rng.standard_normal(len(values)) for _ in range(RESIDUAL_DRAWS))
+    steps = [_repeated(problem, each, slopes * unit) for each in drawn]
     found: FloatArray = np.cov(np.array(steps).T) * sigma**2 * unit * unit[:, None]
     return found
 
@@ -75,14 +76,14 @@ def _repeated(problem: ZoneProblem, values: FloatArray, slopes: FloatArray) -> F
     step = np.linalg.lstsq(slopes, -values, rcond=None)[0]
     if problem.kind == "line":
         x, y = values.reshape(2, -1)
-        rows = np.argsort(-np.hypot(x, y), kind="stable")[:FARTHEST]
-        turns = 2.0 * np.pi / SIDES * np.arange(SIDES)[:, None]
+        rows = np.argsort(-np.hypot(x, y), kind="stable")[:FARTHEST_POINTS]
+        turns = 2.0 * np.pi / PRISM_SIDES * np.arange(PRISM_SIDES)[:, None]
         across = np.cos(turns) * x[rows] + np.sin(turns) * y[rows]
         change_x, change_y = slopes.reshape(2, len(x), -1)[:, rows]
         changes = np.cos(turns)[..., None] * change_x + np.sin(turns)[..., None] * change_y
-        return chebyshev_step(across.ravel(), changes.reshape(across.size, -1), FAR)
+        return chebyshev_step(across.ravel(), changes.reshape(across.size, -1), STEP_BOUND_SIGMAS)
     ahead, changes = problem.of_distances(values, slopes, 0.0)
-    step[problem.free] = chebyshev_step(ahead, changes, FAR)
+    step[problem.free] = chebyshev_step(ahead, changes, STEP_BOUND_SIGMAS)
     if problem.method != "chebyshev":
         height = float((ahead + changes @ step[problem.free]).max())
         step[PARAMETERS[problem.kind].index("radius")] = problem.sign * height
@@ -101,12 +102,12 @@ def _alike(values: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Draws of a symmetric distribution with the spread and kurtosis of values, (draws, n)."""
     spread = float(np.sqrt(np.mean(values**2)))
     if spread == 0.0:
-        return np.zeros((DRAWS, len(values)))
+        return np.zeros((RESIDUAL_DRAWS, len(values)))
     # Of few values the extremes are short: half a standard error more is rather too much than too little.
     known = float(np.mean((values / spread) ** 4))
     known += 0.25 * (known - 1.0) * np.sqrt(24.0 / len(values))
-    kurtosis = float(np.clip(known, LEAST, MOST))
-    size = (DRAWS, len(values))
+    kurtosis = float(np.clip(known, MIN_KURTOSIS, MAX_KURTOSIS))
+    size = (RESIDUAL_DRAWS, len(values))
     if kurtosis < 3.0:
         # Of Beta(a, a) it is 3 - 6 / (2 a + 3), and the variance on -1 to 1 is 1 / (2 a + 1).
         a = 0.5 * (6.0 / max(3.0 - kurtosis, 1e-3) - 3.0)

@@ -16,13 +16,13 @@ from dqreg.inspection.part_faces import Face
 from dqreg.inspection.scanned_part import ScannedPart
 
 # Points that a profile needs: forty neighbourhoods of five, whose medians bear two outliers.
-ENOUGH = 200
+WANTED_PROFILE_POINTS = 200
 # Its strip is so many spacings of the scan wide to each side at least, else that share of the face at most.
-THINNEST, WIDEST = 1.5, 0.1
+MIN_HALF_WIDTH_SPACINGS, MAX_HALF_WIDTH_SHARE = 1.5, 0.1
 # Steps to the centre of a section: it is nearly there.
-STEPS = 4
+CENTRING_STEPS = 4
 # Points without which there is no profile.
-FEWEST = 8
+MIN_PROFILE_POINTS = 8
 
 Place = tuple[float, float, float]
 Where = TypeVar("Where")
@@ -58,7 +58,7 @@ class Profile:
         if not self.radius:
             return self
         points, centre = (self.radius + self.values)[:, None] * self.slopes[:, 1:], np.zeros(2)
-        for _ in range(STEPS):
+        for _ in range(CENTRING_STEPS):
             away = points - centre
             lengths = np.linalg.norm(away, axis=1)
             slopes = np.column_stack([np.ones(len(away)), away / lengths[:, None]])
@@ -111,7 +111,8 @@ def half_width(part: ScannedPart, face: Face, across: FloatArray) -> float:
     """Half the width of strips of a face that hold enough points, from where its points lie across them."""
     extent, count = float(np.ptp(across)), max(len(across), 1)
     spacing = float(np.sqrt(face.area * float(part.coverage()[face.number]) / count))
-    return max(THINNEST * spacing, min(0.5 * ENOUGH * extent / count, WIDEST * extent))
+    wanted = 0.5 * WANTED_PROFILE_POINTS * extent / count
+    return max(MIN_HALF_WIDTH_SPACINGS * spacing, min(wanted, MAX_HALF_WIDTH_SHARE * extent))
 
 
 def spread_over(across: FloatArray, half: float, most: int) -> list[float]:
@@ -123,9 +124,10 @@ def spread_over(across: FloatArray, half: float, most: int) -> list[float]:
 
 def require_points(face: Face, rows: IntArray, words: str) -> None:
     """`DegenerateGeometryError` where too few points lie on a profile."""
-    if len(rows) < FEWEST:
+    if len(rows) < MIN_PROFILE_POINTS:
         raise DegenerateGeometryError(
-            f"face {face.number} was not scanned there: {len(rows)} points lie on {words}, {FEWEST} are needed"
+            f"face {face.number} was not scanned there: {len(rows)} points lie on {words}, "
+            f"{MIN_PROFILE_POINTS} are needed"
         )
 
 

@@ -8,16 +8,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.inspection.places import COVERAGE
-from dqreg.inspection.surface_model import LENGTHS, SIZES, matern
+from dqreg.inspection.features.spread import DRAW_SEED
+from dqreg.inspection.places import COVERAGE_FACTOR
+from dqreg.inspection.surface_model import LENGTHS_EXTENTS, SIZES_SIGMAS, matern
 
-# Draws, and their seed: the same scan has the same uncertainty.
-DRAWS, SEED = 400, 20_261_122
+FIELD_DRAWS = 400
 # Of what noise adds to the zone of a mean, in what it adds to draws about it: half of its span from 0 to 2.
-SHARE = 0.95
+MEAN_NOISE_RATIO = 0.95
 # No form error at all is possible where its likelihood is within that of the likeliest one, as a logarithm: two
 # parameters at 95 %.
-POSSIBLE = 3.0
+STRAIGHT_LOG_LIKELIHOOD = 3.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -37,16 +37,16 @@ class Drawn:
     values: tuple[FloatArray, ...]  # (draws, n) each, without what the slopes explain
     straight: bool  # Whether all may be without form error
 
-    def measured(self, zones: FloatArray, mean: float, competing: float = SHARE) -> tuple[float, float]:
+    def measured(self, zones: FloatArray, mean: float, competing: float = MEAN_NOISE_RATIO) -> tuple[float, float]:
         """A value with its expanded uncertainty from a zone of each draw, (draws,), and that of their mean.
 
         By as much as draws are wider than their mean, noise widens extremes that compete; the mean itself holds noise
         that did so already: by nothing where its extremes stand alone, by up to twice as much where many are equal. Of
         the extremes of one field, which it smooths as well, none compete.
         """
-        wider, scatter = float(zones.mean()) - mean, COVERAGE * float(zones.std())
+        wider, scatter = float(zones.mean()) - mean, COVERAGE_FACTOR * float(zones.std())
         value = max(mean - competing * wider, 0.0)
-        room = SHARE * wider + scatter
+        room = MEAN_NOISE_RATIO * wider + scatter
         if value == 0.0 or self.straight:
             # A form error that noise hides is as large as the draws are.
             room = max(room, mean + wider + scatter - value, value)
@@ -60,17 +60,17 @@ def drawn_series(series: Sequence[Series]) -> Drawn:
     both parameters are drawn too, by their likelihood on all series.
     """
     extent = max(float(np.linalg.norm(np.ptp(each.places, axis=0))) for each in series)
-    modes = [[_modes(each, length) for length in LENGTHS * extent] for each in series]
-    heights = np.zeros((len(LENGTHS), len(SIZES)))
+    modes = [[_modes(each, length) for length in LENGTHS_EXTENTS * extent] for each in series]
+    heights = np.zeros((len(LENGTHS_EXTENTS), len(SIZES_SIGMAS)))
     for own in modes:
         for k, (strengths, coefficients, _) in enumerate(own):
-            spread = 1.0 + SIZES[:, None] ** 2 * strengths
+            spread = 1.0 + SIZES_SIGMAS[:, None] ** 2 * strengths
             heights[k] -= 0.5 * np.sum(coefficients**2 / spread + np.log(spread), axis=1)
     weights = np.exp(heights - heights.max()).ravel()
-    rng = np.random.default_rng(SEED)
-    nodes = np.sort(rng.choice(weights.size, size=DRAWS, p=weights / weights.sum()))
+    rng = np.random.default_rng(DRAW_SEED)
+    nodes = np.sort(rng.choice(weights.size, size=FIELD_DRAWS, p=weights / weights.sum()))
     found = tuple(_draws(own, each.sigma, nodes, rng) for own, each in zip(modes, series, strict=True))
-    return Drawn(found, bool(heights[0, 0] > heights.max() - POSSIBLE))
+    return Drawn(found, bool(heights[0, 0] > heights.max() - STRAIGHT_LOG_LIKELIHOOD))
 
 
 Modes = tuple[FloatArray, FloatArray, FloatArray]
@@ -89,8 +89,8 @@ def _modes(series: Series, length: float) -> Modes:
 def _draws(modes: Sequence[Modes], sigma: float, nodes: np.ndarray, rng: np.random.Generator) -> FloatArray:
     found = []
     for node, repeats in zip(*np.unique(nodes, return_counts=True), strict=True):
-        strengths, coefficients, shapes = modes[node // len(SIZES)]
-        share = SIZES[node % len(SIZES)] ** 2 * strengths
+        strengths, coefficients, shapes = modes[node // len(SIZES_SIGMAS)]
+        share = SIZES_SIGMAS[node % len(SIZES_SIGMAS)] ** 2 * strengths
         share = share / (1.0 + share)
         noise = rng.standard_normal((repeats, len(share)))
         found.append(sigma * (share * coefficients + np.sqrt(share) * noise) @ shapes.T)

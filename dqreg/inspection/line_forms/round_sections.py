@@ -26,13 +26,15 @@ from dqreg.inspection.line_forms.profiles import (
 from dqreg.inspection.part_faces import Face
 from dqreg.inspection.scanned_part import ScannedPart
 
-# Sections where none is named; those that an axis is found from, at most and at least.
-SECTIONS, CENTRES, FEWEST = 5, 30, 3
+# Sections where none is named.
+DEFAULT_SECTIONS = 5
+# Sections that an axis is found from.
+MAX_AXIS_SECTIONS, MIN_AXIS_SECTIONS = 30, 3
 # Points farther from the circle of their section than so many medians are outliers.
-FAR, CUTS = 5.0, 3
+OUTLIER_MEDIANS, CUT_ROUNDS = 5.0, 3
 # Share of the way round that must be seen: on less, form error is taken for another size and place, and no residual
 # shows it. Bores with three lobes of 0.04 seen on 60 to 150 degrees had diameters off by ten uncertainties.
-SEEN = 0.5
+MIN_ARC_SHARE = 0.5
 
 
 def sections_of(part: ScannedPart, face: Face, at: Sequence[Place], direction: Place | None) -> list[Profile]:
@@ -52,7 +54,7 @@ def sections_of(part: ScannedPart, face: Face, at: Sequence[Place], direction: P
     flat = unrolled(part, face)
     half = half_width(part, face, flat.height)
     if not at:
-        every = spread_over(flat.height, half, SECTIONS)
+        every = spread_over(flat.height, half, DEFAULT_SECTIONS)
         return scanned_ones(lambda height: _section(face, flat, height, half), every)
     return [_section(face, flat, _height(part, flat, place), half, words_of(place)) for place in at]
 
@@ -65,12 +67,12 @@ def centres_of(part: ScannedPart, face: Face) -> tuple[FloatArray, FloatArray]:
     require_kind(part.measured(face), ("cylinder",), "has no axis that is found section by section; cylinders have")
     flat = unrolled(part, face)
     half = half_width(part, face, flat.height)
-    middles = spread_over(flat.height, half, CENTRES)
+    middles = spread_over(flat.height, half, MAX_AXIS_SECTIONS)
     sections = scanned_ones(lambda height: _section(face, flat, height, half), middles)
-    if len(sections) < FEWEST:
+    if len(sections) < MIN_AXIS_SECTIONS:
         raise DegenerateGeometryError(
             f"face {face.number} was not scanned well enough: {len(sections)} sections across its axis hold a centre, "
-            f"{FEWEST} are needed"
+            f"{MIN_AXIS_SECTIONS} are needed"
         )
     found = [_centre(section, part.noise) for section in sections]
     heights = [float((each.middle - flat.feature.point) @ flat.feature.axis) for each in sections]
@@ -125,7 +127,7 @@ def require_around(part: ScannedPart, face: Face, kind: str) -> None:
         return
     own = _arc_deg(part.corners([face]), face.feature)
     seen = _arc_deg(part.on(face), face.feature)
-    if seen < SEEN * own:
+    if seen < MIN_ARC_SHARE * own:
         raise DegenerateGeometryError(
             f"face {face.number} was not scanned well enough: it is seen on {seen:.0f} of {own:.0f} degrees round its "
             f"axis, and at least half of them are needed for its {kind}: form error would be taken for size"
@@ -146,9 +148,9 @@ def _round_deg(turn: FloatArray) -> float:
 def _centre(section: Profile, noise: float) -> tuple[FloatArray, FloatArray]:
     """Of the least squares circle of a section without outliers, and its covariance. Shapes: (2,), (2, 2)."""
     slopes, kept = section.slopes, np.ones(len(section.values), dtype=bool)
-    for _ in range(CUTS):
+    for _ in range(CUT_ROUNDS):
         inverse = np.asarray(np.linalg.pinv(slopes[kept]), dtype=np.float64)
         solved = inverse @ section.values[kept]
         left = np.abs(section.values - slopes @ solved)
-        kept = left <= FAR * float(np.median(left))
+        kept = left <= OUTLIER_MEDIANS * float(np.median(left))
     return solved[1:], noise**2 * (inverse @ inverse.T)[1:, 1:]

@@ -24,9 +24,9 @@ from dqreg.inspection.part_faces import Face
 from dqreg.inspection.scanned_part import ScannedPart
 
 # Lines where none is named: around an axis, and beside each other on a flat face.
-AROUND, BESIDE = 8, 5
+LINES_AROUND, LINES_BESIDE = 8, 5
 # A direction along a face leads out of it by that sine at most.
-LEANS = 0.5
+MAX_LEANING_SIN = 0.5
 
 
 def lines_of(part: ScannedPart, face: Face, at: Sequence[Place], direction: Place | None) -> list[Profile]:
@@ -59,7 +59,7 @@ def lines_of(part: ScannedPart, face: Face, at: Sequence[Place], direction: Plac
 
     if at:
         return [line(turn_of(place), words_of(place)) for place in at]
-    return scanned_ones(line, [2.0 * np.pi * k / AROUND for k in range(AROUND)])
+    return scanned_ones(line, [2.0 * np.pi * k / LINES_AROUND for k in range(LINES_AROUND)])
 
 
 def _of_plane(part: ScannedPart, face: Face, at: Sequence[Place], direction: Place | None) -> list[Profile]:
@@ -80,13 +80,13 @@ def _of_plane(part: ScannedPart, face: Face, at: Sequence[Place], direction: Pla
 
     if at:
         return [line(float((np.array(place) - part.origin - feature.point) @ y), words_of(place)) for place in at]
-    return scanned_ones(line, spread_over(across, half, BESIDE))
+    return scanned_ones(line, spread_over(across, half, LINES_BESIDE))
 
 
 def _across(normal: FloatArray, direction: FloatArray) -> FloatArray:
     """Unit vector of a flat face across a direction along it, (3,)."""
     length = float(np.linalg.norm(direction))
-    if length == 0.0 or abs(float(direction @ normal)) > LEANS * length:
+    if length == 0.0 or abs(float(direction @ normal)) > MAX_LEANING_SIN * length:
         raise InputError(f"direction = {words_of(direction)} does not lie along the face: give one that does")
     across = np.cross(normal, direction)
     return np.asarray(across / np.linalg.norm(across))

@@ -16,13 +16,13 @@ from dqreg.inspection.surface_model import sigma_of
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 
 # A profile is the medians of so many blocks of neighbouring points at most, each of so many points at least.
-BLOCKS, LEAST = 96, 3
+MAX_BLOCKS, MIN_BLOCK_POINTS = 96, 3
 # Draws whose minimum zone is found; that of the others is narrower than their least squares one by the same share.
-ZONES = 3
+ZONE_DRAWS = 3
 # The zone between circles follows its centre, which is moved so often at most.
-ROUNDS = 5
+MAX_CENTRE_MOVES = 5
 # Bound of the steps of a zone, in widths of the profile.
-FAR = 1e3
+MAX_STEP_WIDTHS = 1e3
 
 
 def worst_form(profiles: Sequence[Profile], noise: float) -> Measured:
@@ -36,7 +36,7 @@ def worst_form(profiles: Sequence[Profile], noise: float) -> Measured:
         zones = np.array([[width_of_zone(each.values, each.along, each.radius)] for each in profiles])
         return Measured(float(zones.max()), 0.0, profiles[int(np.argmax(zones))].middle)
     own = _noise(profiles) or noise
-    blocks = [each.blocks(min(BLOCKS, max(len(each.values) // LEAST, 1))) for each in profiles]
+    blocks = [each.blocks(min(MAX_BLOCKS, max(len(each.values) // MIN_BLOCK_POINTS, 1))) for each in profiles]
     series = [
         Series(each.places, each.values, each.slopes, sigma_of(own, len(whole.values) // len(each.values)))
         for whole, each in zip(profiles, blocks, strict=True)
@@ -61,7 +61,7 @@ def _zones(profile: Profile, drawn: FloatArray) -> FloatArray:
     """Width of the zone of each draw of a profile, (draws,)."""
     wide = np.ptp(drawn, axis=1)
     some = np.flatnonzero(wide > 0.0)
-    some = some[:: max(len(some) // ZONES, 1)]
+    some = some[:: max(len(some) // ZONE_DRAWS, 1)]
     if not len(some):
         return np.asarray(wide)
     narrow = [width_of_zone(drawn[k], profile.along, profile.radius) for k in some]
@@ -81,7 +81,7 @@ def width_of_zone(values: FloatArray, along: FloatArray, radius: float) -> float
         return float(np.ptp(values + slopes @ step) / np.hypot(1.0, step[1] / size))
     points = (radius + values)[:, None] * np.column_stack([np.cos(along), np.sin(along)])
     centre, best = np.zeros(2), float(np.ptp(values))
-    for _ in range(ROUNDS):
+    for _ in range(MAX_CENTRE_MOVES):
         away = points - centre
         lengths = np.linalg.norm(away, axis=1)
         step = _step(lengths - radius, np.column_stack([np.ones(len(away)), -away / lengths[:, None]]))
@@ -97,7 +97,7 @@ def _step(values: FloatArray, slopes: FloatArray) -> FloatArray:
     """The step that leaves the least range, (k,)."""
     unit = float(np.ptp(values)) or 1.0
     scaled = (values - values.mean()) / unit
-    return unit * chebyshev_step(np.concatenate([scaled, -scaled]), np.concatenate([slopes, -slopes]), FAR)
+    return unit * chebyshev_step(np.concatenate([scaled, -scaled]), np.concatenate([slopes, -slopes]), MAX_STEP_WIDTHS)
 
 
 def axis_form(centres: FloatArray, covariances: FloatArray) -> Measured:
@@ -115,7 +115,7 @@ def axis_form(centres: FloatArray, covariances: FloatArray) -> Measured:
     x, y = drawn.values
     wide = 2.0 * np.hypot(x, y).max(axis=1)
     some = np.flatnonzero(wide > 0.0)
-    some = some[:: max(len(some) // ZONES, 1)]
+    some = some[:: max(len(some) // ZONE_DRAWS, 1)]
     narrow = [zone_width(np.column_stack([x[k], y[k], heights]), "line") / wide[k] for k in some]
     mean = zone_width(np.column_stack([x.mean(axis=0), y.mean(axis=0), heights]), "line")
     return Measured(*drawn.measured(wide * float(np.mean(narrow or [1.0])), mean))

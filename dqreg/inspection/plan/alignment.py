@@ -16,7 +16,7 @@ from dqreg.solvers.dof import Freedom
 StepKind = Literal["best-fit", "tolerance", "minimax", "outside", "inside", "datums", "points"]
 KEYS = ("name", "kind", "faces", "weights", *SIDES, "dof", "points", "prior")
 # No half turn is more than that, degrees.
-TURN = 180.0
+HALF_TURN_DEG = 180.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,8 +100,8 @@ def _prior(given: Any, where: str) -> PlannedPrior:
             raise InputError(f"{where}: prior needs rotation, degrees, and translation, a length: standard deviations")
         three = given[key] if isinstance(given[key], list) else [given[key]] * 3
         sigma = triple_of({key: three}, key, f"{where}: prior")
-        if min(sigma) <= 0.0 or (key == "rotation" and max(sigma) > TURN):
-            most = f" and at most {TURN:g}" if key == "rotation" else ""
+        if min(sigma) <= 0.0 or (key == "rotation" and max(sigma) > HALF_TURN_DEG):
+            most = f" and at most {HALF_TURN_DEG:g}" if key == "rotation" else ""
             raise InputError(
                 f"{where}: prior: {key} is one or three standard deviations above 0{most}, got {given[key]!r:.60}; "
                 "what may not move at all is locked by dof"

@@ -15,7 +15,7 @@ from dqreg.inspection.line_forms.round_sections import centres_of, require_aroun
 from dqreg.inspection.line_forms.straight_lines import lines_of
 from dqreg.inspection.line_forms.worst import axis_form, worst_form
 from dqreg.inspection.part_faces import Face
-from dqreg.inspection.places import COVERAGE
+from dqreg.inspection.places import COVERAGE_FACTOR
 from dqreg.inspection.plan.characteristics import OF_SLOT, PlannedCharacteristic
 from dqreg.inspection.plan.file import Plan
 from dqreg.inspection.scanned_part import ScannedPart
@@ -70,7 +70,7 @@ def measured_value(
     if row.point is not None:
         edge = edge_on(part, np.array(row.point) - part.origin, face=faces[0].number)
         spread = float(frame.sigma(edge.point[None], edge.outward[None])[0])
-        return Measured(edge.offset, COVERAGE * float(np.hypot(edge.sigma, spread)))
+        return Measured(edge.offset, COVERAGE_FACTOR * float(np.hypot(edge.sigma, spread)))
     if row.kind == "profile":
         part.require_scanned(faces[0])
         signed, normals = surface_deviations(part, faces[0], points)

@@ -17,17 +17,17 @@ from dqreg.inspection.features import Feature
 from dqreg.inspection.part_faces import Face
 
 # Axes are perpendicular below that cosine, and parallel above that one.
-SQUARE, PARALLEL = 0.1, 0.995
+PERPENDICULAR_COS, PARALLEL_COS = 0.1, 0.995
 # A seat has the whole part on one side of it, but for that share of the part's size.
-SEAT = 1e-3
+BELOW_SEAT_DIAGONALS = 1e-3
 # A seat counts so many times its area: a part is set down on it.
-PREFERRED = 2.0
+SEAT_AREA_FACTOR = 2.0
 # A plane has that share of the area of the largest face at least: a facet of a coarse hole has not.
-SMALLEST = 0.005
+MIN_PLANE_AREA_RATIO = 0.005
 # Two holes hold a rotation where they are that share of the part's size apart.
-APART = 0.2
+MIN_APART_DIAGONALS = 0.2
 # Candidates for each letter that are tried.
-TRIED = 6
+TRIED_CANDIDATES = 6
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -56,7 +56,7 @@ def suggest_datums(
     """
     shares = {face.number: 1.0 if covered is None else covered.get(face.number, 0.0) for face in faces}
     sizes = _extents(mesh, faces)
-    large = SMALLEST * max((face.area for face in faces), default=0.0)
+    large = MIN_PLANE_AREA_RATIO * max((face.area for face in faces), default=0.0)
     planes = [face for face in faces if face.kind == "plane" and shares[face.number] > 0.0 and face.area >= large]
     holes = [face for face in faces if face.kind == "cylinder" and shares[face.number] > 0.0]
     seats = _seats(mesh, planes)
@@ -66,7 +66,7 @@ def suggest_datums(
         return (
             shares[face.number]
             * math.sqrt(face.area * short / max(long, 1e-300))
-            * (PREFERRED if seats[face.number] else 1)
+            * (SEAT_AREA_FACTOR if seats[face.number] else 1)
         )
 
     def long(face: Face) -> float:
@@ -85,18 +85,18 @@ Row = tuple[str, Face, str]
 
 
 def _planes(a: Face, planes: list[Face], long: Callable[[Face], float]) -> Iterator[tuple[Row, Row]]:
-    square = [face for face in planes if _cosine(face, a) < SQUARE]
+    square = [face for face in planes if _cosine(face, a) < PERPENDICULAR_COS]
     for b in _best(square, long):
-        for c in _best([face for face in square if _cosine(face, b) < SQUARE], long):
+        for c in _best([face for face in square if _cosine(face, b) < PERPENDICULAR_COS], long):
             yield ("B", b, "perpendicular to A, long"), ("C", c, "perpendicular to A and B")
 
 
 def _holes(a: Face, holes: list[Face], mesh: Mesh, shares: Mapping[int, float]) -> Iterator[tuple[Row, Row]]:
-    along = [face for face in holes if _cosine(face, a) > PARALLEL]
+    along = [face for face in holes if _cosine(face, a) > PARALLEL_COS]
     for b in _best(along, lambda face: shares[face.number] * face.area):
         distances = {face.number: shares[face.number] * _across(face, b) for face in along}
-        far = [face for face in along if distances[face.number] > APART * mesh.diagonal]
-        for c in sorted(far, key=lambda face: -distances[face.number])[:TRIED]:
+        far = [face for face in along if distances[face.number] > MIN_APART_DIAGONALS * mesh.diagonal]
+        for c in sorted(far, key=lambda face: -distances[face.number])[:TRIED_CANDIDATES]:
             yield (
                 ("B", b, f"{_word(b)} square to A, the largest"),
                 ("C", c, f"{_word(c)} far from B: together they hold the rotation about A's normal"),
@@ -104,12 +104,12 @@ def _holes(a: Face, holes: list[Face], mesh: Mesh, shares: Mapping[int, float]) 
 
 
 def _mixed(a: Face, planes: list[Face], holes: list[Face], long: Callable[[Face], float]) -> Iterator[tuple[Row, Row]]:
-    square = _best([face for face in planes if _cosine(face, a) < SQUARE], long)
-    for b in _best([face for face in holes if _cosine(face, a) > PARALLEL], lambda face: face.area):
+    square = _best([face for face in planes if _cosine(face, a) < PERPENDICULAR_COS], long)
+    for b in _best([face for face in holes if _cosine(face, a) > PARALLEL_COS], lambda face: face.area):
         for c in square:
             yield ("B", b, f"{_word(b)} square to A"), ("C", c, "perpendicular to A: holds the rotation about B")
     for b in square:
-        for c in _best([face for face in holes if _cosine(face, a) > PARALLEL], lambda face: face.area):
+        for c in _best([face for face in holes if _cosine(face, a) > PARALLEL_COS], lambda face: face.area):
             yield ("B", b, "perpendicular to A, long"), ("C", c, f"{_word(c)} square to A")
 
 
@@ -125,7 +125,7 @@ def _holds(rows: list[tuple[str, Face]]) -> bool:
 
 def _best(faces: list[Face], score: Callable[[Face], float]) -> list[Face]:
     # Equal ones keep the order of their numbers, whatever rounding does.
-    return sorted(faces, key=lambda face: (-float(f"{score(face):.6g}"), face.number))[:TRIED]
+    return sorted(faces, key=lambda face: (-float(f"{score(face):.6g}"), face.number))[:TRIED_CANDIDATES]
 
 
 def _feature(face: Face) -> Feature:
@@ -167,7 +167,5 @@ def _extents(mesh: Mesh, faces: tuple[Face, ...]) -> dict[int, tuple[float, floa
 def _seats(mesh: Mesh, planes: list[Face]) -> dict[int, bool]:
     """Whether a part can stand on each plane: all of it lies on one side."""
     points: FloatArray = mesh.vertices
-    return {
-        face.number: bool(((points - face.centre) @ _feature(face).axis).max() <= SEAT * mesh.diagonal)
-        for face in planes
-    }
+    below = BELOW_SEAT_DIAGONALS * mesh.diagonal
+    return {face.number: bool(((points - face.centre) @ _feature(face).axis).max() <= below) for face in planes}

@@ -14,11 +14,11 @@ from dqreg.inspection.part_faces import Face, part_faces
 from dqreg.inspection.plan.suggested_datums import suggest_datums
 
 # The tolerance that is written, to be changed: that share of the part's size, one digit.
-TOLERANCE = 5e-4
+TOLERANCE_DIAGONALS = 5e-4
 # Share of a face from which on a scan says something of it.
-SEEN = 0.2
+MIN_SEEN_SHARE = 0.2
 # Or from the scan's noise: so many of its standard deviations can be decided.
-DECIDED = 6.0
+DECIDABLE_SIGMAS = 6.0
 TOP = """\
 # Deviations of the whole surface; unequal sides are plus = 0.2 and minus = 0.1. A [[face]] with its own tolerance is
 # an exception.
@@ -44,9 +44,9 @@ SECTION = """\
 """
 NO_DATUMS = "# No faces hold all six motions: values are those of the best fit. Datums are [[datum]] tables.\n"
 # A cylinder is closed where no corners are farther apart about its axis; from so many diameters on its axis may bend.
-OPEN, SLENDER = 0.5 * math.pi, 3.0
+OPEN_GAP_RAD, SLENDER_DIAMETERS = 0.5 * math.pi, 3.0
 # Characteristics at most; the largest faces come first.
-MOST = 40
+MAX_CHARACTERISTICS = 40
 
 
 def suggested_plan(
@@ -65,8 +65,8 @@ def suggested_plan(
     3
     """
     every = part_faces(mesh)
-    faces = tuple(face for face in every if covered is None or covered.get(face.number, 0.0) >= SEEN)
-    size = max(mesh.diagonal * TOLERANCE, DECIDED * noise)
+    faces = tuple(face for face in every if covered is None or covered.get(face.number, 0.0) >= MIN_SEEN_SHARE)
+    size = max(mesh.diagonal * TOLERANCE_DIAGONALS, DECIDABLE_SIGMAS * noise)
     tolerance = round(size, -math.floor(math.log10(size)))
     units = units or mesh.units
     lines = [
@@ -102,13 +102,13 @@ def suggested_plan(
             slender = _slender(mesh.corners[labels == face.number].reshape(-1, 3), face)
             if slender > 0.0 and not face.is_hole:
                 rows.append(_row(f"{name} roundness", "roundness", place, tolerance))
-            if slender >= SLENDER:
+            if slender >= SLENDER_DIAMETERS:
                 rows.append(_row(f"{name} axis", "straightness", place, 2 * tolerance, 'of = "axis"\n'))
         elif face.number not in known:
             rows.append(_row(f"{name} profile", "profile", place, 2 * tolerance))
-    kept = rows[:MOST]
-    if len(rows) > MOST:
-        kept.append(f"# {len(rows) - MOST} smaller faces are left out: see dqreg faces.\n")
+    kept = rows[:MAX_CHARACTERISTICS]
+    if len(rows) > MAX_CHARACTERISTICS:
+        kept.append(f"# {len(rows) - MAX_CHARACTERISTICS} smaller faces are left out: see dqreg faces.\n")
     return "\n".join([*lines, *kept, SECTION.format(", ".join(_short(mesh.centre, mesh.diagonal)))])
 
 
@@ -118,7 +118,7 @@ def _slender(corners: FloatArray, face: Face) -> float:
     local = (corners - face.feature.point) @ face.feature.frame
     turns = np.sort(np.arctan2(local[:, 1], local[:, 0]))
     gap = float(np.diff(np.r_[turns, turns[0] + 2.0 * math.pi]).max())
-    return float(np.ptp(local[:, 2])) / face.feature.diameter if gap < OPEN else 0.0
+    return float(np.ptp(local[:, 2])) / face.feature.diameter if gap < OPEN_GAP_RAD else 0.0
 
 
 def _place(face: Face, size: float) -> str:
