@@ -14,14 +14,14 @@ from dqreg.geometry.normals import MIN_SPREAD_RATIO, sample_rows
 from dqreg.kernels.threads import unlocked_property
 
 # Pieces that the free edges are cut into, about, so that their middles can be looked up.
-PIECES = 20_000
+BOUNDARY_PIECES = 20_000
 # Nearest pieces that are examined for each query.
 LOOKED_AT = 6
 # Free edges that are closer to each other than this fraction of the size, and parallel, are an unmerged seam and no
 # boundary.
-SEAM, ALONG = 1e-4, 0.9
+SEAM_DIAGONALS, PARALLEL_COS = 1e-4, 0.9
 # The strip along the boundary takes at most about this fraction of the area.
-STRIP = 0.1
+STRIP_AREA_SHARE = 0.1
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,17 +40,17 @@ class MeshBoundary:
             return None
         starts, ends = vertices[edges[:, 0]], vertices[edges[:, 1]]
         lengths = np.linalg.norm(ends - starts, axis=1)
-        counts = np.maximum(np.ceil(lengths * PIECES / lengths.sum()), 1.0).astype(np.int64)
+        counts = np.maximum(np.ceil(lengths * BOUNDARY_PIECES / lengths.sum()), 1.0).astype(np.int64)
         edge = np.repeat(np.arange(len(counts)), counts)
         place = np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts)
         step = (ends - starts) / counts[:, None]
         low = starts[edge] + place[:, None] * step[edge]
         pieces = MeshBoundary(low, low + step[edge], 0.0)
-        real = ~pieces._on_seams(edge, SEAM * size)
+        real = ~pieces._on_seams(edge, SEAM_DIAGONALS * size)
         if not real.any():
             return None
         length = float(np.linalg.norm(step[edge[real]], axis=1).sum())
-        return MeshBoundary(low[real], low[real] + step[edge[real]], STRIP * area / length)
+        return MeshBoundary(low[real], low[real] + step[edge[real]], STRIP_AREA_SHARE * area / length)
 
     def near(self, points: FloatArray, margin: float) -> BoolArray:
         """Which points lie within a margin of the boundary."""
@@ -82,7 +82,7 @@ class MeshBoundary:
         others = others.ravel()
         along, apart = self._feet(self._middles[mine], others)
         unit = (self.ends - self.starts) / np.linalg.norm(self.ends - self.starts, axis=1, keepdims=True)
-        parallel = np.abs(np.einsum("ij,ij->i", unit[mine], unit[others])) > ALONG
+        parallel = np.abs(np.einsum("ij,ij->i", unit[mine], unit[others])) > PARALLEL_COS
         beside = (along >= 0.0) & (along <= 1.0) & (apart <= tolerance) & parallel & (edge[mine] != edge[others])
         return np.bincount(mine[beside], minlength=len(edge)) > 0
 
@@ -111,11 +111,11 @@ class MeshBoundary:
 ONE_SIDED = 0.25
 # Neighbours along a line, as on the rings of a LiDAR, show no side: ratio of the smaller to the larger variance, 0.28
 # in a half disc.
-LINE = 0.15
+LINE_VARIANCE_RATIO = 0.15
 # A cloud of which more than this fraction lies in lines was swept, and ends everywhere; points of the sample. Every
 # fifth of them decides where it shows less or more than these, three standard errors off: clouds came to 0.12 at most.
-LINED, SAMPLE = 0.2, 500
-FIRST, CLEARLY = 5, (0.08, 0.34)
+LINED_SHARE, LINED_SAMPLE = 0.2, 500
+FIRST_STRIDE, UNCLEAR_SHARES = 5, (0.08, 0.34)
 # Points whose neighbours are looked at, each amid a run along the order of space, which is wide enough to hold these:
 # no tree is built for a glance.
 RUN_COUNT, RUN_POINTS = 1_000, 100
@@ -157,15 +157,15 @@ class CloudBoundary:
         found = np.zeros(len(rows), dtype=bool)
         if indices.shape[1] > 1:
             around = as_plain(self._points), rows, indices, farthest, as_plain(normals)
-            over_chunks(one_sided_rows, len(rows), *around, ONE_SIDED, LINE, found)
+            over_chunks(one_sided_rows, len(rows), *around, ONE_SIDED, LINE_VARIANCE_RATIO, found)
         return found
 
     @unlocked_property
     def in_lines(self) -> bool:
         """Whether the cloud lies in lines, as of a LiDAR's rings."""
-        rows = sample_rows(len(self._points), SAMPLE)
-        first = self._in_lines(rows[::FIRST])
-        return (first if not CLEARLY[0] < first < CLEARLY[1] else self._in_lines(rows)) > LINED
+        rows = sample_rows(len(self._points), LINED_SAMPLE)
+        first = self._in_lines(rows[::FIRST_STRIDE])
+        return (first if not UNCLEAR_SHARES[0] < first < UNCLEAR_SHARES[1] else self._in_lines(rows)) > LINED_SHARE
 
     def _in_lines(self, rows: IntArray) -> float:
         """Share of some points whose neighbours lie along a line."""
@@ -175,7 +175,7 @@ class CloudBoundary:
         indices, _ = self._tree.around(rows)
         found = np.zeros(len(indices), dtype=bool)
         if indices.shape[1] > 1:
-            over_chunks(line_rows, len(indices), as_plain(self._points), indices, LINE, found)
+            over_chunks(line_rows, len(indices), as_plain(self._points), indices, LINE_VARIANCE_RATIO, found)
         return float(found.mean())
 
 
@@ -195,7 +195,7 @@ def lie_in_rings(points: FloatArray, order: IntArray) -> bool:
     begins = sample_rows(len(order) - length + 1, RUN_COUNT)
     count = len(begins)
     lined, axes, sums = np.zeros(count, dtype=bool), np.zeros((count, 3)), np.zeros((count, 2))
-    given = as_plain(points), order, begins, length, NEIGHBOUR_COUNT, LINE
+    given = as_plain(points), order, begins, length, NEIGHBOUR_COUNT, LINE_VARIANCE_RATIO
     over_chunks(lined_runs, count, *given, lined, axes, sums)
     # Copies of one point are no line.
     known = np.isfinite(axes[:, 0])

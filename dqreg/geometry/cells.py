@@ -8,26 +8,25 @@ from collections.abc import Callable
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray, median
-from dqreg.geometry.boundary import LINE as LINED
-from dqreg.geometry.boundary import ONE_SIDED
+from dqreg.geometry.boundary import LINE_VARIANCE_RATIO, ONE_SIDED
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.cloud_surface import CloudSurface
-from dqreg.geometry.morton import LONG, CodeArray, Ends, edge_of_cells, morton_codes, sorted_codes
-from dqreg.geometry.normals import NEIGHBOURS, PlaneFits, fit_planes, fit_planes_around, fit_wide_planes
+from dqreg.geometry.morton import ASIDE_POINTS, CodeArray, Ends, edge_of_cells, morton_codes, sorted_codes
+from dqreg.geometry.normals import NORMAL_NEIGHBOURS, PlaneFits, fit_planes, fit_planes_around, fit_wide_planes
 from dqreg.geometry.surface import Closest
 from dqreg.kernels.threads import unlocked_property
 
 # Cells count as neighbours whose means are within so many edges, in their block of eight or those around it: about
 # twenty of a surface.
-REACH = 2.5
+REACH_EDGES = 2.5
 # Times the usual residual from which on that of the neighbours is of their shape, as at an edge, and not noise: their
 # mean is moved by the share of the squares then.
 SHAPE_RESIDUAL_RATIO = 2.0
 # Points of a cell that count at most: near a sensor, or where a thousand returns are copies, one cell has most of them.
-MOST = 8.0
+MAX_COUNTED_POINTS = 8.0
 # Points without which neighbouring cells make no plane, and the same of the ratio of their smaller to their larger
 # variance: rings of a LiDAR that stand apart. Their nearest cells are searched for.
-FEWEST, LINE = 8.0, 0.02
+MIN_PLANE_POINTS, MIN_PLANE_VARIANCE_RATIO = 8.0, 0.02
 # In rings a plane of neighbours that leaves so many times the usual residual is of two faces.
 MIXED_RESIDUAL_RATIO = 3.0
 # One that most neighbours lie in holds them within so many times of it.
@@ -41,10 +40,10 @@ LEAST_HELD = 0.07
 # Share of the cells that such planes are found for at least.
 FEWEST_WIDE = 0.01
 # Blocks of eight cells that one thread goes over at a time.
-BLOCKS = 256
+CHUNK_BLOCKS = 256
 # Edges, each twice the one before, of the cells that are asked for planes. With a third a road took 4 % less time, and
 # streets came nearer by 6 %, but the fast effort on the road lost 14 %.
-LEVELS = 2
+EDGE_LEVELS = 2
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,7 +76,7 @@ class Cells:
 
         order, keys = sorted_codes(morton_codes(points, size, ends))
         given = as_plain(points), keys, order
-        starts, moments = aside(cell_moments, *given) if len(points) > LONG else cell_moments(*given)
+        starts, moments = aside(cell_moments, *given) if len(points) > ASIDE_POINTS else cell_moments(*given)
         counts, means, scatters = (np.ascontiguousarray(x) for x in (moments[:, 0], moments[:, 1:4], moments[:, 4:]))
         return Cells(edge_of_cells(points, size, ends), keys[starts], order, starts, counts, means, scatters)
 
@@ -103,7 +102,7 @@ class Cells:
         """
         found, rims = np.zeros((len(self.codes), 7)), np.zeros(len(self.codes), dtype=bool)
         cells, asked, parents = self, np.ones(len(self.codes), dtype=bool), np.arange(len(self.codes))
-        for level in range(LEVELS):
+        for level in range(EDGE_LEVELS):
             rows, on_rim, starts = cells._planes(asked)
             if not level:
                 found, rims, missing = rows, on_rim, np.arange(len(rows))
@@ -112,13 +111,13 @@ class Cells:
                 found[missing, 6] = 0.0
             left = ~np.isfinite(found[missing, 0])
             missing = missing[left]
-            if not len(missing) or level == LEVELS - 1:
+            if not len(missing) or level == EDGE_LEVELS - 1:
                 break
             parents = np.searchsorted(starts, parents[left], side="right") - 1
             cells = cells._joined(starts)
             asked = np.zeros(len(cells.codes), dtype=bool)
             asked[parents] = True
-        fits = PlaneFits(found[:, :3].copy(), found[:, 3], found[:, 4], NEIGHBOURS, found[:, 5])
+        fits = PlaneFits(found[:, :3].copy(), found[:, 3], found[:, 4], NORMAL_NEIGHBOURS, found[:, 5])
         return CellPlanes(self.points, fits, rims, np.where(fits.known, found[:, 6], 0.0))
 
     def smoothed(self, planes: CellPlanes) -> Cells:
@@ -145,12 +144,12 @@ class Cells:
         blocks = self.codes >> np.uint64(3)
         starts = np.flatnonzero(np.r_[True, blocks[1:] != blocks[:-1]])
         blocks, starts = blocks[starts], np.r_[starts, len(self.codes)]
-        weights = np.minimum(self.counts, MOST)
+        weights = np.minimum(self.counts, MAX_COUNTED_POINTS)
         scatters = self.scatters * (weights / self.counts)[:, None]
         found, rims = np.zeros((len(self.codes), 7)), np.zeros(len(self.codes), dtype=bool)
         given = starts, blocks, table_of(blocks), self.points, weights, scatters
-        limits = REACH * self.size, FEWEST, LINE, ONE_SIDED, LINED
-        over_chunks(cell_planes, len(blocks), *given, *limits, asked, found, rims, chunk=BLOCKS)
+        limits = REACH_EDGES * self.size, MIN_PLANE_POINTS, MIN_PLANE_VARIANCE_RATIO, ONE_SIDED, LINE_VARIANCE_RATIO
+        over_chunks(cell_planes, len(blocks), *given, *limits, asked, found, rims, chunk=CHUNK_BLOCKS)
         return found, rims, starts
 
     def _joined(self, starts: IntArray) -> Cells:

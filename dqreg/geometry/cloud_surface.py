@@ -17,12 +17,12 @@ from dqreg.geometry.normals import PlaneFits, fit_planes_around, orient_towards
 from dqreg.geometry.surface import Closest, Hint, as_queries
 
 # Two distances that differ by less may be equal: then the tree decides.
-ROUNDING = 1e-12
+DISTANCE_ROUNDING = 1e-12
 # Queries that are followed in one go.
-CHUNK = 16_384
+CHUNK_QUERIES = 16_384
 # Nearest points of a query that are kept of derived clouds: with two the tree is asked again for a third of the queries
 # at each step.
-CANDIDATES = 4
+DERIVED_CANDIDATES = 4
 # Open3D's takes half as long again for four, which is more than that saves; of so many points, in whose tree a query
 # comes from far away in memory, less: a tenth of a depth image's time.
 OPEN3D_CANDIDATES, MANY_POINTS = 2, 100_000
@@ -78,7 +78,7 @@ class CloudSurface:
             # Two clouds are prepared beside each other, and `cached_property` of Python 3.11 has one lock for all.
             vars(self)["_tree"] = NeighbourTree(self._points)
         self._search: KdTree | NeighbourTree = self._tree if derived else KdTree(self._points)
-        self._kept = CANDIDATES if derived or size > MANY_POINTS else OPEN3D_CANDIDATES
+        self._kept = DERIVED_CANDIDATES if derived or size > MANY_POINTS else OPEN3D_CANDIDATES
         low, high = cloud._ends
         self.centre: FloatArray = 0.5 * (low + high)
         self.diagonal = float(np.linalg.norm(high - low))
@@ -251,7 +251,7 @@ class CloudSurface:
         variances, elements = np.zeros(count), np.zeros(count, dtype=np.int64)
         held = self._points, self._normals, self._variances, self.order
         given = np.ascontiguousarray(rows), *held
-        over_chunks(look_up_rows, count, *given, points, normals, variances, elements, chunk=CHUNK)
+        over_chunks(look_up_rows, count, *given, points, normals, variances, elements, chunk=CHUNK_QUERIES)
         # Each kernel would make a copy of a column among others.
         found = Closest(points, normals, np.ascontiguousarray(distances), elements, others, variances)
         return found._with(candidates)
@@ -285,5 +285,5 @@ def followed(
     count = len(points)
     rows, distances, bounds = np.zeros(count, dtype=np.int64), np.zeros(count), np.zeros(count)
     given = as_plain(points), as_plain(places), candidates, as_plain(others), cloud
-    over_chunks(follow_rows, count, *given, 1.0 - ROUNDING, rows, distances, bounds, chunk=CHUNK)
+    over_chunks(follow_rows, count, *given, 1.0 - DISTANCE_ROUNDING, rows, distances, bounds, chunk=CHUNK_QUERIES)
     return rows, distances, bounds

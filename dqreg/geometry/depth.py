@@ -16,12 +16,12 @@ from dqreg._arrays import FloatArray, IntArray, as_float
 from dqreg.errors import InputError
 
 # Pixels to each side that a fit may use.
-WINDOW = 3
+WINDOW_PIXELS = 3
 # Change of depth, relative and a pixel, beyond which the neighbour is on another surface: a plane seen at 85 degrees
 # by a camera of 600 pixels focal length changes by 0.02.
-JUMP = 0.02
+JUMP_PER_PIXEL = 0.02
 # Neighbours, the pixel itself included, without which no plane is fitted.
-FEWEST = 6
+MIN_PLANE_PIXELS = 6
 
 
 @dataclasses.dataclass(frozen=True)
@@ -102,14 +102,14 @@ def _planes(
     inverse: FloatArray, rows: IntArray, columns: IntArray, camera: tuple[float, float, float, float]
 ) -> FloatArray:
     """Unit normals towards the camera at the given pixels, (n, 3); NaN where no plane can be fitted."""
-    padded = np.pad(inverse, WINDOW)
+    padded = np.pad(inverse, WINDOW_PIXELS)
     middle = inverse[rows, columns]
     # Normal equations of change = a du + b dv + c over the neighbours on the same surface.
     sums = np.zeros((9, len(rows)))
-    for dv in range(-WINDOW, WINDOW + 1):
-        for du in range(-WINDOW, WINDOW + 1):
-            change = padded[rows + (WINDOW + dv), columns + (WINDOW + du)] - middle
-            limit = JUMP * max(abs(du), abs(dv), 1)
+    for dv in range(-WINDOW_PIXELS, WINDOW_PIXELS + 1):
+        for du in range(-WINDOW_PIXELS, WINDOW_PIXELS + 1):
+            change = padded[rows + (WINDOW_PIXELS + dv), columns + (WINDOW_PIXELS + du)] - middle
+            limit = JUMP_PER_PIXEL * max(abs(du), abs(dv), 1)
             weight = (np.abs(change) <= limit * middle).astype(np.float64)
             change *= weight
             for k, factor in enumerate((1, du, dv, du * du, du * dv, dv * dv)):
@@ -129,5 +129,5 @@ def _planes(
         fx, fy, cx, cy = camera
         normals = -np.column_stack([a * fx, b * fy, c - a * (columns - cx) - b * (rows - cy)])
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    normals[(n < FEWEST) | ~(determinant > 0.5)] = np.nan
+    normals[(n < MIN_PLANE_PIXELS) | ~(determinant > 0.5)] = np.nan
     return normals

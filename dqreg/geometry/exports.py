@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 # Number of a float32 and a float64 in sensor_msgs/PointField.
 FLOAT32, FLOAT64 = 7, 8
 # A coordinate in float32 is off by so much of its size, and may be off by so much of the cloud's.
-ROUNDING, ALLOWED = 6e-8, 1e-5
+FLOAT32_ROUNDING, MAX_OFF_DIAGONALS = 6e-8, 1e-5
 
 
 @dataclasses.dataclass
@@ -145,5 +145,5 @@ def to_pointcloud2(columns: Mapping[str, FloatArray], frame_id: str, stamp: floa
 def _sufficient(points: FloatArray) -> str:
     """Type of the coordinates: float32 as drivers send it, float64 where that would move points (maps in UTM)."""
     low, high = bounds(points)
-    off = ROUNDING * float(np.maximum(np.abs(low), np.abs(high)).max())
-    return "float32" if off <= ALLOWED * float(np.linalg.norm(high - low)) else "float64"
+    off = FLOAT32_ROUNDING * float(np.maximum(np.abs(low), np.abs(high)).max())
+    return "float32" if off <= MAX_OFF_DIAGONALS * float(np.linalg.norm(high - low)) else "float64"

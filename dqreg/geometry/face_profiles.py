@@ -9,14 +9,16 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 
 # Normals of a wall or chamfer make one angle with an axis, to that sine (half a degree); they turn by more than that.
-STRAIGHT = 8.7e-3
+STRAIGHT_SIN = 8.7e-3
 # Share of a face that a wall must be to be cut from its fillets, and how much longer it is there than their triangles.
-WALL, LONGER = 0.1, 3.0
+MIN_WALL_SHARE, MIN_LENGTH_RATIO = 0.1, 3.0
+# A face of which less is left beside a wall is that wall.
+MIN_REST_SHARE = 8.7e-3
 # Neighbouring corners of a profile are on one circle where the fourth is off that of three by less than that share of
 # what the sides cut off; and all of an arc by as much.
 ONE_CIRCLE = 0.2
 # A profile of which less is arcs and single sides is of another shape, and stays whole.
-KNOWN = 0.7
+MIN_KNOWN_SHARE = 0.7
 # A whole circle: its corners may be off by that share of its size, or of what its sides cut off (rounded files).
 CIRCLE_TOLERANCE, SAGITTA_TOLERANCE = 1e-4, 0.75
 # How many times as wide as others a side may be.
@@ -29,13 +31,14 @@ def cut_walls(links: IntArray, faces: IntArray, normals: FloatArray, areas: Floa
     Shapes: links (m, 2), faces (f,), normals (f, 3), areas (f,), ends of the side at each link (m, 2, 3).
     """
     along = _axes(faces, normals, areas)
-    wall = np.abs(np.einsum("fki,fi->fk", along[faces], normals)) < STRAIGHT
+    wall = np.abs(np.einsum("fki,fi->fk", along[faces], normals)) < STRAIGHT_SIN
     count = len(along)
     whole = np.bincount(faces, weights=areas, minlength=count)
     shares = np.stack([np.bincount(faces, weights=areas * wall[:, k], minlength=count) for k in range(3)], axis=1)
     best = np.argmax(shares, axis=1)
     share = shares[np.arange(count), best] / np.maximum(whole, 1e-300)
-    of_wall = wall[np.arange(len(faces)), best[faces]] & ((share >= WALL) & (share < 1.0 - STRAIGHT))[faces]
+    is_cut = (share >= MIN_WALL_SHARE) & (share < 1.0 - MIN_REST_SHARE)
+    of_wall = wall[np.arange(len(faces)), best[faces]] & is_cut[faces]
     rim = of_wall[links[:, 0]] != of_wall[links[:, 1]]
     inner = np.where(of_wall[links[:, 0]], links[:, 0], links[:, 1])
     outer = np.where(of_wall[links[:, 0]], links[:, 1], links[:, 0])
@@ -46,7 +49,7 @@ def cut_walls(links: IntArray, faces: IntArray, normals: FloatArray, areas: Floa
     for face in np.unique(faces[inner[rim]]):
         at = rim & (faces[inner] == face) & (sides > 0.0)
         typical[face] = np.median(high[at]) if at.any() else 0.0
-    return np.asarray(rim & (typical[faces[inner]] >= LONGER))
+    return np.asarray(rim & (typical[faces[inner]] >= MIN_LENGTH_RATIO))
 
 
 def _axes(faces: IntArray, normals: FloatArray, areas: FloatArray) -> FloatArray:
@@ -90,7 +93,7 @@ def _axis(normals: FloatArray, areas: FloatArray) -> FloatArray | None:
     """The direction with which all normals make one angle."""
     offsets = normals - np.average(normals, axis=0, weights=areas)
     variances, axes = np.linalg.eigh((offsets * areas[:, None]).T @ offsets / areas.sum())
-    if variances[0] > STRAIGHT**2 / 10.0 or variances[1] < STRAIGHT**2:
+    if variances[0] > STRAIGHT_SIN**2 / 10.0 or variances[1] < STRAIGHT_SIN**2:
         return None
     axis: FloatArray = axes[:, 0]
     return axis
@@ -179,7 +182,7 @@ def _arcs(profile: FloatArray, widths: FloatArray, closed: bool) -> IntArray | N
             piece[low:high] = number
             known += float(widths[low]) if high - low == 1 else 0.0
             number += 1
-    if number < 2 or known < KNOWN * float(widths.sum()):
+    if number < 2 or known < MIN_KNOWN_SHARE * float(widths.sum()):
         return None
     return np.roll(piece, start)
 

@@ -16,7 +16,7 @@ from dqreg.geometry.boundary import MeshBoundary
 from dqreg.geometry.topology import FaceFans, SameNodes, Topology
 
 # Faces that one thread takes in one go.
-CHUNK = 16_384
+CHUNK_FACES = 16_384
 
 
 @dataclasses.dataclass(frozen=True)
@@ -106,7 +106,7 @@ class Mesh:
         from dqreg.kernels.threads import as_plain, over_chunks
 
         normals, areas = np.zeros((len(self.faces), 3)), np.zeros(len(self.faces))
-        over_chunks(face_columns, len(areas), as_plain(self.vertices), self.faces, normals, areas, chunk=CHUNK)
+        over_chunks(face_columns, len(areas), as_plain(self.vertices), self.faces, normals, areas, chunk=CHUNK_FACES)
         return normals, areas
 
     @cached_property
@@ -122,14 +122,14 @@ class Mesh:
         from dqreg.kernels.mesh_faces import MOMENTS, surface_moments
         from dqreg.kernels.threads import as_plain, over_chunks
 
-        count, middle = len(self.faces), self.centre
-        sums = np.zeros((count // CHUNK + 1, MOMENTS))
-        over_chunks(surface_moments, count, as_plain(self.corners), self.face_areas, middle, CHUNK, sums, chunk=CHUNK)
+        count, columns = len(self.faces), (as_plain(self.corners), self.face_areas, self.centre)
+        sums = np.zeros((count // CHUNK_FACES + 1, MOMENTS))
+        over_chunks(surface_moments, count, *columns, CHUNK_FACES, sums, chunk=CHUNK_FACES)
         total = sums.sum(axis=0)
         mean, second = total[1:4] / total[0], np.zeros((3, 3))
         second[np.triu_indices(3)] = total[4:] / total[0]
         second = np.triu(second) + np.triu(second, 1).T
-        return middle + mean, second - np.outer(mean, mean)
+        return self.centre + mean, second - np.outer(mean, mean)
 
     @cached_property
     def topology(self) -> Topology:
@@ -291,10 +291,10 @@ def _solid_faces(vertices: FloatArray, faces: IntArray) -> tuple[BoolArray, Floa
     from dqreg.kernels.mesh_faces import ENDS, solid_faces
     from dqreg.kernels.threads import as_plain, over_chunks
 
-    solid, ends = np.zeros(len(faces), dtype=bool), np.zeros(((len(faces) - 1) // CHUNK + 1, ENDS))
+    solid, ends = np.zeros(len(faces), dtype=bool), np.zeros(((len(faces) - 1) // CHUNK_FACES + 1, ENDS))
     # Below float64's own resolution of the face's coordinates, an "area" is rounding.
-    given = as_plain(vertices), np.ascontiguousarray(faces), CHUNK, float(np.finfo(float).eps), solid, ends
-    over_chunks(solid_faces, len(faces), *given, chunk=CHUNK)
+    given = as_plain(vertices), np.ascontiguousarray(faces), CHUNK_FACES, float(np.finfo(float).eps), solid, ends
+    over_chunks(solid_faces, len(faces), *given, chunk=CHUNK_FACES)
     if ends[:, 6].any():
         raise InputError("the mesh uses a vertex that is NaN or infinite; repair the mesh first")
     return solid, np.stack([ends[:, :3].min(axis=0), ends[:, 3:6].max(axis=0)])

@@ -13,7 +13,7 @@ SHARP_DEG = 22.0
 # Triangles within this of a plane that make up that share of the part's area are a flat face.
 LEVEL_DEG, FLAT_AREA = 0.5, 0.02
 # Triangles of a face that may be cut where its curvature changes.
-FEWEST = 6
+MIN_CUT_TRIANGLES = 6
 # Where a mesh keeps its faces, among what else it computes once.
 KEPT = "_part_faces"
 
@@ -67,7 +67,7 @@ def _cut(mesh: Mesh, links: IntArray, areas: FloatArray) -> tuple[int, IntArray]
     link_bounds = np.searchsorted(of_link[sorted_links], np.arange(count + 1))
     level, place = float(np.cos(np.deg2rad(LEVEL_DEG))), np.zeros(len(labels), dtype=np.int64)
     found = labels.copy()
-    for k in np.flatnonzero(np.diff(bounds) >= FEWEST):
+    for k in np.flatnonzero(np.diff(bounds) >= MIN_CUT_TRIANGLES):
         rows, own = order[bounds[k] : bounds[k + 1]], sorted_links[link_bounds[k] : link_bounds[k + 1]]
         place[rows] = np.arange(len(rows))
         pieces = pieces_of(

@@ -19,7 +19,7 @@ from dqreg.geometry.mesh import Mesh
 from dqreg.geometry.surface import Closest
 
 # Faces or points that one thread takes in one go.
-CHUNK = 16_384
+CHUNK_ROWS = 16_384
 
 
 def smooth_normals_of(mesh: Mesh, places: FloatArray, faces: IntArray, normals: FloatArray) -> FloatArray:
@@ -37,7 +37,7 @@ def smooth_normals_of(mesh: Mesh, places: FloatArray, faces: IntArray, normals: 
         return normals
     found = np.take(mesh.face_normals, faces, axis=0)
     asked = as_plain(places), as_whole(faces), fans.is_round, as_plain(mesh.corners), fans.corner_normals
-    over_chunks(smooth_normals_at, len(faces), *asked, found, chunk=CHUNK)
+    over_chunks(smooth_normals_at, len(faces), *asked, found, chunk=CHUNK_ROWS)
     return found
 
 
@@ -47,7 +47,7 @@ def _corner_angles(corners: FloatArray) -> FloatArray:
     from dqreg.kernels.threads import as_plain, over_chunks
 
     angles = np.zeros((len(corners), 3))
-    over_chunks(corner_angles, len(corners), as_plain(corners), angles, chunk=CHUNK)
+    over_chunks(corner_angles, len(corners), as_plain(corners), angles, chunk=CHUNK_ROWS)
     return angles
 
 
@@ -77,7 +77,7 @@ def _unit(vectors: FloatArray) -> FloatArray:
 # Barycentric coordinate above which a closest place is on its face, whatever the rounding.
 ON_FACE = 1e-6
 # Faces without area in a row through which a normal is handed on.
-CHAIN = 8
+MAX_CHAIN_FACES = 8
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,7 +113,7 @@ class PseudoNormals:
         mesh, values, normals = self.mesh, as_plain(closest.distances), as_plain(closest.normals)
         asked = as_plain(points), as_plain(closest.points), as_whole(closest.elements), as_plain(mesh.corners)
         known = as_plain(self.sides), as_whole(mesh.topology.corners), as_plain(self.vertices)
-        over_chunks(pseudo_normals_at, len(points), *asked, *known, ON_FACE, outside, normals, values, chunk=CHUNK)
+        over_chunks(pseudo_normals_at, len(points), *asked, *known, ON_FACE, outside, normals, values, chunk=CHUNK_ROWS)
         return values
 
 
@@ -132,7 +132,7 @@ def _shown(mesh: Mesh) -> tuple[FloatArray, FloatArray]:
     corners = mesh.vertices[mesh.flat[seams - count]]
     longest = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).argmax(axis=1)
     rows = np.arange(len(seams))
-    for _ in range(CHAIN):
+    for _ in range(MAX_CHAIN_FACES):
         met = shown.reshape(-1, 3)[mesh.topology.across[seams]]
         over = met[rows, longest]
         rest = met.sum(axis=1) - over

@@ -12,11 +12,11 @@ CodeArray = NDArray[np.uint64]
 Ends = tuple[FloatArray, FloatArray]
 
 # Points coded in one go: some milliseconds.
-CHUNK = 65_536
+CHUNK_POINTS = 65_536
 # Points from which on a kernel that goes over all of them runs aside, so that an interrupt is seen at once.
-LONG = 500_000
+ASIDE_POINTS = 500_000
 # Codes from which on their order is made on all threads.
-MANY = 2 * CHUNK
+SPLIT_SORT_CODES = 2 * CHUNK_POINTS
 
 
 def morton_order(points: FloatArray) -> IntArray:
@@ -55,7 +55,7 @@ def in_order(points: FloatArray, order: IntArray) -> FloatArray:
     from dqreg.kernels.threads import as_plain, over_chunks
 
     taken = np.zeros((len(order), 3))
-    over_chunks(take_points, len(order), as_plain(points), order, taken, chunk=CHUNK)
+    over_chunks(take_points, len(order), as_plain(points), order, taken, chunk=CHUNK_POINTS)
     return taken
 
 
@@ -66,7 +66,7 @@ def sorted_rows(codes: CodeArray) -> IntArray:
 
 def sorted_codes(codes: CodeArray) -> tuple[IntArray, CodeArray]:
     """Stable order of codes, and the codes in it."""
-    if len(codes) > MANY:
+    if len(codes) > SPLIT_SORT_CODES:
         from dqreg.kernels.split_sort import split_sorted_rows
 
         return split_sorted_rows(codes)
@@ -89,7 +89,7 @@ def morton_codes(points: FloatArray, size: float = 0.0, ends: Ends | None = None
     cells = 0.0 if extent == 0.0 else (2**BITS - 1) / extent
     cells = min(cells, 1.0 / size) if size > 0.0 else cells
     codes = np.zeros(len(points), dtype=np.uint64)
-    over_chunks(morton_cells, len(points), as_plain(points), as_plain(low), float(cells), codes, chunk=CHUNK)
+    over_chunks(morton_cells, len(points), as_plain(points), as_plain(low), float(cells), codes, chunk=CHUNK_POINTS)
     return codes
 
 

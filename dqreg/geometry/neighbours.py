@@ -11,10 +11,10 @@ from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds
 from dqreg._open3d import load_open3d
 
 # Neighbours of its own points that a tree remembers: what normals and rims of a cloud are read from.
-AROUND = 24
+KEPT_NEIGHBOURS = 24
 # Points are asked about leaf by leaf where these are so many at least, and of those from the first to the last row one
 # in so many.
-MANY, ONE_IN = 256, 4
+MIN_DENSE_POINTS, ONE_IN = 256, 4
 
 
 class NeighbourTree:
@@ -69,7 +69,7 @@ class NeighbourTree:
         missing = rows[farthest[rows] < 0.0]
         if len(missing):
             missing = np.flatnonzero(np.bincount(missing, minlength=self.size))
-            found, distances = self.nearest_to(missing, AROUND)
+            found, distances = self.nearest_to(missing, KEPT_NEIGHBOURS)
             # What is found depends on the cloud alone, so threads that meet here write the same; a row's neighbours are
             # there before their distance says so.
             indices[missing] = found
@@ -99,12 +99,12 @@ class NeighbourTree:
 
     @cached_property
     def _around(self) -> tuple[NDArray[np.int32], FloatArray]:
-        return np.zeros((self.size, min(AROUND, self.size)), dtype=np.int32), np.full(self.size, -1.0)
+        return np.zeros((self.size, min(KEPT_NEIGHBOURS, self.size)), dtype=np.int32), np.full(self.size, -1.0)
 
 
 def _are_dense(rows: IntArray) -> bool:
     """Whether most of the points between some rows, (m,), are among these: they share leaves, in any order of space."""
-    return len(rows) >= MANY and ONE_IN * len(rows) > int(rows.max()) - int(rows.min())
+    return len(rows) >= MIN_DENSE_POINTS and ONE_IN * len(rows) > int(rows.max()) - int(rows.min())
 
 
 class KdTree:

@@ -11,23 +11,23 @@ from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg._records import replaced
 from dqreg.geometry.neighbours import NeighbourTree
 
-NEIGHBOURS = 16
+NORMAL_NEIGHBOURS = 16
 # Neighbours without which no residual of a plane is left.
-FEWEST = 4
+MIN_NEIGHBOURS = 4
 # By an edge, planes that are tried pass through the point and two of so many nearest neighbours, in directions that are
 # so far apart.
-NEAREST, SIN = 8, 0.4
+TRIED_NEIGHBOURS, MIN_APART_SIN = 8, 0.4
 # Neighbours in the plane, the point among them, without which there is none; rounds of the fit to those.
-FEWEST_HELD, ROUNDS = 6, 3
+MIN_HELD_NEIGHBOURS, HELD_ROUNDS = 6, 3
 # Where a plane is sought among more neighbours: so many, every which of them planes are tried through.
 WIDE_NEIGHBOURS, TRIED_STEP = 40, 3
 # Times of the usual residual's square that the second variance of those it holds has at least. Noise alone has one: of
 # a ring whose points scatter along the beams, what seems the plane is that of the beams.
 MIN_SPREAD_RATIO = 9.0
 # Points, and points by an edge, that one thread goes over at a time.
-PLANES, EDGES = 512, 256
+CHUNK_PLANES, CHUNK_EDGE_PLANES = 512, 256
 # Bounds the memory of one step: 16 neighbours of 65,536 points are 25 MB.
-CHUNK = 65_536
+CHUNK_POINTS = 65_536
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,7 +74,11 @@ class PlaneFits:
 
 
 def fit_planes(
-    tree: NeighbourTree, cloud: FloatArray, at: FloatArray, count: int = NEIGHBOURS, beside: IntArray | None = None
+    tree: NeighbourTree,
+    cloud: FloatArray,
+    at: FloatArray,
+    count: int = NORMAL_NEIGHBOURS,
+    beside: IntArray | None = None,
 ) -> PlaneFits:
     """Fit a plane to the nearest neighbours of each query, beside one of the points where that is known, (m,)."""
 
@@ -86,26 +90,30 @@ def fit_planes(
 
 def fit_planes_at(tree: NeighbourTree, cloud: FloatArray, rows: IntArray) -> PlaneFits:
     """The same at points of the tree itself, (m,) rows."""
-    return _fit_near(lambda part: tree.nearest_to(rows[part], NEIGHBOURS), len(rows), cloud, min(NEIGHBOURS, tree.size))
+    return _fit_near(
+        lambda part: tree.nearest_to(rows[part], NORMAL_NEIGHBOURS), len(rows), cloud, min(NORMAL_NEIGHBOURS, tree.size)
+    )
 
 
 def _fit_near(
     nearest: Callable[[slice], tuple[IntArray, FloatArray]], total: int, cloud: FloatArray, count: int
 ) -> PlaneFits:
     parts, gaps = [], [np.zeros(0)]
-    for i in range(0, total, CHUNK):
-        indices, distances = nearest(slice(i, i + CHUNK))
+    for i in range(0, total, CHUNK_POINTS):
+        indices, distances = nearest(slice(i, i + CHUNK_POINTS))
         parts.append(_fit_chunk(cloud, indices))
         gaps.append(distances[:, :2][:, -1])
     neighbours = indices if len(parts) == 1 else None
     return replaced(_joined(parts, count), gaps=np.concatenate(gaps), neighbours=neighbours)
 
 
-def fit_planes_around(tree: NeighbourTree, cloud: FloatArray, rows: IntArray, count: int = NEIGHBOURS) -> PlaneFits:
+def fit_planes_around(
+    tree: NeighbourTree, cloud: FloatArray, rows: IntArray, count: int = NORMAL_NEIGHBOURS
+) -> PlaneFits:
     """Fit planes at points of the cloud itself, from the neighbours that its tree remembers."""
     parts = []
-    for i in range(0, len(rows), CHUNK):
-        indices, _ = tree.around(rows[i : i + CHUNK])
+    for i in range(0, len(rows), CHUNK_POINTS):
+        indices, _ = tree.around(rows[i : i + CHUNK_POINTS])
         parts.append(_fit_chunk(cloud, np.ascontiguousarray(indices[:, :count], dtype=np.int64)))
     return _joined(parts, min(count, tree.size))
 
@@ -128,8 +136,8 @@ def _fit_chunk(cloud: FloatArray, indices: IntArray) -> tuple[FloatArray, FloatA
 
     total, k = indices.shape
     normals, residuals, lever = np.full((total, 3), np.nan), np.full(total, np.nan), np.zeros(total)
-    if k >= FEWEST:
-        over_chunks(fit_plane_rows, total, as_plain(cloud), indices, normals, residuals, lever, chunk=PLANES)
+    if k >= MIN_NEIGHBOURS:
+        over_chunks(fit_plane_rows, total, as_plain(cloud), indices, normals, residuals, lever, chunk=CHUNK_PLANES)
     return normals, residuals, lever
 
 
@@ -152,16 +160,16 @@ def fit_wide_planes(tree: NeighbourTree, cloud: FloatArray, rows: IntArray, nois
     scatters = np.einsum("ij,ijk,ijl->ikl", held, arms, arms)
     squares, axes = np.linalg.eigh(scatters)
     least, small, large = squares.T
-    known = found & held[:, 0] & (count >= FEWEST_HELD) & (small > MIN_SPREAD_RATIO * noise**2 * count)
+    known = found & held[:, 0] & (count >= MIN_HELD_NEIGHBOURS) & (small > MIN_SPREAD_RATIO * noise**2 * count)
     with np.errstate(divide="ignore", invalid="ignore"):
         # Of as many neighbours as others are of, that hold their normals as well.
-        levers = np.where(known, 1.0 / (1.0 / small + 1.0 / large) / NEIGHBOURS, 0.0)
+        levers = np.where(known, 1.0 / (1.0 / small + 1.0 / large) / NORMAL_NEIGHBOURS, 0.0)
     residuals = np.sqrt(np.maximum(least, 0.0) / np.maximum(count - 3, 1))
-    return PlaneFits(np.where(known[:, None], axes[:, :, 0], np.nan), residuals, levers, NEIGHBOURS)
+    return PlaneFits(np.where(known[:, None], axes[:, :, 0], np.nan), residuals, levers, NORMAL_NEIGHBOURS)
 
 
 def fit_edge_planes(
-    cloud: FloatArray, indices: IntArray, within: float, nearest: int = NEAREST
+    cloud: FloatArray, indices: IntArray, within: float, nearest: int = TRIED_NEIGHBOURS
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Unit normals and residuals (see `PlaneFits`) of the planes that most of the neighbours lie in; and which are any.
 
@@ -176,7 +184,7 @@ def fit_edge_planes(
 
     total = len(indices)
     normals, residuals, found = np.zeros((total, 3)), np.zeros(total), np.zeros(total, dtype=bool)
-    limits = nearest, SIN, float(within), ROUNDS, FEWEST_HELD
+    limits = nearest, MIN_APART_SIN, float(within), HELD_ROUNDS, MIN_HELD_NEIGHBOURS
     over_chunks(
         edge_plane_rows,
         total,
@@ -186,7 +194,7 @@ def fit_edge_planes(
         normals,
         residuals,
         found,
-        chunk=EDGES,
+        chunk=CHUNK_EDGE_PLANES,
     )
     return normals, residuals, found
 

@@ -16,8 +16,8 @@ from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.cloud_surface import CloudSurface
 from dqreg.geometry.morton import distinct_in_order, in_order
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.geometry.normals import NEIGHBOURS, ScanPlanes, fit_planes_at, sample_rows
-from dqreg.geometry.scan_measures import THINNED, measure_all, measure_pieces, parts_of
+from dqreg.geometry.normals import NORMAL_NEIGHBOURS, ScanPlanes, fit_planes_at, sample_rows
+from dqreg.geometry.scan_measures import THINNED_POINTS, measure_all, measure_pieces, parts_of
 from dqreg.geometry.spacing import Spread
 from dqreg.geometry.vector_rows import nonzero_rows
 
@@ -186,7 +186,7 @@ class Scan:
     def _variances(self) -> FloatArray:
         """Variance of each normal by its fit, rad^2, (n,): 0 where it was given, 1 at most."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.nan_to_num(self.residuals**2 / (NEIGHBOURS * self.levers), nan=0.0, posinf=1.0)
+            return np.nan_to_num(self.residuals**2 / (NORMAL_NEIGHBOURS * self.levers), nan=0.0, posinf=1.0)
 
     @cached_property
     def directed(self) -> BoolArray:
@@ -266,7 +266,7 @@ def prepare_scan(
             f"this one are at {len(points)}"
         )
     rows = sample_rows(len(points), len(points) if fitted is None else fitted)
-    is_whole = len(rows) == len(points) or len(points) <= THINNED
+    is_whole = len(rows) == len(points) or len(points) <= THINNED_POINTS
     tree = None
     if is_whole:
         # Points in Morton order need no other order for few queries.

@@ -12,13 +12,13 @@ from dqreg.geometry.scan_noise import noise_of
 from dqreg.geometry.spacing import spacing_of
 
 # Points among which neighbours are searched where normals are fitted at a few points only of more than these.
-THINNED = 50_000
+THINNED_POINTS = 50_000
 # Pieces of the cloud on which spacing and noise are measured then.
 PIECE_COUNT = 30
 # Points of a piece, and those in its middle, whose neighbours are in the piece.
 PIECE_POINTS, MIDDLE_POINTS = 512, 32
 # Parts of a cloud in its own order, at most; and points that are looked up in one go.
-PARTS, MANY = 8, 65_536
+CLOUD_PARTS, CHUNK_POINTS = 8, 65_536
 
 
 def measure_all(
@@ -37,7 +37,7 @@ def measure_all(
 
 def measure_pieces(points: FloatArray, rows: IntArray) -> tuple[PlaneFits, float, tuple[float, float]]:
     """The same of a large cloud: planes to neighbours in a thinned one, the rest from pieces of it."""
-    some = sample_rows(len(points), max(THINNED, 2 * len(rows)))
+    some = sample_rows(len(points), max(THINNED_POINTS, 2 * len(rows)))
     thinned, beside = np.take(points, some, axis=0), np.minimum(np.searchsorted(some, rows), len(some) - 1)
     fits = fit_planes(NeighbourTree(thinned, in_order=True), thinned, np.take(points, rows, axis=0), beside=beside)
     # Runs along the Morton curve are patches of the surface with all of their points, so that the neighbours of those
@@ -55,7 +55,7 @@ def measure_pieces(points: FloatArray, rows: IntArray) -> tuple[PlaneFits, float
 def parts_of(order: IntArray) -> NDArray[np.uint8]:
     """Which part of a cloud in its own order each point stands in, given their rows, (n,)."""
     # Up to the last row that counts: copies at the end of a cloud do not. Of a length that is a power of two.
-    parts, shift = np.zeros(len(order), dtype=np.uint8), int(order.max() // PARTS).bit_length()
-    for i in range(0, len(order), MANY):
-        np.right_shift(order[i : i + MANY], shift, out=parts[i : i + MANY], casting="unsafe")
+    parts, shift = np.zeros(len(order), dtype=np.uint8), int(order.max() // CLOUD_PARTS).bit_length()
+    for i in range(0, len(order), CHUNK_POINTS):
+        np.right_shift(order[i : i + CHUNK_POINTS], shift, out=parts[i : i + CHUNK_POINTS], casting="unsafe")
     return parts

@@ -15,21 +15,21 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray, median, quantile
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.geometry.normals import NEIGHBOURS, PlaneFits, sample_rows
+from dqreg.geometry.normals import NORMAL_NEIGHBOURS, PlaneFits, sample_rows
 
 # Neighbourhoods in which quadrics are fitted; fewer than the least tell nothing.
-FITTED, FEWEST = 400, 40
+QUADRIC_SAMPLE, MIN_QUADRICS = 400, 40
 # Those that one thread goes over at a time.
-TOGETHER = 100
+CHUNK_QUADRICS = 100
 # Neighbours along one ring of a LiDAR lie in the plane of its laser, round a corner too, which says nothing of the
 # noise: their least spread is below this share of the largest. Of 64 scans by cameras 98 % of the neighbourhoods were
 # wider at least, of rings down to 58 %; so many have to be.
-ROUND, MOST = 0.3, 0.9
+ROUND_SPREAD_RATIO, MIN_ROUND_SHARE = 0.3, 0.9
 # Edges and curvature leave a tenth of the spacing of the points and more; what is far below is noise.
 FAR_BELOW = 0.05
 # Quantile of what quadrics leave, and what that is of the standard deviation where all of it is Gaussian noise: the
 # root of the chi-squared quantile over its 10 degrees of freedom.
-QUIET, OF_SIGMA = 0.25, 0.8208
+QUIET_QUANTILE, QUIET_SIGMAS = 0.25, 0.8208
 # Planes through three of the neighbours that are tried; so many of the 16 lie near the best one, those three included.
 TRIED_TRIPLES, MAJORITY_POINTS = 40, 7
 # Least area of the three, doubled, in mean square extents.
@@ -41,7 +41,7 @@ STANDING_COS = 0.5
 # plane: measured on 20,000 points, to 2 %.
 FACE_QUANTILE, MAJORITY_SIGMAS = 0.25, 0.168
 # Faces that the sensor sees at a slant scatter less across themselves: the quiet ones are quieter than most by this.
-SLANTED = 1.2
+SLANTED_NOISE_RATIO = 1.2
 
 
 def noise_of(
@@ -55,19 +55,19 @@ def noise_of(
     if not len(known):
         return 0.0, 0.0
     planes = median(fits.residuals[known])
-    rows = known[sample_rows(len(known), FITTED)]
-    if len(rows) < FEWEST or fits.count < NEIGHBOURS or not planes > FAR_BELOW * spacing:
+    rows = known[sample_rows(len(known), QUADRIC_SAMPLE)]
+    if len(rows) < MIN_QUADRICS or fits.count < NORMAL_NEIGHBOURS or not planes > FAR_BELOW * spacing:
         return planes, planes
     # They were found for the planes, where these are not many.
-    around = tree.nearest(at[rows], NEIGHBOURS)[0] if fits.neighbours is None else fits.neighbours[rows]
+    around = tree.nearest(at[rows], NORMAL_NEIGHBOURS)[0] if fits.neighbours is None else fits.neighbours[rows]
     left = _quadric_residuals(points, around, fits.normals[rows])
-    if len(left) < MOST * len(rows):
+    if len(left) < MIN_ROUND_SHARE * len(rows):
         return planes, planes
-    quiet = quantile(left, QUIET) / OF_SIGMA
+    quiet = quantile(left, QUIET_QUANTILE) / QUIET_SIGMAS
     if quiet > FAR_BELOW * spacing:
         faces = _off_majorities(points, around, fits.normals[rows])
-        quiet = min(quiet, quantile(faces, FACE_QUANTILE) / MAJORITY_SIGMAS) if len(faces) >= FEWEST else quiet
-    return planes, min(planes, SLANTED * quiet)
+        quiet = min(quiet, quantile(faces, FACE_QUANTILE) / MAJORITY_SIGMAS) if len(faces) >= MIN_QUADRICS else quiet
+    return planes, min(planes, SLANTED_NOISE_RATIO * quiet)
 
 
 def _quadric_residuals(points: FloatArray, neighbours: IntArray, normals: FloatArray) -> FloatArray:
@@ -76,8 +76,8 @@ def _quadric_residuals(points: FloatArray, neighbours: IntArray, normals: FloatA
     from dqreg.kernels.threads import as_plain, over_chunks
 
     residuals = np.zeros(len(neighbours))
-    given = as_plain(points), neighbours, as_plain(normals), ROUND
-    over_chunks(quadric_residual_rows, len(neighbours), *given, residuals, chunk=TOGETHER)
+    given = as_plain(points), neighbours, as_plain(normals), ROUND_SPREAD_RATIO
+    over_chunks(quadric_residual_rows, len(neighbours), *given, residuals, chunk=CHUNK_QUADRICS)
     return residuals[np.isfinite(residuals)]
 
 
@@ -89,7 +89,7 @@ def _off_majorities(points: FloatArray, neighbours: IntArray, normals: FloatArra
     found = np.zeros(len(neighbours))
     triples = _triples(neighbours.shape[1])
     given = as_plain(points), neighbours, as_plain(normals), triples, MAJORITY_POINTS, MIN_TRIPLE_AREA, STANDING_COS
-    over_chunks(majority_plane_rows, len(neighbours), *given, found, chunk=TOGETHER)
+    over_chunks(majority_plane_rows, len(neighbours), *given, found, chunk=CHUNK_QUADRICS)
     return found[np.isfinite(found)]
 
 

@@ -14,9 +14,9 @@ from dqreg.files.mesh_data import merge_identical, spacing_of_nodes
 # Faces that meet at less than this are facets of one smooth surface; a chamfer of 30 degrees is an edge.
 SMOOTH_DEG = 25.0
 # Corner normals that differ from their face's by less are equal to it but for rounding.
-FLAT = 1e-12
+NORMAL_ROUNDING = 1e-12
 # Vertices and faces that one thread takes in one go, and faces around which it looks.
-CHUNK, FANS = 16_384, 1_024
+CHUNK_ROWS, CHUNK_FANS = 16_384, 1_024
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,7 +39,7 @@ class SameNodes:
         is_used[faces] = is_used[flat] = True
         spacing = spacing_of_nodes(*bounds(vertices if is_used.all() else vertices[is_used]))
         numbers = np.zeros(len(vertices), dtype=np.uint64)
-        over_chunks(number_nodes, len(vertices), as_plain(vertices), spacing, numbers, chunk=CHUNK)
+        over_chunks(number_nodes, len(vertices), as_plain(vertices), spacing, numbers, chunk=CHUNK_ROWS)
         return SameNodes(numbers)
 
     def closed(self, faces: IntArray, flat: IntArray) -> bool:
@@ -48,8 +48,8 @@ class SameNodes:
         from dqreg.kernels.threads import over_chunks
 
         every = np.concatenate([faces, flat]) if len(flat) else faces
-        sums = np.zeros((len(every) - 1) // CHUNK + 1, dtype=np.uint64)
-        over_chunks(sum_of_sides, len(every), every, self.numbers, CHUNK, sums, chunk=CHUNK)
+        sums = np.zeros((len(every) - 1) // CHUNK_ROWS + 1, dtype=np.uint64)
+        over_chunks(sum_of_sides, len(every), every, self.numbers, CHUNK_ROWS, sums, chunk=CHUNK_ROWS)
         return not np.bitwise_xor.reduce(sums)
 
     def corner_lists(self, faces: IntArray) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
@@ -175,13 +175,13 @@ class FaceFans:
         met = np.zeros(len(welded), dtype=bool)
         met[welded[every[faces]]] = True
         lists, vertices, least = (every, welded, heads, following), np.flatnonzero(met), np.cos(np.deg2rad(SMOOTH_DEG))
-        limits = float(least), FLAT
+        limits = float(least), NORMAL_ROUNDING
         over_chunks(
             normals_of_corners, len(vertices), vertices, *lists, corners, face_normals, *limits, self.corner_normals,
-            chunk=FANS,
+            chunk=CHUNK_FANS,
         )  # fmt: skip
-        known = FLAT, self.neighbours, self.corner_normals, self.is_round
-        over_chunks(neighbours_of_faces, len(faces), faces, *lists, face_normals, *known, chunk=FANS)
+        known = NORMAL_ROUNDING, self.neighbours, self.corner_normals, self.is_round
+        over_chunks(neighbours_of_faces, len(faces), faces, *lists, face_normals, *known, chunk=CHUNK_FANS)
         across = self.neighbours[faces]
         x, y, z = (column[faces][:, None] * column[across] for column in face_normals.T)
         self.turns[faces] = np.where(across == faces[:, None], 2.0, x + y + z)

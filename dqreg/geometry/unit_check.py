@@ -37,11 +37,11 @@ from dqreg.geometry.sampling import places_on
 from dqreg.geometry.spacing import measure_spacing
 
 # A larger ratio of sizes has no other reading than a mistake.
-ABSURD = 150.0
+ABSURD_RATIO = 150.0
 # An absurd ratio holds a unit and, for a scan of a part of the object, up to that factor.
-PARTIAL = 5.0
+MAX_PART_RATIO = 5.0
 # A ratio of units that near to the ratio of sizes comes first.
-CLOSE = 1.25
+CLOSE_RATIO = 1.25
 # Agreement of the two large principal deviations with the ratio of units,
 UNIT_AGREEMENT_RATIO = 1.18
 # and the least and the most of the third: a scan from a few sides is thinner than its part, never thicker. A scan much
@@ -53,11 +53,11 @@ CLOSE_AGREEMENT_RATIO = 1.05
 # and shapes that agree tell units whose ratio is at least so large, however seldom they are confused.
 UNSCANNED_POINTS, FAR_APART = 100, 10.0
 # Spacings of two clouds agree with the ratio of units within that factor: sensors differ; nor are they nearer to equal.
-SPACING = 3.0
-SAMPLE, KEPT = 5_000, 0.95
+MAX_SPACING_RATIO = 3.0
+SPREAD_SAMPLE, KEPT_SHARE = 5_000, 0.95
 # Sizes of so few points that differ by less than this are no mistake: the least ratio of units is 2.54, and half of the
 # points of a body are within 0.5 to 1.3 of its spread, whatever its strays are.
-FEW = 500
+FEW_POINTS = 500
 LEAST_ALIKE, MOST_ALIKE = 0.52, 1.26
 
 
@@ -121,7 +121,7 @@ def find_unit_mistake(
     # Ten is near to twelve: the ratio itself says which of them comes first.
     seen += sorted(loose, key=lambda pair: abs(np.log(max(ratio, 1.0 / ratio) / factor(*pair))))
     over = max(ratio, 1.0 / ratio)
-    if over > ABSURD:
+    if over > ABSURD_RATIO:
         # A unit that explains no such ratio is the mistake itself: of a depth image it is a guess.
         seen = seen or _explanations(over, pairs or list(MIXED), whole=ratio < 1.0)
     else:
@@ -151,7 +151,7 @@ def require_right_units(
         return
     ratio = sizes[0] / sizes[1]
     as_is, over = ratio / converted, max(converted, 1.0 / converted)
-    absurd = max(ratio, 1.0 / ratio) > ABSURD and 1.0 / PARTIAL <= as_is <= PARTIAL
+    absurd = max(ratio, 1.0 / ratio) > ABSURD_RATIO and 1.0 / MAX_PART_RATIO <= as_is <= MAX_PART_RATIO
     if not absurd:
         # A conversion the other way brought the sizes nearer.
         if (ratio > 1.0) != (converted > 1.0) or not _same_shape(*spreads, ratio, over):
@@ -170,14 +170,14 @@ def require_right_units(
 def principal_spreads(geometry: PointCloud | Mesh) -> FloatArray:
     """Standard deviations along the principal axes, the largest first, outliers left out."""
     if isinstance(geometry, Mesh):
-        points = places_on(geometry, SAMPLE, np.random.default_rng(0))[0]
+        points = places_on(geometry, SPREAD_SAMPLE, np.random.default_rng(0))[0]
     else:
-        points = np.take(geometry.points, sample_rows(len(geometry.points), SAMPLE), axis=0)
+        points = np.take(geometry.points, sample_rows(len(geometry.points), SPREAD_SAMPLE), axis=0)
     # Column by column: along rows of three NumPy takes ten times as long.
     columns = np.ascontiguousarray(points.T)
     columns -= np.array([[median(column)] for column in columns])
     away = np.einsum("ij,ij->j", columns, columns)
-    near = np.take(columns, np.flatnonzero(away <= quantile(away, KEPT)), axis=1)
+    near = np.take(columns, np.flatnonzero(away <= quantile(away, KEPT_SHARE)), axis=1)
     near -= np.array([[column.mean()] for column in near])
     variances = np.linalg.eigvalsh(near @ near.T / near.shape[1])[::-1]
     spreads: FloatArray = np.sqrt(np.maximum(variances, 0.0))
@@ -188,7 +188,7 @@ def _is_alike(source: PointCloud | Mesh, target_spreads: FloatArray) -> bool:
     """Whether a few points say that the sizes differ by far less than any two units do."""
     if isinstance(source, Mesh):
         return False
-    columns = np.ascontiguousarray(source.points[sample_rows(len(source.points), FEW)].T)
+    columns = np.ascontiguousarray(source.points[sample_rows(len(source.points), FEW_POINTS)].T)
     columns -= np.partition(columns, len(columns.T) // 2, axis=1)[:, len(columns.T) // 2, None]
     size = median(np.sqrt(np.einsum("ij,ij->j", columns, columns)))
     other = float(np.linalg.norm(target_spreads))
@@ -198,9 +198,9 @@ def _is_alike(source: PointCloud | Mesh, target_spreads: FloatArray) -> bool:
 def _explanations(over: float, pairs: list[tuple[str, str]], whole: bool) -> list[tuple[str, str]]:
     """Pairs of units that explain an absurd ratio, the likely first; ``whole``: the larger side is the target."""
     # A scan of a part of the object makes the ratio smaller where the scan has the larger numbers, else larger.
-    low, high = (over / PARTIAL, over / 0.8) if whole else (0.8 * over, over * PARTIAL)
+    low, high = (over / MAX_PART_RATIO, over / 0.8) if whole else (0.8 * over, over * MAX_PART_RATIO)
     near = sorted(pairs, key=lambda pair: abs(np.log(over / factor(*pair))))
-    close = [pair for pair in near if abs(np.log(over / factor(*pair))) <= np.log(CLOSE)]
+    close = [pair for pair in near if abs(np.log(over / factor(*pair))) <= np.log(CLOSE_RATIO)]
     likely = [pair for pair in pairs if low <= factor(*pair) <= high and pair not in close]
     return close + likely or near[:1]
 
@@ -238,7 +238,7 @@ def _same_spacing(source: PointCloud | Mesh, target: PointCloud | Mesh, ratio: f
         return True
     one, other = (measure_spacing(NeighbourTree(cloud.points), cloud.points) for cloud in (source, target))
     over = one / other if ratio > 1.0 else other / one
-    within = min(SPACING, np.sqrt(units))
+    within = min(MAX_SPACING_RATIO, np.sqrt(units))
     return bool(units / within <= over <= units * within)
 
 

@@ -15,12 +15,12 @@ from dqreg.geometry.surface import Closest, Hint
 from dqreg.rigid import twist
 
 # Sample points, distributed by area, and on each face at least: its middle, and one near each corner.
-SAMPLES, CORNER = 40_000, 0.9
+SAMPLE_POINTS, CORNER_WEIGHT = 40_000, 0.9
 # Margin for a pose that is not final and for an instrument with two cameras: what is visible from a viewpoint rotated
 # by so much about the part counts as visible.
 MARGIN_RAD = float(np.deg2rad(2.0))
 # Rays start outside, so many sizes before their point, and may end short of it by so much: float32 rounding.
-BEFORE, SHORT = 2.0, 2e-6
+RAY_LEAD_SIZES, RAY_ROUNDING_SIZES = 2.0, 2e-6
 
 
 def visible_faces(mesh: Mesh, viewpoints: FloatArray) -> BoolArray:
@@ -44,11 +44,11 @@ def visible_faces(mesh: Mesh, viewpoints: FloatArray) -> BoolArray:
 
 def _sample_points(mesh: Mesh) -> tuple[FloatArray, IntArray]:
     """Sample points on all faces, (n, 3), and the face of each: the same for the same mesh."""
-    rest = 0.5 * (1.0 - CORNER)
+    rest = 0.5 * (1.0 - CORNER_WEIGHT)
     fixed = np.full((4, 3), 1.0 / 3.0)
-    fixed[1:] = rest + (CORNER - rest) * np.eye(3)
+    fixed[1:] = rest + (CORNER_WEIGHT - rest) * np.eye(3)
     count = len(mesh.faces)
-    more = np.floor(SAMPLES * mesh.face_areas / mesh.face_areas.sum()).astype(np.int64)
+    more = np.floor(SAMPLE_POINTS * mesh.face_areas / mesh.face_areas.sum()).astype(np.int64)
     faces = np.repeat(np.arange(count), more)
     # Two irrational steps fill the unit square evenly (the R2 sequence); folded, the triangle.
     g = 1.32471795724474602596
@@ -82,9 +82,9 @@ def _is_visible(scene: RayScene, eye: FloatArray, points: FloatArray, faces: Int
     lengths = np.linalg.norm(away, axis=1)
     rays = away / np.maximum(lengths, 1e-12)[:, None]
     # From far off, float32 would lose the digits: no ray starts farther out than just outside the part.
-    lengths = np.minimum(lengths, BEFORE)
+    lengths = np.minimum(lengths, RAY_LEAD_SIZES)
     first, met = scene.first_faces(np.column_stack([points - lengths[:, None] * rays, rays]))
-    return np.asarray((first == faces) | (met >= lengths - SHORT))
+    return np.asarray((first == faces) | (met >= lengths - RAY_ROUNDING_SIZES))
 
 
 def blocked(mesh: Mesh, points: FloatArray, eyes: FloatArray, margin: float) -> BoolArray:

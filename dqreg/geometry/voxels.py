@@ -14,7 +14,7 @@ from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.morton import Ends, morton_codes, sorted_codes
 
 # A cloud is downsampled from so many times the wanted points on: below, it costs accuracy and saves little.
-DENSE = 3.0
+DENSE_RATIO = 3.0
 # The same where points lie evenly: below, most cells hold one. Of simulated bodies and parts, 16,000 to 30,000 points
 # in 10,000 cells, poses took 0.4 to 0.5 of the time and, with noise of 0.1 to 1 of the spacing, came 0.3 to 1.0 times
 # as far off as by all points; a LiDAR on a car came twice as far off.
@@ -22,12 +22,12 @@ EVENLY_DENSE = 1.6
 # Unevenness of its cells from which on a cloud was taken from a stand: a LiDAR or a depth camera sees the near places
 # many times as densely, and came to 2 to 50, where all points gained nothing over the cells, or 5 to 10 % in five times
 # the time; range scans of bodies came to 1.6 at most.
-STAND = 2.0
+STAND_UNEVENNESS = 2.0
 # Crowded in places so many times as much as by chance, a cloud is downsampled from fewer points on: a LiDAR that turns
 # has its points along rings, where 16 neighbours make no plane, and comes to 20 to 50; other scans came to 4 at most.
-UNEVEN = 10.0
+RING_UNEVENNESS = 10.0
 # The same of a cloud in rings, whatever its number of points: fewer wide voxels hold points of several rings.
-RINGED = 6.0
+RINGED_RATIO = 6.0
 # A dense cloud with a larger share of cells of one ring is of few rings: sweeps of 16 came to 0.85 and more, of 64 to
 # 0.68 at most, of 32 to anything. Cells are widened while more than the second share of them are of one.
 FEW_RINGS_SHARE, ONE_RING_SHARE = 0.75, 0.85
@@ -36,14 +36,14 @@ FEW_RINGS_SHARE, ONE_RING_SHARE = 0.75, 0.85
 WIDENING_FACTOR = 1.25
 MAX_WIDENINGS, MIN_VOXEL_POINTS = 10, 1_000
 # A cloud of which more than this fraction would remain is left as it is.
-WHOLE = 2.0 / 3.0
+WHOLE_SHARE = 2.0 / 3.0
 # Doublings of the least edge from which on cells are counted first, at a quarter of the cost: 2,048 to an extent.
-COARSER = 10
+COARSER_DOUBLINGS = 10
 
 
 def voxel_size(points: FloatArray, count: int) -> float:
     """Edge of the voxels that leave a dense cloud about so many points; 0 for one that is left as it is."""
-    return cell_size(points, count) if len(points) > DENSE * count else 0.0
+    return cell_size(points, count) if len(points) > DENSE_RATIO * count else 0.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,7 +80,7 @@ class VoxelCloud:
         """
         if cells is None and size > 0.0:
             cells = Cells.of(cloud.points, size, cloud._ends)
-        if cells is None or len(cells.counts) >= WHOLE * len(cloud):
+        if cells is None or len(cells.counts) >= WHOLE_SHARE * len(cloud):
             return VoxelCloud(size, cloud, None)
         planes = cells.planes() if smooth else None
         cells = cells if planes is None else cells.smoothed(planes)
@@ -114,15 +114,15 @@ class VoxelCloud:
         points, size = cloud.points, first_size(cloud.points, count, cloud._ends) if size is None else size
         if not size > 0.0:
             return VoxelCloud(0.0, cloud, None)
-        cells, is_dense = Cells.of(points, size, cloud._ends), len(points) > DENSE * count
+        cells, is_dense = Cells.of(points, size, cloud._ends), len(points) > DENSE_RATIO * count
         # Of a dense cloud, which has cells in any case, it is asked later or not at all, but where these are lines.
-        may_be_few = cells.lined_share > FEW_RINGS_SHARE if is_dense else len(points) >= RINGED * MIN_VOXEL_POINTS
+        may_be_few = cells.lined_share > FEW_RINGS_SHARE if is_dense else len(points) >= RINGED_RATIO * MIN_VOXEL_POINTS
         if may_be_few and lie_in_rings(points, cells.order):
-            size = _across_rings(cloud, first_size(points, count, cloud._ends, RINGED))
+            size = _across_rings(cloud, first_size(points, count, cloud._ends, RINGED_RATIO))
             return VoxelCloud.across_lines(cloud, size, of_few_rings=True)
-        if not is_dense and len(points) > evenly_dense * count and cells.unevenness <= STAND:
+        if not is_dense and len(points) > evenly_dense * count and cells.unevenness <= STAND_UNEVENNESS:
             return VoxelCloud.across_lines(cloud, first_size(points, count, cloud._ends, evenly_dense))
-        is_uneven = is_dense or cells.unevenness > UNEVEN
+        is_uneven = is_dense or cells.unevenness > RING_UNEVENNESS
         if is_uneven or VoxelCloud.of(cloud, size, cells=cells, smooth=False).in_lines:
             return VoxelCloud.across_lines(cloud, size, cells=cells)
         return VoxelCloud(0.0, cloud, None)
@@ -142,7 +142,7 @@ def _across_rings(cloud: PointCloud, size: float) -> float:
     return size
 
 
-def first_size(points: FloatArray, count: int, ends: Ends | None = None, dense: float = DENSE) -> float:
+def first_size(points: FloatArray, count: int, ends: Ends | None = None, dense: float = DENSE_RATIO) -> float:
     """Edge of the voxels that evening a cloud to about so many points begins with, so many in each at least."""
     return cell_size(points, min(count, int(len(points) / dense)), ends)
 
@@ -156,7 +156,7 @@ def cell_size(points: FloatArray, count: int, ends: Ends | None = None) -> float
     # Dropping three bits of a Morton code doubles the edge: one sort counts the cells of every such size.
     ends = bounds(points) if ends is None else ends
     codes = morton_codes(points, ends=ends)
-    for finest in (COARSER, 0):
+    for finest in (COARSER_DOUBLINGS, 0):
         filled = count_cells(sorted_codes(codes >> np.uint64(3 * finest))[1])
         if filled[0] > count:
             break

@@ -21,7 +21,7 @@ from dqreg._records import replaced
 from dqreg.geometry.cloud_surface import CloudSurface
 from dqreg.geometry.mesh_surface import MeshSurface
 from dqreg.geometry.scan import Scan
-from dqreg.geometry.scan_measures import PARTS
+from dqreg.geometry.scan_measures import CLOUD_PARTS
 from dqreg.geometry.surface import Closest
 from dqreg.geometry.vector_rows import row_dots
 from dqreg.icp.correspondences import Correspondences, find_correspondences
@@ -88,7 +88,7 @@ def gather(
         both(np.abs(heights), found.distances),
         both(pairs.closest.elements[gathered], found.elements),
     )
-    none, mixed = np.zeros((len(gathered), 3)), np.full(len(gathered), PARTS, dtype=np.uint8)
+    none, mixed = np.zeros((len(gathered), 3)), np.full(len(gathered), CLOUD_PARTS, dtype=np.uint8)
     together = dataclasses.replace(
         scan,
         points=both(means[gathered], others.points),

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry.mesh_normals import smooth_normals_of
 from dqreg.geometry.mesh_surface import MeshSurface
-from dqreg.geometry.scan_measures import PARTS
+from dqreg.geometry.scan_measures import CLOUD_PARTS
 from dqreg.icp.correspondences import Correspondences
 from dqreg.icp.estimators import points_to_planes
 from dqreg.solvers import Fit
@@ -50,7 +50,7 @@ MISFIT_NOISE_RATIO = 5.0
 # The least variance, as a fraction of the usual one.
 MIN_VARIANCE_RATIO = 0.01
 # Numbers of parts: of a scan, and that of points of several. Scans whose order tells nothing are of one.
-PART_NUMBERS = PARTS + 1
+PART_NUMBERS = CLOUD_PARTS + 1
 ONE_PART = np.zeros(0, dtype=np.uint8)
 # Faces that have sums of their own at most, and points for each at least: of more, those with one orientation share
 # theirs.

@@ -11,7 +11,7 @@ import numpy as np
 from dqreg._arrays import FloatArray, median
 from dqreg.geometry import CloudSurface, PointCloud, Surface
 from dqreg.geometry.cells import CellSurface
-from dqreg.geometry.normals import NEIGHBOURS, PlaneFits, sample_rows
+from dqreg.geometry.normals import NORMAL_NEIGHBOURS, PlaneFits, sample_rows
 from dqreg.icp.history import Iteration
 from dqreg.registration.derived import Key
 from dqreg.registration.fit import Fit
@@ -171,5 +171,5 @@ def _indexed_source(problem: Problem, prepared: Prepared) -> IndexedPoints:
         return problem.derived.once(SAMPLED_SOURCE, lambda: sampled_source(problem))
     # Planes of all points are there, unless normals were given in their place.
     is_fitted = scan.fitted is None and problem.source.cloud.normals is None
-    planes = PlaneFits(scan.normals, scan.residuals, scan.levers, NEIGHBOURS) if is_fitted else None
+    planes = PlaneFits(scan.normals, scan.residuals, scan.levers, NORMAL_NEIGHBOURS) if is_fitted else None
     return IndexedPoints(scan.points, scan.tree, planes)

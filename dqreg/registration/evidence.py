@@ -10,7 +10,7 @@ from dqreg._arrays import BoolArray, FloatArray, IntArray, median, root_mean_squ
 from dqreg._records import replaced
 from dqreg.geometry import CloudSurface, Scan, Surface
 from dqreg.geometry.normals import sample_rows
-from dqreg.geometry.scan_measures import THINNED
+from dqreg.geometry.scan_measures import THINNED_POINTS
 from dqreg.geometry.vector_rows import nonzero_rows
 from dqreg.icp import Alignment, Correspondences, smallest_kernel_scale
 from dqreg.icp.coarse_to_fine import noise_on
@@ -82,7 +82,7 @@ def agreement_of(
     on = pairs.distances <= width
     here, aside = np.flatnonzero(on), pairs.point_to_plane[on]
     close, around = _close(pairs, surface, mixture.scale, width, near, has_border=has_border)
-    alone = isolated(pairs.scan, on, scan if len(scan) <= THINNED else None)
+    alone = isolated(pairs.scan, on, scan if len(scan) <= THINNED_POINTS else None)
     # Where nothing is left out, as a rule, nothing is copied.
     kept = np.flatnonzero(~(around.elsewhere | alone)) if alone.any() or around.elsewhere.any() else slice(None)
     is_part, size = not isinstance(surface, CloudSurface), surface.diagonal

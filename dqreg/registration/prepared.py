@@ -7,7 +7,15 @@ from collections.abc import Callable
 
 from dqreg.geometry import PointCloud, Scan, Surface, prepare_scan
 from dqreg.geometry.cells import CellSurface
-from dqreg.geometry.voxels import DENSE, EVENLY_DENSE, STAND, WHOLE, VoxelCloud, cell_size, voxel_size
+from dqreg.geometry.voxels import (
+    DENSE_RATIO,
+    EVENLY_DENSE,
+    STAND_UNEVENNESS,
+    WHOLE_SHARE,
+    VoxelCloud,
+    cell_size,
+    voxel_size,
+)
 from dqreg.kernels.threads import Later
 from dqreg.registration.target_index import Evening, TargetIndex
 
@@ -32,7 +40,7 @@ class Prepared:
     def is_from_a_stand(self) -> bool:
         """Whether the cells of a target are crowded beside its sensor, or of rings: they hold what all points do."""
         return isinstance(self.surface, CellSurface) and (
-            self.surface.cells.unevenness > STAND or self.surface.in_rings
+            self.surface.cells.unevenness > STAND_UNEVENNESS or self.surface.in_rings
         )
 
     @staticmethod
@@ -55,7 +63,7 @@ class Prepared:
         meanwhile = VoxelCloud.across_lines(cloud, edge) if edge and evening.cloud.is_beside else None
         # Cells of an even target save nothing where the source has too few points for cells as small.
         is_small, geometry = len(cloud) <= EVENLY_DENSE * count, target.geometry
-        stands = target.evened(count, evenly_dense=DENSE) if is_small and not edge else evening.cloud.result()
+        stands = target.evened(count, evenly_dense=DENSE_RATIO) if is_small and not edge else evening.cloud.result()
         if not stands.size or not isinstance(geometry, PointCloud):
             moves = VoxelCloud.of(cloud, voxel_size(cloud.points, count))
         else:
@@ -63,7 +71,7 @@ class Prepared:
             moves = made or VoxelCloud.across_lines(cloud, stands.size, of_few_rings=stands.of_few_rings)
             size, wanted = moves.size, min(count, len(stands.cloud))
             if len(moves.cloud) < SMALL * wanted:
-                size = min(size, cell_size(cloud.points, min(count, int(WHOLE * len(cloud.points)))))
+                size = min(size, cell_size(cloud.points, min(count, int(WHOLE_SHARE * len(cloud.points)))))
                 moves = VoxelCloud.of(cloud, size, of_few_rings=stands.of_few_rings)
             if size != stands.size:
                 stands = VoxelCloud.of(geometry, size, of_few_rings=stands.of_few_rings)

@@ -13,7 +13,7 @@ from dqreg.errors import InputError
 from dqreg.geometry import Mesh, PointCloud
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.opening import describe
-from dqreg.geometry.scan_measures import THINNED
+from dqreg.geometry.scan_measures import THINNED_POINTS
 from dqreg.geometry.unit_check import require_same_units
 from dqreg.icp.coarse_to_fine import COARSE_POINTS, NEAR_POINTS
 from dqreg.icp.correspondences import moved_points
@@ -180,7 +180,7 @@ class Problem(SourceAndTarget):
         if self.start is not None and self.target.kind == "mesh" and self.options.method == "auto":
             # A start that is near needs no more; where it is not, the others are fitted then.
             is_bare = cloud.normals is None and cloud.viewpoint is None
-            fitted = NEAR_POINTS if is_bare and 2 * COARSE_POINTS < len(cloud) <= THINNED else fitted
+            fitted = NEAR_POINTS if is_bare and 2 * COARSE_POINTS < len(cloud) <= THINNED_POINTS else fitted
         return Prepared.whole(cloud, self.target, fitted)
 
     def prepare_even(self) -> Prepared:

@@ -23,7 +23,7 @@ from dqreg.geometry.opening import describe, open_geometry
 from dqreg.geometry.sides import without_signs
 from dqreg.geometry.unit_check import principal_spreads
 from dqreg.geometry.visibility import VisibleSurface, visible_faces
-from dqreg.geometry.voxels import DENSE, EVENLY_DENSE, VoxelCloud, first_size
+from dqreg.geometry.voxels import DENSE_RATIO, EVENLY_DENSE, VoxelCloud, first_size
 from dqreg.kernels.threads import Later, until
 from dqreg.registration.derived import Derived
 from dqreg.registration.source import require_spread
@@ -130,7 +130,7 @@ class TargetIndex:
     def begin_evened(self, count: int) -> Evening:
         """`evened`, made beside the caller where the cloud is dense."""
         geometry, known = self.geometry, self._evened.get((count, EVENLY_DENSE))
-        is_dense = isinstance(geometry, PointCloud) and len(geometry.points) > DENSE * count
+        is_dense = isinstance(geometry, PointCloud) and len(geometry.points) > DENSE_RATIO * count
         if known is not None or not isinstance(geometry, PointCloud) or not is_dense:
             size = known.size if known is not None and is_dense else 0.0
             return Evening(Later(lambda: size, beside=False), Later(lambda: self.evened(count), beside=False))

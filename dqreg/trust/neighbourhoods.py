@@ -15,7 +15,7 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray
 from dqreg.geometry.cells import Cells
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.geometry.normals import NEIGHBOURS, fit_planes_among, sample_rows
+from dqreg.geometry.normals import NORMAL_NEIGHBOURS, fit_planes_among, sample_rows
 from dqreg.geometry.vector_rows import nonzero_rows, row_dots, second_moment
 from dqreg.rigid import pose
 
@@ -25,7 +25,7 @@ COMPARED_NEIGHBOURHOODS, MAX_ROUGHNESS = 1_500, 0.4
 # feet is no witness.
 DISAGREEING_COS, MAX_NOISE_TILT_RAD = np.cos(np.deg2rad(35.0)), np.deg2rad(7.0)
 # Neighbours that are of several profiles: what they leave of their planes is an upper estimate of the noise.
-MANY = 3 * NEIGHBOURS
+MANY = 3 * NORMAL_NEIGHBOURS
 # Fewer of a single profile are those at rims.
 PROFILES = 0.1
 # Thickness of a scan in its length: what is thinner may be a single profile, whose neighbourhoods turn freely about it.
@@ -51,17 +51,17 @@ class Neighbourhoods:
         Shapes: points, feet (their closest points), normals (the target's there) (n, 3), on (n,).
         """
         rows = np.flatnonzero(on)
-        if len(rows) <= NEIGHBOURS or is_flat(points[rows]):
+        if len(rows) <= NORMAL_NEIGHBOURS or is_flat(points[rows]):
             return Neighbourhoods()
         rows = rows[sample_rows(len(rows), COMPARED_NEIGHBOURHOODS)]
         tree = NeighbourTree(points)
-        indices, _ = tree.nearest(points[rows], NEIGHBOURS)
+        indices, _ = tree.nearest(points[rows], NORMAL_NEIGHBOURS)
         own, there = fit_planes_among(points, indices), fit_planes_among(feet, indices)
         with np.errstate(divide="ignore", invalid="ignore"):
             smooth = np.nan_to_num(own.residuals / np.sqrt(own.lever), nan=np.inf) < MAX_ROUGHNESS
         wide = fit_planes_among(points, tree.nearest(points[rows], min(MANY, len(points)))[0])
         noise = min(width, float(np.quantile(wide.residuals[np.isfinite(wide.residuals)], NOISE_QUANTILE)))
-        spans = noise / np.sqrt(NEIGHBOURS * np.maximum(there.lever, np.finfo(float).tiny)) < MAX_NOISE_TILT_RAD
+        spans = noise / np.sqrt(NORMAL_NEIGHBOURS * np.maximum(there.lever, np.finfo(float).tiny)) < MAX_NOISE_TILT_RAD
         spans |= np.mean(spans) >= 1.0 - PROFILES
         quiet = spans & (there.residuals <= width)
         noise = (

@@ -16,8 +16,8 @@ from dqreg._arrays import BoolArray, FloatArray, IntArray, median, quantile
 from dqreg.geometry.morton import distinct_in_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import (
-    EDGES,
-    NEIGHBOURS,
+    CHUNK_EDGE_PLANES,
+    NORMAL_NEIGHBOURS,
     PlaneFits,
     fit_edge_planes,
     fit_planes_among,
@@ -117,13 +117,13 @@ class IndexedPoints:
     def _fitted(self) -> tuple[PlaneFits, BoolArray]:
         """Planes at all of the points, and at which they were fitted, (n,)."""
         total = len(self.points)
-        fits = PlaneFits(np.zeros((total, 3)), np.zeros(total), np.zeros(total), min(NEIGHBOURS, total))
+        fits = PlaneFits(np.zeros((total, 3)), np.zeros(total), np.zeros(total), min(NORMAL_NEIGHBOURS, total))
         return fits, np.zeros(total, dtype=bool)
 
     def _fitted_at(self, rows: IntArray) -> PlaneFits:
         if self.is_remembered:
-            return fit_planes_around(self.tree, self.points, rows, NEIGHBOURS)
-        return fit_planes_among(self.points, self.tree.nearest_to(rows, NEIGHBOURS)[0])
+            return fit_planes_around(self.tree, self.points, rows, NORMAL_NEIGHBOURS)
+        return fit_planes_among(self.points, self.tree.nearest_to(rows, NORMAL_NEIGHBOURS)[0])
 
     def faces_among(self, fits: PlaneFits, rows: IntArray, asked: BoolArray) -> tuple[PlaneFits, BoolArray]:
         """Planes of the faces that some points are on, from those of all neighbours, and which are on no edge, (n,).
@@ -200,7 +200,7 @@ class Overlap:
         found = np.zeros(len(edge), dtype=bool)
         limits = EDGE_PLANE_SIGMAS * median(self.noise[self.inner]), FACE_SLOPE, FACE_COS, MIN_FACE_PLACES
         given = edge, as_plain(self.points), as_plain(self.normals), *limits
-        over_chunks(with_others_rows, len(edge), *given, found, chunk=EDGES)
+        over_chunks(with_others_rows, len(edge), *given, found, chunk=CHUNK_EDGE_PLANES)
         with_others[edge] = found
         return with_others
 

@@ -5,7 +5,7 @@ import pytest
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import CloudSurface, Mesh, PointCloud, sample_mesh
-from dqreg.geometry.boundary import STRIP, CloudBoundary
+from dqreg.geometry.boundary import STRIP_AREA_SHARE, CloudBoundary
 from dqreg.geometry.morton import morton_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.synth.parts import box, bracket
@@ -34,8 +34,8 @@ def test_near_is_the_distance_from_the_outline_however_the_mesh_is_divided(cells
     for margin in (1e-4, 1e-3, 0.02):
         np.testing.assert_array_equal(borders.near(places, margin), apart <= margin)
     # A tenth of the area by the length of the outline.
-    assert borders.widest == pytest.approx(STRIP / 4.0)
-    np.testing.assert_array_equal(borders.near(places, 0.4), apart <= STRIP / 4.0)
+    assert borders.widest == pytest.approx(STRIP_AREA_SHARE / 4.0)
+    np.testing.assert_array_equal(borders.near(places, 0.4), apart <= STRIP_AREA_SHARE / 4.0)
     assert borders.near(np.zeros((0, 3)), 0.1).tolist() == []
 
 

@@ -5,7 +5,15 @@ import numpy as np
 from hypothesis import given, settings
 
 from dqreg.geometry import CloudSurface, PointCloud
-from dqreg.geometry.cells import FEWEST, LEVELS, LINE, MOST, REACH, SHAPE_RESIDUAL_RATIO, Cells
+from dqreg.geometry.cells import (
+    EDGE_LEVELS,
+    MAX_COUNTED_POINTS,
+    MIN_PLANE_POINTS,
+    MIN_PLANE_VARIANCE_RATIO,
+    REACH_EDGES,
+    SHAPE_RESIDUAL_RATIO,
+    Cells,
+)
 from dqreg.geometry.voxels import VoxelCloud
 from dqreg.kernels.cell_planes import MIN_CELLS
 
@@ -33,29 +41,29 @@ def test_cells_hold_the_moments_of_their_points(seed: int, count: int, size: flo
 
 def plane_around(cells: Cells, blocks: np.ndarray, k: int) -> tuple[np.ndarray, float, float, np.ndarray] | None:
     """Normal, residual, lever and axes of the plane through the cells around one of them, by plain sums."""
-    near = np.linalg.norm(cells.points - cells.points[k], axis=1) <= REACH * cells.size
+    near = np.linalg.norm(cells.points - cells.points[k], axis=1) <= REACH_EDGES * cells.size
     near &= np.abs(blocks - blocks[k]).max(axis=1) <= 1
-    weights = np.minimum(cells.counts, MOST)
+    weights = np.minimum(cells.counts, MAX_COUNTED_POINTS)
     w, middles = weights[near], cells.points[near]
     mean = w @ middles / w.sum()
     off = middles - mean
     inner = cells.scatters[near] * (w / cells.counts[near])[:, None]
     scatter = np.einsum("i,ij,ik->jk", w, off, off) + inner.sum(axis=0)[[[0, 3, 4], [3, 1, 5], [4, 5, 2]]]
     values, vectors = np.linalg.eigh(scatter)
-    if w.sum() < FEWEST or near.sum() <= MIN_CELLS or values[1] <= LINE * values[2]:
+    if w.sum() < MIN_PLANE_POINTS or near.sum() <= MIN_CELLS or values[1] <= MIN_PLANE_VARIANCE_RATIO * values[2]:
         return None
     return vectors[:, 0], np.sqrt(values[0] / (w.sum() - 3.0)), 1.0 / (w.sum() / values[1:]).sum(), vectors[:, 1:].T
 
 
 def test_planes_are_those_of_all_cells_within_reach_and_of_wider_ones_where_these_make_none() -> None:
     points = sheet(0, 20_000)
-    cells = [Cells.of(points, 0.15 * 2.0**level) for level in range(LEVELS)]
+    cells = [Cells.of(points, 0.15 * 2.0**level) for level in range(EDGE_LEVELS)]
     fits = cells[0].planes().fits
     low, levels = points.min(axis=0), []
     blocks = [np.floor((points[one.order[one.starts]] - low) / one.size).astype(int) // 2 for one in cells]
     for k in range(0, len(cells[0].codes), 7):
         found, row, level = None, k, 0
-        while found is None and level < LEVELS:
+        while found is None and level < EDGE_LEVELS:
             row = int(np.searchsorted(cells[level].codes, cells[0].codes[k] >> np.uint64(3 * level)))
             found = plane_around(cells[level], blocks[level], row)
             level += 1
@@ -65,7 +73,7 @@ def test_planes_are_those_of_all_cells_within_reach_and_of_wider_ones_where_thes
             assert abs(found[0] @ fits.normals[k]) > 1.0 - 1e-9
             assert np.isclose(fits.residuals[k], found[1], rtol=1e-6)
             assert np.isclose(fits.lever[k], found[2], rtol=1e-6)
-    assert set(levels) == set(range(LEVELS + 1))
+    assert set(levels) == set(range(EDGE_LEVELS + 1))
 
 
 def height_around(cells: Cells, blocks: np.ndarray, k: int, normal: np.ndarray, axes: np.ndarray) -> float:
@@ -73,9 +81,9 @@ def height_around(cells: Cells, blocks: np.ndarray, k: int, normal: np.ndarray, 
 
     Along the axes of the scatter of their points these are independent of each other.
     """
-    near = np.linalg.norm(cells.points - cells.points[k], axis=1) <= REACH * cells.size
+    near = np.linalg.norm(cells.points - cells.points[k], axis=1) <= REACH_EDGES * cells.size
     near &= np.abs(blocks - blocks[k]).max(axis=1) <= 1
-    w, off = np.minimum(cells.counts, MOST)[near], cells.points[near] - cells.points[k]
+    w, off = np.minimum(cells.counts, MAX_COUNTED_POINTS)[near], cells.points[near] - cells.points[k]
     mean, q = w @ off / w.sum(), (off**2).sum(axis=1)
     product = (w * (q - w @ q / w.sum())) @ off
     inner = (cells.scatters[near] * (w / cells.counts[near])[:, None]).sum(axis=0)

@@ -9,8 +9,8 @@ from scipy.stats import chi2
 from dqreg.geometry.morton import morton_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import (
-    CHUNK,
-    NEIGHBOURS,
+    CHUNK_POINTS,
+    NORMAL_NEIGHBOURS,
     PlaneFits,
     ScanPlanes,
     fit_edge_planes,
@@ -23,7 +23,7 @@ from dqreg.geometry.normals import (
 from tests.strategies import FloatArray, floats, rotations, unit_vectors
 
 
-def fits_of(points: FloatArray, count: int = NEIGHBOURS) -> PlaneFits:
+def fits_of(points: FloatArray, count: int = NORMAL_NEIGHBOURS) -> PlaneFits:
     return fit_planes(NeighbourTree(points), points, points, count)
 
 
@@ -40,7 +40,7 @@ def test_an_exact_plane_has_its_normal_and_no_residual(R: FloatArray, height: fl
     np.testing.assert_allclose(np.abs(fits.normals @ R[:, 2]), 1.0, atol=1e-12)
     # A residual is the root of an eigenvalue that is rounding of the scatter.
     assert fits.residuals.max() < 1e-7
-    assert fits.count == NEIGHBOURS
+    assert fits.count == NORMAL_NEIGHBOURS
 
 
 def test_the_axes_of_a_plane_are_exact_where_the_numbers_are() -> None:
@@ -113,11 +113,11 @@ def test_lengths_scale_and_directions_do_not(scale: float) -> None:
 def test_more_places_than_one_step_takes() -> None:
     cloud = flat(50, np.random.default_rng(0))
     tree = NeighbourTree(cloud)
-    at = np.resize(cloud, (CHUNK + 7, 3))
+    at = np.resize(cloud, (CHUNK_POINTS + 7, 3))
     fits = fit_planes(tree, cloud, at)
     few = fit_planes(tree, cloud, cloud)
     assert fits.normals.shape == at.shape
-    np.testing.assert_array_equal(fits.lever, np.resize(few.lever, CHUNK + 7))
+    np.testing.assert_array_equal(fits.lever, np.resize(few.lever, CHUNK_POINTS + 7))
 
 
 @settings(deadline=None, max_examples=60)

@@ -8,7 +8,7 @@ import pytest
 from dqreg.geometry import PointCloud
 from dqreg.geometry.boundary import NEIGHBOUR_COUNT, lie_in_rings
 from dqreg.geometry.cells import LINED_PRODUCTS, TOLD_POINTS, Cells
-from dqreg.geometry.voxels import DENSE, ONE_RING_SHARE, VoxelCloud, cell_size
+from dqreg.geometry.voxels import DENSE_RATIO, ONE_RING_SHARE, VoxelCloud, cell_size
 from dqreg.rigid import pose
 from dqreg.synth.many_views import room_stops
 from tests.strategies import FloatArray
@@ -69,7 +69,7 @@ def test_a_floor_that_lines_alone_show_tells_rings(rings: int, columns: int) -> 
 def test_cells_of_a_dense_sweep_of_few_rings_are_wide_enough_for_two_of_them(columns: int, count: int) -> None:
     # The denser the points on each ring, the smaller are cells of so many: each held points of one ring.
     points = hall(16, columns, 0.015)
-    assert len(points) > DENSE * count
+    assert len(points) > DENSE_RATIO * count
     found, narrow = VoxelCloud.evened(PointCloud(points), count), Cells.of(points, cell_size(points, count))
     assert found.of_few_rings
     assert found.surface is not None

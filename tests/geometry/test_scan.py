@@ -7,7 +7,7 @@ from scipy.stats import chi2
 
 from dqreg.errors import InputError
 from dqreg.geometry import Mesh, PointCloud, prepare_scan, sample_mesh
-from dqreg.geometry.normals import NEIGHBOURS
+from dqreg.geometry.normals import NORMAL_NEIGHBOURS
 from dqreg.synth.parts import box
 from tests.strategies import FloatArray
 
@@ -31,10 +31,10 @@ def test_the_noise_of_a_plane_is_what_its_heights_have() -> None:
     rng = np.random.default_rng(0)
     points = np.column_stack([rng.uniform(0.0, 1.0, size=(n, 2)) * 100.0, sigma * rng.normal(size=n)])
     # Squared residuals follow chi-square with k - 3 degrees of freedom: their median lies a little below sigma^2.
-    free = NEIGHBOURS - 3
+    free = NORMAL_NEIGHBOURS - 3
     expected = sigma * np.sqrt(chi2.median(free) / free)
     # About n / k fits share no point; the median of that many spreads 1.25 / sqrt(2 free) / sqrt(n / k). Five sigma.
-    bound = 5.0 * 1.25 / np.sqrt(2.0 * free) / np.sqrt(n / NEIGHBOURS)
+    bound = 5.0 * 1.25 / np.sqrt(2.0 * free) / np.sqrt(n / NORMAL_NEIGHBOURS)
     assert prepare_scan(PointCloud(points)).noise == pytest.approx(expected, rel=bound)
 
 

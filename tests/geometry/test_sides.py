@@ -8,7 +8,7 @@ import pytest
 from dqreg.geometry import Mesh, PointCloud, sample_mesh
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import fit_planes
-from dqreg.geometry.scan_measures import THINNED
+from dqreg.geometry.scan_measures import THINNED_POINTS
 from dqreg.geometry.sides import have_sides, without_signs
 from dqreg.rigid import pose
 from tests.strategies import FloatArray
@@ -24,7 +24,7 @@ def scanned(shape: str, count: int = 3_000, seed: int = 0) -> tuple[FloatArray, 
     return (points + 1e-3 * rng.normal(size=points.shape)) @ R.T, normals @ R.T
 
 
-@pytest.mark.parametrize("count", [3_000, THINNED + 10_000])
+@pytest.mark.parametrize("count", [3_000, THINNED_POINTS + 10_000])
 @pytest.mark.parametrize("shape", SHAPES)
 def test_oriented_normals_have_sides_and_those_of_chance_have_none(shape: str, count: int) -> None:
     points, normals = scanned(shape, count)

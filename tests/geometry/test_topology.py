@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dqreg.geometry import Mesh
-from dqreg.geometry.topology import FLAT, SMOOTH_DEG
+from dqreg.geometry.topology import NORMAL_ROUNDING, SMOOTH_DEG
 from dqreg.kernels import threads
 from dqreg.kernels.face_fans import MANY
 from dqreg.synth.parts import bracket, cylinder
@@ -109,7 +109,7 @@ def test_corners_have_the_mean_normal_of_what_smooth_sides_join_there(segments: 
     rows = np.arange(0, len(mesh.faces), 5)
     fans = mesh._fans.find(rows)
     expected = np.array([[corner_normal(mesh, f, k) for k in range(3)] for f in rows])
-    is_round = np.abs(expected - mesh.face_normals[rows, None]).reshape(-1, 9).max(axis=1) > FLAT
+    is_round = np.abs(expected - mesh.face_normals[rows, None]).reshape(-1, 9).max(axis=1) > NORMAL_ROUNDING
     np.testing.assert_array_equal(fans.is_round[rows], is_round)
     assert is_round.any()
     np.testing.assert_allclose(fans.corner_normals[rows][is_round], expected[is_round], atol=1e-12)

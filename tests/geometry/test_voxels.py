@@ -6,7 +6,7 @@ from hypothesis import given, settings
 
 from dqreg.geometry import CloudSurface, PointCloud
 from dqreg.geometry.cells import Cells
-from dqreg.geometry.voxels import UNEVEN, VoxelCloud, cell_size, points_of
+from dqreg.geometry.voxels import RING_UNEVENNESS, VoxelCloud, cell_size, points_of
 
 
 def means(cloud: PointCloud, size: float) -> PointCloud:
@@ -95,5 +95,5 @@ def test_an_even_cloud_that_is_not_dense_stays_whole_and_a_crowded_one_does_not(
     rng = np.random.default_rng(1)
     reach, turn = 10.0 ** rng.uniform(-2.0, 1.0, 9_000), rng.uniform(0.0, 2.0 * np.pi, 9_000)
     crowded = PointCloud(np.column_stack([reach * np.cos(turn), reach * np.sin(turn), rng.normal(size=9_000) * 0.01]))
-    assert Cells.of(crowded.points, cell_size(crowded.points, 3_000)).unevenness > UNEVEN
+    assert Cells.of(crowded.points, cell_size(crowded.points, 3_000)).unevenness > RING_UNEVENNESS
     assert len(VoxelCloud.evened(crowded, 10_000).cloud) < 4_000

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from dqreg.errors import DegenerateGeometryError
 from dqreg.geometry import Closest, CloudSurface, PointCloud, prepare_scan
 from dqreg.geometry.cells import Cells, CellSurface
-from dqreg.geometry.normals import NEIGHBOURS
+from dqreg.geometry.normals import NORMAL_NEIGHBOURS
 from dqreg.icp import (
     ESTIMATORS,
     Correspondences,
@@ -251,7 +251,7 @@ def test_the_pairs_bring_their_own_normals_and_variances() -> None:
     weights = np.random.default_rng(2).uniform(0.0, 1.0, len(pairs.scan))
     weights[::3] = 0.0
     scan, T = pairs.scan, pairs.T_target_source
-    moves = np.where(scan.levers > 0.0, scan.residuals**2 / (NEIGHBOURS * np.maximum(scan.levers, 1e-300)), 0.0)
+    moves = np.where(scan.levers > 0.0, scan.residuals**2 / (NORMAL_NEIGHBOURS * np.maximum(scan.levers, 1e-300)), 0.0)
     # Far pairs show nothing finer than the usual bend.
     aside, squares = weights @ pairs.point_to_plane**2, weights @ pairs.distances**2
     assert BEND_VARIANCE_SHARE * (aside / (squares - aside)) ** 2 > BEND_VARIANCE
