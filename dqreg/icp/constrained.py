@@ -12,8 +12,8 @@ from dqreg.geometry.vector_rows import nonzero_rows
 from dqreg.icp.correspondences import Correspondences
 from dqreg.icp.estimators import Estimator, direction_weights, tangent_planes
 from dqreg.solvers import Fit, Freedom, PoseCost
-from dqreg.solvers.minimise import FREE, minimise
-from dqreg.solvers.newton import FLAT
+from dqreg.solvers.minimise import FREE_CURVATURE_RATIO, minimise
+from dqreg.solvers.newton import FLAT_CURVATURE_RATIO
 from dqreg.solvers.quadratic import QuadraticForm, direction_form, point_form, projected_form
 
 # From pairs and weights to what leaves of a twist about the target's origin what the shape holds, (6, 6); None: all.
@@ -36,7 +36,7 @@ def constrained(
     would turn a round shaft.
     """
     # A prior is there for what the pairs hardly feel; without one that is left alone, as `points_to_planes` does.
-    flat = FLAT if prior is None else FREE
+    flat = FLAT_CURVATURE_RATIO if prior is None else FREE_CURVATURE_RATIO
 
     def estimate(pairs: Correspondences, weights: FloatArray, noise: float) -> Fit:
         if not weights.any():

@@ -14,7 +14,7 @@ from dqreg.icp.rejectors import weights_by_distance, weights_by_height, weights_
 from dqreg.rigid import single_pose
 from dqreg.solvers import Fit, Matches, solve_moments, svd
 from dqreg.solvers.moments import sums_of
-from dqreg.solvers.newton import FLAT, least_cost
+from dqreg.solvers.newton import FLAT_CURVATURE_RATIO, least_cost
 from dqreg.solvers.quadratic import QuadraticForm
 
 Estimator = Callable[[Correspondences, FloatArray, float], Fit]
@@ -116,7 +116,7 @@ def short_step(pairs: Correspondences, weights: FloatArray) -> tuple[FloatArray,
     sums, step = np.zeros((-(-count // CHUNK_PAIRS), STEP)), np.zeros(6)
     over_chunks(step_sums, count, *columns, origin, CHUNK_PAIRS, sums, chunk=CHUNK_PAIRS)
     # All six at least as well held as what an exact step moves at all.
-    cost = short_twist(sums, FLAT, step)
+    cost = short_twist(sums, FLAT_CURVATURE_RATIO, step)
     if math.isnan(cost) or not math.hypot(*step[:3].tolist()) <= MAX_STEP_RAD:
         return None
     D = single_pose.exp(step)

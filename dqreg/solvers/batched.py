@@ -13,7 +13,7 @@ from dqreg.errors import InputError
 from dqreg.kernels.threads import as_plain
 from dqreg.solvers.batched_input import FeatureSet, Sides, read_features
 from dqreg.solvers.batched_sums import BatchSums, residual_sums, sum_block
-from dqreg.solvers.narrow import NARROW, long_axes
+from dqreg.solvers.narrow import NARROW_RATIO, long_axes
 from dqreg.solvers.rounding import SAME_POINT, SMALLEST_DIFFERENCE, SMALLEST_GAP, across_floor
 from dqreg.solvers.uncertainty import FitUncertainty
 
@@ -182,7 +182,7 @@ def _solve_block(
         difference = lambda_1 - lambda_2
         floor = sums.floor + SMALLEST_DIFFERENCE * sums.reach
         # lambda_1 + lambda_3 is 2 s2 and lambda_1 + lambda_2 is 2 s1: see `closed_form`.
-        narrow = np.flatnonzero((lambda_1 + lambda_3 <= NARROW * (lambda_1 + lambda_2)) & tame)
+        narrow = np.flatnonzero((lambda_1 + lambda_3 <= NARROW_RATIO * (lambda_1 + lambda_2)) & tame)
         if narrow.size:
             found = _narrow_rotations(sums, sides, beta, narrow)
             R[:, :, narrow], lambda_1[narrow], difference[narrow], floor[narrow] = found

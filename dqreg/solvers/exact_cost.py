@@ -8,9 +8,9 @@ from dqreg._arrays import FloatArray, as_pose
 from dqreg.solvers.matches import Matches
 
 # Rows a chunk: it stays in the cache and below the size at which BLAS wakes its threads.
-CHUNK = 3072
+CHUNK_ROWS = 3072
 # Rows up to which plain expressions are quicker than preparing chunks.
-FEW = 512
+FEW_ROWS = 512
 
 
 def cost_of_pose(T_target_source: FloatArray, matches: Matches) -> tuple[float, float]:
@@ -58,18 +58,18 @@ def _residual_sum(
 ) -> float:
     if not len(source):
         return 0.0
-    if len(source) <= FEW:
+    if len(source) <= FEW_ROWS:
         away = source @ R.T - target if t is None else (source - source[0]) @ R.T - (target - target[0])
         if t is not None:
             away += _miss(source[0], target[0], R, t)
         squares = np.square(away, out=away)
         return float(squares.sum()) if weights is None else float((weights @ squares).sum())
-    work = np.zeros((2, min(CHUNK, len(source) + len(source) % 2), 3)).reshape(2, -1)
+    work = np.zeros((2, min(CHUNK_ROWS, len(source) + len(source) % 2), 3)).reshape(2, -1)
     near = None if t is None else _first_match(source[0], target[0], R, t, len(work[0]))
     # Two rows of three turn as one row of six, at half the price.
     turn, total = np.kron(np.eye(2), R.T), 0.0
-    for first in range(0, len(source), CHUNK):
-        p, q = source[first : first + CHUNK].ravel(), target[first : first + CHUNK].ravel()
+    for first in range(0, len(source), CHUNK_ROWS):
+        p, q = source[first : first + CHUNK_ROWS].ravel(), target[first : first + CHUNK_ROWS].ravel()
         moved, turned = work[0, : p.size], work[1, : p.size]
         if near is not None:
             p = np.subtract(p, near[0, : p.size], out=moved)
@@ -86,7 +86,7 @@ def _residual_sum(
             total += float(np.dot(residual, residual))
         else:
             squared = np.multiply(residual, residual, out=moved).reshape(-1, 3) @ np.ones(3)
-            total += float(np.dot(weights[first : first + CHUNK], squared))
+            total += float(np.dot(weights[first : first + CHUNK_ROWS], squared))
     return total
 
 

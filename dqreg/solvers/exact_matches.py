@@ -30,7 +30,7 @@ from dqreg.solvers.undetermined import no_weight_message, undetermined
 Pair = tuple[FloatArray, FloatArray]
 
 # Exact matches agree to this part of their extent, or in radians: typed coordinates do, measured ones do not.
-AGREED = 1e-9
+EXACT_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -165,7 +165,7 @@ def _rotation(m: Matches, held: BoolArray, along: BoolArray, about: Pair, origin
         for origin, points in zip(origins, (m.points_source, m.points_target), strict=True)
     ]
     extent, far = _reach(m, held, about)
-    least_angle = 10.0 * AGREED + (4.0 * SAME_POINT * far / extent if extent > 0.0 else 0.0)
+    least_angle = 10.0 * EXACT_TOLERANCE + (4.0 * SAME_POINT * far / extent if extent > 0.0 else 0.0)
     try:
         return rotation_beside((source, target), others, np.array(grains), least_angle)
     except DegenerateGeometryError as error:
@@ -179,11 +179,12 @@ def _refuse_contradictions(R: FloatArray, m: Matches, held: BoolArray, along: Bo
     units = _units(m, along)
     miss, tilt = _longest(about[0][held] @ R.T - about[1][held]), _longest(units[0] @ R.T - units[1])
     extent, far = _reach(m, held, about)
-    if miss > AGREED * extent + 4.0 * SAME_POINT * far or tilt > AGREED:
+    if miss > EXACT_TOLERANCE * extent + 4.0 * SAME_POINT * far or tilt > EXACT_TOLERANCE:
         raise InputError(
             f"the exact matches (infinite weight) contradict each other: at best points miss by {miss:.3g} of an "
-            f"extent of {extent:.3g} and directions by {tilt:.3g} rad; they must agree to {AGREED:g}. Give those that "
-            "are measured a large finite weight, such as 1e6 times that of the others"
+            f"extent of {extent:.3g} and directions by {tilt:.3g} rad; they must agree to "
+            f"{EXACT_TOLERANCE:g}. Give those that are measured a large finite weight, such as 1e6 times that of the "
+            "others"
         )
 
 

@@ -13,9 +13,9 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 
-BLOCK = 2048
+BLOCK_ROWS = 2048
 # Blocks that one call of matmul runs through: enough to hide the price of the call, few enough for the cache.
-STACK = 16
+STACK_BLOCKS = 16
 # Rows of the block when its vectors are summed by a product with ones.
 SUM_ROWS = 64
 
@@ -44,7 +44,7 @@ def feature_sums(
     products_only: bool = False,
 ) -> FeatureSums:
     """Sum over all rows."""
-    whole = len(source) // BLOCK * BLOCK
+    whole = len(source) // BLOCK_ROWS * BLOCK_ROWS
     if not whole:
         return _sums_of_few(source, target, weights, origin)
     head = _sums_of_blocks(
@@ -84,15 +84,16 @@ def _sums_of_few(
 
 
 def _sums_of_blocks(rows: Pair, weights: FloatArray | None, origin: Pair | None, products_only: bool) -> FeatureSums:
-    count = len(rows[0]) // BLOCK
-    source, target = (side.reshape(count, 3 * BLOCK) for side in rows)
-    by_block = None if weights is None else weights.reshape(count, BLOCK)
-    shift = None if origin is None else np.tile(np.stack(origin), BLOCK)
-    moved, weighed = np.zeros((2, min(STACK, count), 3 * BLOCK)), np.zeros((3, min(STACK, count), 3 * BLOCK))
+    count = len(rows[0]) // BLOCK_ROWS
+    source, target = (side.reshape(count, 3 * BLOCK_ROWS) for side in rows)
+    by_block = None if weights is None else weights.reshape(count, BLOCK_ROWS)
+    shift = None if origin is None else np.tile(np.stack(origin), BLOCK_ROWS)
+    shape = min(STACK_BLOCKS, count), 3 * BLOCK_ROWS
+    moved, weighed = np.zeros((2, *shape)), np.zeros((3, *shape))
     cross, squares = np.zeros((count, 6, 6)), np.zeros((2, count, 1, 1))
-    sums, ones = np.zeros((2, count, 3 * BLOCK // SUM_ROWS)), np.ones(SUM_ROWS)
-    for first in range(0, count, STACK):
-        here = slice(first, min(first + STACK, count))
+    sums, ones = np.zeros((2, count, 3 * BLOCK_ROWS // SUM_ROWS)), np.ones(SUM_ROWS)
+    for first in range(0, count, STACK_BLOCKS):
+        here = slice(first, min(first + STACK_BLOCKS, count))
         pair = (source[here], target[here])
         k = len(pair[0])
         if shift is not None:

@@ -21,14 +21,14 @@ from dqreg.solvers.hand_eye_model import HandEyeEstimate, HandEyeNoise, estimate
 from dqreg.solvers.hand_eye_start import require_axes, starts
 
 # Rounds of estimating the noise from the residuals and X with that noise; they settle in three or four.
-ROUNDS = 8
-SETTLED = 1e-3
+NOISE_ROUNDS = 8
+SETTLED_LOG_RATIO = 1e-3
 # Noise that stands for none: the rounding of a unit, of angles and of the largest length.
-NONE = 1e-16
+ROUNDING_NOISE = 1e-16
 # Degrees of freedom of residuals that stand for none.
-FEWEST = 1e-3
+MIN_FREEDOM = 1e-3
 # Stations up to which every two of them are a motion for the first estimate.
-MANY = 30
+MAX_PAIRED_STATIONS = 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,7 +202,7 @@ def _read_noise(sigma_A: ArrayLike | None, sigma_B: ArrayLike | None) -> HandEye
 
 
 def _pairs(count: int) -> tuple[IntArray, IntArray]:
-    if count <= MANY:
+    if count <= MAX_PAIRED_STATIONS:
         return (both := np.argwhere(np.tri(count, k=-1) > 0))[:, 1], both[:, 0]
     first = np.arange(count)
     return np.tile(first, 3), np.concatenate([np.roll(first, k) for k in (1, count // 3, count // 2)])
@@ -225,14 +225,14 @@ def _most_likely(
     if given is not None:
         return best, given
     Y = None if found[0][1] is None else best.Y
-    for _ in range(ROUNDS):
+    for _ in range(NOISE_ROUNDS):
         before = noise
         squares = [float(np.square(r).sum()) for r in (best.rotations, best.translations)]
-        rotation, shift = (np.sqrt(s / max(left, FEWEST)) for s, left in zip(squares, best.left, strict=True))
-        noise = replace(noise, turn_b=max(rotation, NONE), shift_b=max(shift, NONE * length))
+        rotation, shift = (np.sqrt(s / max(left, MIN_FREEDOM)) for s, left in zip(squares, best.left, strict=True))
+        noise = replace(noise, turn_b=max(rotation, ROUNDING_NOISE), shift_b=max(shift, ROUNDING_NOISE * length))
         best = estimate(A, B, best.X, None if Y is None else best.Y, noise)
         change = [noise.turn_b / before.turn_b, noise.shift_b / before.shift_b]
-        if np.abs(np.log(change)).max() < SETTLED:
+        if np.abs(np.log(change)).max() < SETTLED_LOG_RATIO:
             break
     return best, noise
 
@@ -249,7 +249,7 @@ def _results(
     if given is None:
         # Estimated noise is uncertain itself: the errors follow Student's t, with a variance larger by v / (v - 2).
         left = np.array(best.left)
-        shrunk = np.repeat(np.sqrt(np.maximum(1.0 - 2.0 / np.maximum(left, FEWEST), 0.0)), 3)
+        shrunk = np.repeat(np.sqrt(np.maximum(1.0 - 2.0 / np.maximum(left, MIN_FREEDOM), 0.0)), 3)
         J = best.jacobian * shrunk[:, None]
         information = np.einsum("nij,nik->jk", J, J)
     scale = np.sqrt(best.information.diagonal())

@@ -20,10 +20,10 @@ from dqreg._arrays import FloatArray
 from dqreg.rigid import pose, quaternion
 from dqreg.rigid.rotations import from_rotation_vector
 
-STEPS = 25
+MAX_STEPS = 25
 # Steps, in standard deviations, that are none, and those so small that they are taken without a look at the cost: the
 # weights of the residuals move a little with X, and the cost with them.
-AT_REST, SMALL = 1e-7, 1e-2
+AT_REST_SIGMAS, SMALL_STEP_SIGMAS = 1e-7, 1e-2
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def estimate(A: FloatArray, B: FloatArray, X: FloatArray, Y: FloatArray | None, 
     """Most likely X, and Y where it is given, near the given ones; Y is X elsewhere. Shapes: A, B (n, 4, 4)."""
     best = _at(A, B, X, Y, noise)
     damping = 0.0
-    for _ in range(STEPS):
+    for _ in range(MAX_STEPS):
         here, slope = best
         scale = np.sqrt(here.information.diagonal())
         normal = here.information / scale / scale[:, None]
@@ -71,14 +71,14 @@ def estimate(A: FloatArray, B: FloatArray, X: FloatArray, Y: FloatArray | None, 
         X_next = _moved(here.X, step[:6])
         reached = _at(A, B, X_next, None if Y is None else _moved(here.Y, step[6:]), noise)
         length = float(np.abs(step * scale).max())
-        if length < SMALL or reached[0].cost <= here.cost:
+        if length < SMALL_STEP_SIGMAS or reached[0].cost <= here.cost:
             best, damping = reached, 0.1 * damping
         elif damping > 1e6:
             break
         else:
             damping = max(10.0 * damping, 1e-3)
             continue
-        if length < AT_REST:
+        if length < AT_REST_SIGMAS:
             break
     return best[0]
 

@@ -14,7 +14,7 @@ from dqreg.errors import DegenerateGeometryError
 from dqreg.rigid import pose, quaternion
 
 # Spread of the rotation vectors off one axis, in units of that along it, which is rounding.
-PARALLEL = 1e-9
+PARALLEL_RATIO = 1e-9
 # Rotations that are none, in radians.
 STILL_RAD = 1e-9
 
@@ -96,7 +96,7 @@ def require_axes(A: FloatArray, noise_rad: float = 0.0) -> None:
             f"no motion rotates (by {np.rad2deg(spread[0]):.3g} degrees at most, rms), so the translation of X is not "
             "determined; add motions that rotate, by 30 degrees and more, about two axes that are not parallel"
         )
-    if not spread[1] > max(PARALLEL * spread[0], 3.0 * noise_rad):
+    if not spread[1] > max(PARALLEL_RATIO * spread[0], 3.0 * noise_rad):
         raise DegenerateGeometryError(
             f"the axes of all rotations are parallel (rotation {np.rad2deg(spread[0]):.3g} degrees rms along one axis, "
             f"{np.rad2deg(spread[1]):.3g} across it), so the translation of X along that axis is not determined; add "

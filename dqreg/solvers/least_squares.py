@@ -14,7 +14,7 @@ from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.solvers.closed_form import fit_of_moments, require_determined, rounding_gap
 from dqreg.solvers.exact_cost import cost_of_pose
 from dqreg.solvers.exact_matches import solve_beside, split_weights
-from dqreg.solvers.feature_sums import BLOCK
+from dqreg.solvers.feature_sums import BLOCK_ROWS
 from dqreg.solvers.fit import Fit
 from dqreg.solvers.matches import Matches, read_matches, refuse_bad_values, weights_of
 from dqreg.solvers.moments import Moments, sums_of
@@ -127,7 +127,7 @@ def _scaled(fit: F, matches: Matches) -> F:
 
 
 def _needs_residuals(fit: Fit, moments: Moments, matches: Matches) -> bool:
-    if max(len(matches.points_source), len(matches.directions_source)) < BLOCK:
+    if max(len(matches.points_source), len(matches.directions_source)) < BLOCK_ROWS:
         return True  # cheap, and then exact
     spread = moments.spread_source + moments.spread_target
     point_cost = fit.rms * fit.rms * moments.point_weight

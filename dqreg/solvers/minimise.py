@@ -28,27 +28,27 @@ from dqreg.solvers.status import Status
 
 # Curvature below this fraction of the largest is rounding, a hundred times the smallest step of a float. No more,
 # because a weak prior beside many exact points is real: 0.1 known beforehand beside 100,000 distances of 1e-5 is 1e-13.
-FREE = 2e-14
+FREE_CURVATURE_RATIO = 2e-14
 # An unconstrained motion is a rotation if that much of its unit vector is one: an axis ten levers away still counts,
 # rounding not.
-TURN = 0.1
+MIN_TURN_SHARE = 0.1
 # Costs that differ by less, in units of the sums they are differences of, are equal.
-EQUAL = 1e-13
+EQUAL_COST_SHARE = 1e-13
 # Steps off a saddle, tried to either side, in radians (and levers).
-ASIDE = (0.3, -0.3)
+SADDLE_STEPS_RAD = (0.3, -0.3)
 # How often that is done.
-ESCAPES = 3
+MAX_ESCAPES = 3
 # Negative curvature of a smaller share is rounding.
-SADDLE = 1e-9
+SADDLE_CURVATURE_RATIO = 1e-9
 # Rotations of the grid: by a constant axis, by an axis in a plane, by any axis.
 GRID = {0: 1, 1: 90, 2: 400, 3: 2000}
 # How many of them are followed, and the least angle between any two of those.
-FOLLOWED = 12
+MAX_FOLLOWED = 12
 APART_RAD = 0.5
 # Departure of K from the same block for each row of R that is rounding.
-ROUNDING = 1e-13
+BLOCK_ROUNDING = 1e-13
 # Translations with a smaller fraction of the stiffness are unconstrained.
-UNFELT = 1e-12
+UNFELT_STIFFNESS_RATIO = 1e-12
 
 
 def minimise(
@@ -56,7 +56,7 @@ def minimise(
     near: FloatArray | None,
     freedom: Freedom | None = None,
     reference: FloatArray | None = None,
-    flat: float = FREE,
+    flat: float = FREE_CURVATURE_RATIO,
     *,
     escape: bool = True,
 ) -> PoseFit:
@@ -80,7 +80,7 @@ def minimise(
             LockedChart(freedom.frame, reference, freely, relative(freedom.frame, near, reference).within(*freely))
         ]
     ends = [descend(form, chart, flat) for chart in charts]
-    level = min(end.value for end in ends) + EQUAL * form.scale
+    level = min(end.value for end in ends) + EQUAL_COST_SHARE * form.scale
     # Of equal minima, the one with the smallest rotation.
     lowest = max((end for end in ends if end.value <= level), key=lambda end: abs(end.chart.motion.q[0]))
     best = _off_saddles(form, lowest, flat) if escape else lowest
@@ -95,19 +95,20 @@ def minimise(
 
 
 def _off_saddles(form: QuadraticForm, end: Descent, flat: float) -> Descent:
-    for _ in range(ESCAPES):
+    for _ in range(MAX_ESCAPES):
         _, hessian, squares = end.chart.slopes(form)
         unit = balance(squares, end.chart.turns)
         strength, motions = np.linalg.eigh(squares * unit[:, None] * unit)
         # Only along what is constrained: the rest stays as it is.
         motions = unit[:, None] * motions[:, strength > flat * strength.max(initial=0.0)]
         values, vectors = np.linalg.eigh(motions.T @ hessian @ motions)
-        if not len(values) or values[0] >= -SADDLE * strength[-1]:
+        if not len(values) or values[0] >= -SADDLE_CURVATURE_RATIO * strength[-1]:
             break
         down = motions @ vectors[:, 0]
         down = down / np.linalg.norm(down[: end.chart.turns])
         lower = min(
-            (descend(form, end.chart.moved(side * down), flat) for side in ASIDE), key=lambda other: other.value
+            (descend(form, end.chart.moved(side * down), flat) for side in SADDLE_STEPS_RAD),
+            key=lambda other: other.value,
         )
         if not lower.value < end.value:
             break
@@ -161,21 +162,22 @@ def _best_shift(form: QuadraticForm, along: FloatArray) -> FloatArray:
     stiffness = along.T @ form.matrix[9:12, 9:12] @ along
     if not stiffness.size:
         return np.zeros((0, 13))
-    best: FloatArray = -np.linalg.pinv(stiffness, rcond=UNFELT, hermitian=True) @ along.T @ form.matrix[9:12]
+    inverse = np.linalg.pinv(stiffness, rcond=UNFELT_STIFFNESS_RATIO, hermitian=True)
+    best: FloatArray = -inverse @ along.T @ form.matrix[9:12]
     return best
 
 
 def _is_isotropic(K: FloatArray) -> bool:
     blocks = K.reshape(3, 3, 3, 3)
     mean = np.einsum("kikj->ij", blocks) / 3.0
-    return bool(np.abs(K - np.kron(np.eye(3), mean)).max() <= ROUNDING * np.abs(K).max())
+    return bool(np.abs(K - np.kron(np.eye(3), mean)).max() <= BLOCK_ROUNDING * np.abs(K).max())
 
 
 def _apart(candidates: FloatArray, values: FloatArray) -> FloatArray:
     """The best candidates no two of which are near each other."""
     order = np.argsort(values, kind="stable")
     chosen: list[int] = []
-    while len(order) and len(chosen) < FOLLOWED:
+    while len(order) and len(chosen) < MAX_FOLLOWED:
         first = int(order[0])
         chosen.append(first)
         cosines = np.abs(candidates[order] @ candidates[first])
@@ -211,7 +213,7 @@ def free_motions(form: QuadraticForm, chart: LockedChart) -> tuple[str, ...]:
     # At a minimum the Hessian decides: where all points belong to one place every rotation has the same cost, although
     # each residual changes.
     values, vectors = np.linalg.eigh(hessian * unit[:, None] * unit)
-    least = FREE * np.abs(squares * unit[:, None] * unit).max(initial=0.0)
+    least = FREE_CURVATURE_RATIO * np.abs(squares * unit[:, None] * unit).max(initial=0.0)
     if form.moments is not None and chart.turns:
         # Of points and directions alone the gap is the curvature of the weakest rotation.
         least += rounding_gap(form.moments) * unit[0] ** 2
@@ -224,6 +226,6 @@ def free_motions(form: QuadraticForm, chart: LockedChart) -> tuple[str, ...]:
     twists = chart.basis @ (unit[:, None] * free)
     twists[3:] += np.cross(twists[:3].T, form.origin_target - chart.pivot).T
     return tuple(
-        Motion.of(twist[:3], twist[3:], form.origin_target, "rotation" if share > TURN else "translation").words
-        for twist, share in zip(twists.T, shares, strict=True)
+        Motion.of(twist[:3], twist[3:], form.origin_target, "rotation" if turns else "translation").words
+        for twist, turns in zip(twists.T, shares > MIN_TURN_SHARE, strict=True)
     )

@@ -12,15 +12,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray, warn_of_old_name
-from dqreg.solvers.feature_sums import BLOCK, FeatureSums, Pair, feature_sums
+from dqreg.solvers.feature_sums import BLOCK_ROWS, FeatureSums, Pair, feature_sums
 from dqreg.solvers.matches import Matches, read_rows
 from dqreg.solvers.narrow import Aligned, is_narrow, long_axes, products_in_axes
 from dqreg.solvers.rounding import grain_of
 
 # Rows looked at to guess the means of a large set.
-SAMPLE = 64
+SAMPLE_ROWS = 64
 # Squared distance of the origin from the mean, in squared spreads, up to which sums are taken as they come.
-FAR = 16.0
+FAR_SQUARED_SPREADS = 16.0
 
 # Arguments of `moments_of` beyond the points, in the order that they had.
 OLD_ORDER = "point_weights", "directions_source", "directions_target", "direction_weights"
@@ -242,7 +242,7 @@ def sums_of(matches: Matches) -> Moments:
 
 
 def _central_sums(source: FloatArray, target: FloatArray, weights: FloatArray | None) -> Central:
-    if len(source) < BLOCK:
+    if len(source) < BLOCK_ROWS:
         origin = _means(source, target, weights)
         return _about_means(feature_sums(source, target, weights, origin), origin)
     origin = _guess_origin(source, target, weights)
@@ -266,7 +266,7 @@ def _means(source: FloatArray, target: FloatArray, weights: FloatArray | None) -
 
 def _guess_origin(source: FloatArray, target: FloatArray, weights: FloatArray | None) -> Pair | None:
     """Means of a sample, or None where the sums about zero lose no more than a digit."""
-    step = len(source) // SAMPLE
+    step = len(source) // SAMPLE_ROWS
     sample = source[::step], target[::step], None if weights is None else weights[::step]
     origin = _means(*sample)
     if origin is None:
@@ -280,7 +280,7 @@ def _guess_origin(source: FloatArray, target: FloatArray, weights: FloatArray | 
 def _is_far(total: FloatArray, weight: float, square: float) -> bool:
     # Sums about an origin this far from the mean, measured in spreads, lose more than one digit to cancellation.
     lever = float(total @ total) / weight
-    return not lever <= FAR * (square - lever)
+    return not lever <= FAR_SQUARED_SPREADS * (square - lever)
 
 
 def _about_means(sums: FeatureSums, origin: Pair | None) -> Central:

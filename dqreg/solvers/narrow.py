@@ -21,9 +21,9 @@ from dqreg._arrays import FloatArray
 from dqreg.solvers.rounding import SAME_POINT, across_floor
 
 # Second singular value of H, in units of the first, from which on the matches are not narrow: 7 times as long as wide.
-NARROW = 2e-2
+NARROW_RATIO = 2e-2
 # Rows taken at once: they stay in the cache.
-CHUNK = 4096
+CHUNK_ROWS = 4096
 # Rows and columns of source and target in their products.
 SIDES = slice(0, 3), slice(3, 6)
 
@@ -93,7 +93,7 @@ def is_narrow(H: FloatArray) -> bool:
     minors = (e * i - f * h) ** 2 + (d * i - f * g) ** 2 + (d * h - e * g) ** 2
     minors += (b * i - c * h) ** 2 + (a * i - c * g) ** 2 + (a * h - b * g) ** 2
     minors += (b * f - c * e) ** 2 + (a * f - c * d) ** 2 + (a * e - b * d) ** 2
-    return minors <= (NARROW * square) ** 2
+    return minors <= (NARROW_RATIO * square) ** 2
 
 
 def long_axes(H: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -119,9 +119,9 @@ def products_in_axes(
     Shapes: sides (n, 3) each, returns (6, 6).
     """
     total = np.zeros((6, 6))
-    for i in range(0, len(sides[0]), CHUNK):
-        rows = np.hstack([(side[i : i + CHUNK] - origins[k]) @ axes[k] for k, side in enumerate(sides)])
-        total += (rows if weights is None else rows * weights[i : i + CHUNK, None]).T @ rows
+    for i in range(0, len(sides[0]), CHUNK_ROWS):
+        rows = np.hstack([(side[i : i + CHUNK_ROWS] - origins[k]) @ axes[k] for k, side in enumerate(sides)])
+        total += (rows if weights is None else rows * weights[i : i + CHUNK_ROWS, None]).T @ rows
     return total
 
 

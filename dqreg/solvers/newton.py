@@ -13,14 +13,14 @@ from dqreg._arrays import FloatArray
 from dqreg.solvers.dof_chart import LockedChart
 from dqreg.solvers.quadratic import QuadraticForm, Slopes
 
-STEPS = 200
+MAX_STEPS = 200
 # A predicted gain below this fraction of the cost's scale is rounding; so is a rise of so many times as much.
-NOTHING = 1e-15
-NOISE = 100.0
+NO_GAIN_SHARE = 1e-15
+ROUNDING_RISE_RATIO = 100.0
 # Longest rotation of one step: a longer one would leap into the neighbouring valley.
 LONGEST_RAD = 1.6
 # Curvature below this fraction of the largest leaves the motion where it is.
-FLAT = 1e-9
+FLAT_CURVATURE_RATIO = 1e-9
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,21 +47,21 @@ def least_cost(form: QuadraticForm, start: FloatArray) -> tuple[FloatArray, floa
     from dqreg.kernels.threads import as_plain
 
     origins, T = np.array([form.origin_source, form.origin_target]), np.zeros((4, 4))
-    limits = STEPS, NOTHING, NOISE, LONGEST_RAD, FLAT
+    limits = MAX_STEPS, NO_GAIN_SHARE, ROUNDING_RISE_RATIO, LONGEST_RAD, FLAT_CURVATURE_RATIO
     cost = least_cost_pose(as_plain(form.matrix), as_plain(origins), as_plain(start), *limits, T)
     return T, cost
 
 
-def descend(form: QuadraticForm, chart: LockedChart, flat: float = FLAT) -> Descent:
+def descend(form: QuadraticForm, chart: LockedChart, flat: float = FLAT_CURVATURE_RATIO) -> Descent:
     """Damped Newton steps from where a chart stands."""
     value, damping, before = form.value(chart.pose), 0.0, np.inf
     scale = max(form.scale, abs(value))
-    for iteration in range(STEPS):
+    for iteration in range(MAX_STEPS):
         slope, curvature, strength, motions = constrained_motions(chart.slopes(form), chart.turns, flat)
         if not len(slope):
             return Descent(chart, value, iteration, converged=True)
         gain = float(slope @ (slope / curvature))
-        last = gain <= NOTHING * scale
+        last = gain <= NO_GAIN_SHARE * scale
         if last and not gain < 0.25 * before:
             return Descent(chart, value, iteration, converged=True)
         damping = 0.0 if last else damping
@@ -70,7 +70,7 @@ def descend(form: QuadraticForm, chart: LockedChart, flat: float = FLAT) -> Desc
             candidate = chart.moved(step)
             reached = form.value(candidate.pose)
             # A gain this small is within the rounding of the cost: the step is right even where the cost seems to rise.
-            sound = reached <= value + (NOISE * NOTHING * scale if last else 0.0)
+            sound = reached <= value + (ROUNDING_RISE_RATIO * NO_GAIN_SHARE * scale if last else 0.0)
             sound = sound and bool(np.linalg.norm(step[: chart.turns]) <= LONGEST_RAD)
             if sound or damping > 1e12:
                 break
@@ -78,11 +78,11 @@ def descend(form: QuadraticForm, chart: LockedChart, flat: float = FLAT) -> Desc
         if not sound:
             return Descent(chart, value, iteration, converged=last)
         chart, value, damping = candidate, reached, 0.25 * damping
-        if last and gain * float(curvature.max() / curvature.min()) ** 2 <= NOTHING * scale:
+        if last and gain * float(curvature.max() / curvature.min()) ** 2 <= NO_GAIN_SHARE * scale:
             return Descent(chart, value, iteration + 1, converged=True)
         # Where the cost is steep and flat at once, one step within rounding is not enough: on while they shrink.
         before = gain if last else np.inf
-    return Descent(chart, value, STEPS, converged=False)
+    return Descent(chart, value, MAX_STEPS, converged=False)
 
 
 def constrained_motions(
@@ -101,7 +101,7 @@ def constrained_motions(
     motions = motions @ turned
     strength = np.einsum("ij,ij->j", motions, squares @ motions)
     # Negative curvature is walked down, not up; none at all would make the step endless.
-    size = np.maximum(np.abs(curvature), FLAT * strength.max(initial=0.0))
+    size = np.maximum(np.abs(curvature), FLAT_CURVATURE_RATIO * strength.max(initial=0.0))
     return motions.T @ gradient, size, strength, motions
 
 

@@ -30,7 +30,7 @@ from dqreg.solvers.narrow import is_narrow
 from dqreg.solvers.quadratic import QuadraticForm, isotropic_form, isotropic_moments
 
 # Rows converted and checked in one step: some 10 MB.
-SLICE = 65_536
+SLICE_ROWS = 65_536
 
 Origins = tuple[FloatArray, FloatArray]
 Build = Callable[[list[FloatArray], FloatArray, Origins], FloatArray]
@@ -89,8 +89,8 @@ def _is_rows(value: Any) -> bool:
 
 
 def _slices(given: dict[str, Any], weights: FloatArray) -> Iterator[tuple[list[FloatArray], FloatArray]]:
-    for i in range(0, len(weights), SLICE):
-        part = slice(i, i + SLICE)
+    for i in range(0, len(weights), SLICE_ROWS):
+        part = slice(i, i + SLICE_ROWS)
         yield [as_vectors(value[part], f"{name}, rows from {i}") for name, value in given.items()], weights[part]
 
 
@@ -103,8 +103,8 @@ def _origins(given: dict[str, Any], weights: FloatArray) -> Origins:
 
 
 # Departure from symmetry, and smallest eigenvalue of the correlations, that rounding may leave.
-ASYMMETRY = 1e-9
-SINGULAR = 1e-13
+MAX_ASYMMETRY = 1e-9
+MIN_EIGENVALUE = 1e-13
 
 _CROSS = np.zeros((3, 3, 3))
 for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
@@ -155,10 +155,10 @@ def read_covariance(value: object, name: str) -> FloatArray:
     size = np.sqrt(np.where(unknown, 1.0, variances))
     correlations = C / size / size[:, None] + np.diag(unknown.astype(np.float64))
     uneven = float(np.abs(correlations - correlations.T).max())
-    if uneven > ASYMMETRY:
+    if uneven > MAX_ASYMMETRY:
         raise InputError(f"{name} must be symmetric; its correlations differ by {uneven:.3g} across the diagonal")
     least = float(np.linalg.eigvalsh(correlations)[0])
-    if not least > SINGULAR:
+    if not least > MIN_EIGENVALUE:
         raise InputError(
             f"{name} must be positive definite; the smallest eigenvalue of its correlations is {least:.3g}. "
             "Lock what is exact: dof="

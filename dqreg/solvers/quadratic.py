@@ -32,9 +32,9 @@ from dqreg.rigid import pose
 from dqreg.solvers.moments import Moments, scaled
 
 # Rows built in one step: 13 numbers each stay in the second-level cache.
-CHUNK = 4096
+CHUNK_ROWS = 4096
 # Rows of a Jacobian that are written in one go.
-ROWS = 16_384
+JACOBIAN_ROWS = 16_384
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -108,9 +108,9 @@ class QuadraticForm:
 def point_form(p: FloatArray, q: FloatArray, weights: FloatArray, origins: tuple[FloatArray, FloatArray]) -> FloatArray:
     """Matrix of points p to points q, (n, 3) each, relative to the origins. Shapes: returns (13, 13)."""
     total = np.zeros((7, 7))
-    rows = np.ones((7, min(CHUNK, len(p))))
-    for i in range(0, len(p), CHUNK):
-        part = slice(i, i + CHUNK)
+    rows = np.ones((7, min(CHUNK_ROWS, len(p))))
+    for i in range(0, len(p), CHUNK_ROWS):
+        part = slice(i, i + CHUNK_ROWS)
         block = rows[:, : len(p[part])]
         np.subtract(p[part].T, origins[0][:, None], out=block[:3])
         block[3] = 1.0
@@ -124,9 +124,9 @@ def point_form(p: FloatArray, q: FloatArray, weights: FloatArray, origins: tuple
 def direction_form(m: FloatArray, n: FloatArray, weights: FloatArray) -> FloatArray:
     """Matrix of directions m to directions n, (n, 3) each; no origin enters. Shapes: returns (13, 13)."""
     total = np.zeros((7, 7))
-    rows = np.zeros((7, min(CHUNK, len(m))))
-    for i in range(0, len(m), CHUNK):
-        part = slice(i, i + CHUNK)
+    rows = np.zeros((7, min(CHUNK_ROWS, len(m))))
+    for i in range(0, len(m), CHUNK_ROWS):
+        part = slice(i, i + CHUNK_ROWS)
         block = rows[:, : len(m[part])]
         root = np.sqrt(weights[part])
         np.multiply(m[part].T, root, out=block[:3])
@@ -143,9 +143,9 @@ def plane_form(
     Shapes: returns (13, 13).
     """
     total = np.zeros((13, 13))
-    rows, local, foot = (np.zeros((count, min(CHUNK, len(p)))) for count in (13, 3, 3))
-    for i in range(0, len(p), CHUNK):
-        part = slice(i, i + CHUNK)
+    rows, local, foot = (np.zeros((count, min(CHUNK_ROWS, len(p)))) for count in (13, 3, 3))
+    for i in range(0, len(p), CHUNK_ROWS):
+        part = slice(i, i + CHUNK_ROWS)
         size = len(p[part])
         block, x, n = rows[:, :size], local[:, :size], rows[9:12, :size]
         np.subtract(p[part].T, origins[0][:, None], out=x)
@@ -168,7 +168,7 @@ def plane_rows(points: FloatArray, normals: FloatArray, centre: FloatArray, leve
 
     rows = np.zeros((6, len(points)))
     columns = as_plain(points), as_plain(normals), as_plain(centre)
-    over_chunks(plane_row_columns, len(points), *columns, float(lever), rows, chunk=ROWS)
+    over_chunks(plane_row_columns, len(points), *columns, float(lever), rows, chunk=JACOBIAN_ROWS)
     return rows
 
 

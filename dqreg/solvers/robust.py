@@ -20,14 +20,14 @@ from dqreg._arrays import FloatArray
 LEAST_FRACTION = 1e-3
 # An EM round that changes scale and inlier fraction by less is the last: both are good to a percent of some thousand
 # distances, and what goes on in rounds of its own ends no sooner than they stand still.
-STILL = 1e-8
+SETTLED_SHARE = 1e-8
 # Where a fit starts: half of the points inliers, and a scale at which no distance within the limit is given up yet (at
 # the limit the Gaussian is exp(-2) of its peak), so that EM only has to narrow it.
-EVEN, WIDEST = 0.5, 0.5
+FIRST_INLIER_FRACTION, FIRST_SCALE_LIMITS = 0.5, 0.5
 # The least scale: its square would be zero, but no distance is divided by zero.
 TINY = float(np.finfo(float).tiny)
 # What squares of distances are multiplied with at most: infinity times zero is no number.
-STEEPEST = -1e300
+MIN_SQUARE_FACTOR = -1e300
 # One over the density of a half-normal distance of standard deviation 1 at zero.
 HALF_NORMAL = math.sqrt(math.pi / 2.0)
 # Standard deviation of a Gaussian over the median of its distances from zero.
@@ -160,12 +160,12 @@ class InlierMixture:
     @classmethod
     def starting(cls, scale: float, limit: float) -> InlierMixture:
         """Start of a fit at a given scale, with nothing known about the fraction of inliers."""
-        return cls(scale, EVEN, limit)
+        return cls(scale, FIRST_INLIER_FRACTION, limit)
 
     @classmethod
     def widest(cls, limit: float, floor: float) -> InlierMixture:
         """Start of a fit of which nothing is known, at a scale of at least the floor."""
-        return cls.starting(max(WIDEST * limit, floor), limit)
+        return cls.starting(max(FIRST_SCALE_LIMITS * limit, floor), limit)
 
     @property
     def odds(self) -> float:
@@ -199,7 +199,7 @@ class InlierMixture:
         count, least = len(distances), max(floor, TINY)
         for _ in range(rounds):
             # As `weight` has it but for rounding, where the numbers stand already.
-            np.multiply(squares, max(-0.5 / scale / scale, STEEPEST), out=weights)
+            np.multiply(squares, max(-0.5 / scale / scale, MIN_SQUARE_FACTOR), out=weights)
             np.exp(weights, out=weights)
             np.add(weights, (1.0 - fraction) / self.limit * scale * HALF_NORMAL / fraction, out=beside)
             np.divide(weights, beside, out=weights)
@@ -209,7 +209,8 @@ class InlierMixture:
             was_scale, was_fraction = scale, fraction
             scale = max(math.sqrt(float(weights @ squares) / total), least)
             fraction = min(max(total / count, LEAST_FRACTION), 1.0 - LEAST_FRACTION)
-            if abs(scale - was_scale) <= STILL * scale and abs(fraction - was_fraction) <= STILL * fraction:
+            is_still = abs(scale - was_scale) <= SETTLED_SHARE * scale
+            if is_still and abs(fraction - was_fraction) <= SETTLED_SHARE * fraction:
                 break
         return InlierMixture(scale, fraction, self.limit)
 

@@ -14,12 +14,12 @@ from dqreg._arrays import FloatArray, IntArray, product
 # not shape.
 FREE_SHARE = 1e-5
 # Rows that one thread sums in one go, about.
-TOGETHER = 8_192
+CHUNK_ROWS = 8_192
 
 
 def _together(starts: IntArray, rows: int) -> int:
     """Patches that one thread sums in one go."""
-    return max(TOGETHER * len(starts) // max(rows, 1), 1)
+    return max(CHUNK_ROWS * len(starts) // max(rows, 1), 1)
 
 
 class PatchSums(Protocol):

@@ -11,29 +11,29 @@ from dqreg._arrays import FloatArray, IntArray, dot, median, product
 from dqreg.solvers.row_sums import PatchSums, RowSums
 
 # Patches of neighbouring correspondences whose noise may be common; the fewest from which a scatter can be estimated.
-PATCHES, FEWEST_PATCHES = 200, 30
+PATCH_COUNT, MIN_PATCHES = 200, 30
 # Smaller patches, between which noise that is shared more widely is estimated.
-SMALL = 500
+SMALL_PATCH_COUNT = 500
 # Patches along the curve whose agreement is tested first, because that costs nearly nothing.
-NEXT = 4
+NEXT_PATCHES = 4
 # Points that tell the noise along a motion that they alone hold.
 ENOUGH_CARRIERS = 100.0
 # Standard errors of independent noise that this first test, and then the agreement at the best range, must exceed.
 # Of 120 scans with independent noise the first reached 2.2, the second 2.4.
-NEIGHBOURS_AGREE, SHARED = 1.5, 3.0
+NEIGHBOUR_SIGMAS, SHARED_SIGMAS = 1.5, 3.0
 # A patch of less than this share of the weight of the heaviest is of outliers: how far off they are is no noise.
-LIGHT = 0.1
+LIGHT_WEIGHT_SHARE = 0.1
 # A fit that follows more of the noise than this leaves too little to tell its size by.
 MIN_NOISE_SHARE = 0.25
 # Ranges tried: from that many distances between patches, so many by that factor, up to this fraction of the extent.
 SHORTEST_RANGE_DISTANCES, LONGEST_RANGE_EXTENTS = 1.5, 0.5
 RANGE_COUNT, RANGE_RATIO = 16, 2.0**0.5
 # Information below this fraction of the largest is none: the smooth surface may constrain what the facets leave free.
-SINGULAR = 1e-9
+SINGULAR_SHARE = 1e-9
 # Bins of the distances, up to the farthest range.
-BINS = 256
+DISTANCE_BINS = 256
 # Rows of the covariance between patches that are multiplied in one go: they stay in the cache.
-BLOCK = 100
+BLOCK_ROWS = 100
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -90,17 +90,17 @@ def scatter_of_sums(
     information = sums.information()
     mix = np.eye(len(information)) if motions is None else motions
     # Patches tell the scatter of fewer unknowns than there are of them.
-    if len(large) < FEWEST_PATCHES or len(large) <= mix.shape[1] + 1:
+    if len(large) < MIN_PATCHES or len(large) <= mix.shape[1] + 1:
         return None
     information = mix.T @ information @ mix + known
     values = np.linalg.eigvalsh(information)
-    if not values[0] > SINGULAR * values[-1]:
+    if not values[0] > SINGULAR_SHARE * values[-1]:
         return None
     bread = np.asarray(np.linalg.inv(information), dtype=np.float64)
     coarse = _with_model(_sandwich(bread, mix.T @ sums.over(large)[0], variance * known), variance * bread, len(large))
     scores, beside = sums.over(small)
     patches = _Patches.of(beside)
-    if patches.neighbour_agreement() < NEIGHBOURS_AGREE:
+    if patches.neighbour_agreement() < NEIGHBOUR_SIGMAS:
         return coarse
     shared = patches.shared_noise()
     if shared is None:
@@ -116,13 +116,13 @@ def patch_starts(total: int, counts: FloatArray | None) -> Starts:
     if counts is None:
         return _even_starts(total)
     passed = np.cumsum(counts)
-    return Starts(_starts(total, PATCHES, passed), _starts(total, SMALL, passed))
+    return Starts(_starts(total, PATCH_COUNT, passed), _starts(total, SMALL_PATCH_COUNT, passed))
 
 
 @lru_cache(maxsize=16)
 def _even_starts(total: int) -> Starts:
     # The same for every scan of so many points.
-    return Starts(_starts(total, PATCHES, None), _starts(total, SMALL, None))
+    return Starts(_starts(total, PATCH_COUNT, None), _starts(total, SMALL_PATCH_COUNT, None))
 
 
 def _starts(total: int, most: int, passed: FloatArray | None) -> IntArray:
@@ -146,7 +146,7 @@ def _with_model(scatter: FloatArray, model: FloatArray, patches: int) -> FloatAr
     In no direction is it smaller than before. Of 30 patches squared errors came to 1.2 to 1.6 of the variance, now to
     0.9 to 1.0 where noise is alike and 0.7 where it differs between faces.
     """
-    share = 1.0 - patches / PATCHES
+    share = 1.0 - patches / PATCH_COUNT
     return scatter if share <= 0.0 else larger(scatter, (1.0 - share) * scatter + share * model)
 
 
@@ -180,7 +180,7 @@ def larger(one: FloatArray, other: FloatArray) -> FloatArray:
     # unknowns on, `svd` does not.
     axes_one, spreads, _ = np.linalg.svd(one)
     # Exact data leave directions without any scatter.
-    roots = np.sqrt(np.maximum(spreads, SINGULAR * spreads[0]))
+    roots = np.sqrt(np.maximum(spreads, SINGULAR_SHARE * spreads[0]))
     if not roots.all():
         return other
     inverse = axes_one / roots
@@ -205,7 +205,7 @@ class _Patches:
         """From weights, and weighted points, normals and residuals, (8, m)."""
         total = np.maximum(sums[0], np.finfo(float).tiny)
         points, normals, means = (sums[1:4] / total).T, (sums[4:7] / total).T, sums[7] / total
-        light = total < LIGHT * total.max()
+        light = total < LIGHT_WEIGHT_SHARE * total.max()
         if light.any():
             normals, means = np.where(light[:, None], 0.0, normals), np.where(light, 0.0, means)
         return _Patches(points, normals, means, total, float(np.sum(means**2)) / np.count_nonzero(~light))
@@ -214,7 +214,7 @@ class _Patches:
         """Agreement of patches that follow each other, in standard errors of independent noise."""
         agreement = alike = 0.0
         normals = np.ascontiguousarray(self.normals.T)
-        for step in range(1, NEXT + 1):
+        for step in range(1, NEXT_PATCHES + 1):
             same = normals[0, step:] * normals[0, :-step]
             same += normals[1, step:] * normals[1, :-step]
             same += normals[2, step:] * normals[2, :-step]
@@ -232,15 +232,15 @@ class _Patches:
         far = LONGEST_RANGE_EXTENTS * nearest_others(points, nearest)
         if not far > 0.0:
             return None
-        products, squared = np.zeros(BINS), np.zeros(BINS)
+        products, squared = np.zeros(DISTANCE_BINS), np.zeros(DISTANCE_BINS)
         binned_agreements(points, normals, as_plain(self.residuals), far, products, squared)
         ranges = SHORTEST_RANGE_DISTANCES * median(nearest) * RANGE_RATIO ** np.arange(RANGE_COUNT)
         ranges = ranges[(ranges > 0.0) & (ranges <= far)]
-        models = _spherical((np.arange(BINS) + 0.5) * (far / BINS) / ranges[:, None])
+        models = _spherical((np.arange(DISTANCE_BINS) + 0.5) * (far / DISTANCE_BINS) / ranges[:, None])
         agreements, norms = models @ products, models**2 @ squared
         errors = self.variance * np.sqrt(norms)
         excess = np.divide(agreements, errors, out=np.zeros(len(ranges)), where=errors > 0.0)
-        if excess.max(initial=0.0) < SHARED:
+        if excess.max(initial=0.0) < SHARED_SIGMAS:
             return None
         best = int(excess.argmax())
         return float(agreements[best] / norms[best]), float(ranges[best])
@@ -276,9 +276,10 @@ class _Patches:
 
         count, squares = len(self.points), 0.0
         found, beside = np.zeros(columns.shape), np.zeros(others.shape)
-        given, (one, other) = (as_plain(self.points), as_plain(self.normals)), np.zeros((2, min(BLOCK, count), count))
-        for k in range(0, count, BLOCK):
-            part = slice(k, min(k + BLOCK, count))
+        given = as_plain(self.points), as_plain(self.normals)
+        one, other = np.zeros((2, min(BLOCK_ROWS, count), count))
+        for k in range(0, count, BLOCK_ROWS):
+            part = slice(k, min(k + BLOCK_ROWS, count))
             rows = slice(part.stop - k)
             covariance_rows(k, part.stop, *given, sill, reach, one, other)
             found[part], beside[part] = product(one[rows], columns), product(other[rows], others)

@@ -16,11 +16,10 @@ from dqreg._arrays import FloatArray
 from dqreg.errors import DegenerateGeometryError
 from dqreg.rigid import pose, twist
 from dqreg.rigid.twist import scaling_by
+from dqreg.solvers.sandwich import MIN_PATCHES, PATCH_COUNT
 
 # Share of the scale's own information that must be left once the pose is free: of a flat or round part nothing is.
-HELD = 1e-8
-# Patches of neighbouring matches whose noise may be one; and the fewest from which a scatter can be learned.
-PATCHES, FEWEST_PATCHES = 200, 30
+MIN_HELD_SHARE = 1e-8
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,7 +90,7 @@ def scale_step(matches: SurfaceMatches, *, hold: bool = False) -> ScaleStep:
     inverse = np.linalg.pinv(form[:6, :6], rcond=1e-10, hermitian=True)
     pull = -inverse @ form[:6, 6]
     held = float(form[6, 6] + form[6, :6] @ pull)
-    if not hold and not held > HELD * weights.sum():
+    if not hold and not held > MIN_HELD_SHARE * weights.sum():
         raise DegenerateGeometryError(
             "the matches leave the scale free (a plane or a cone fits itself at any size); give the scale, or scan "
             "opposite sides of the part"
@@ -124,8 +123,8 @@ def _sigma(alone: FloatArray, residuals: FloatArray, weights: FloatArray, held: 
     # As in the covariance of the pose: White's sandwich over patches, for the one column that is left of the scale.
     total = max(float(weights.sum()) - 7.0, 1.0)
     independent = math.sqrt(float(weights @ residuals**2) / total / held)
-    count = min(PATCHES, len(weights) // 8)
-    if count < FEWEST_PATCHES:
+    count = min(PATCH_COUNT, len(weights) // 8)
+    if count < MIN_PATCHES:
         return independent
     starts = np.linspace(0, len(weights), count, endpoint=False).astype(np.int64)
     scores = np.add.reduceat(alone * weights * residuals, starts)

@@ -11,13 +11,13 @@ from dqreg._arrays import FloatArray
 from dqreg.errors import DegenerateGeometryError
 from dqreg.solvers.matches import Matches
 from dqreg.solvers.moments import Moments, sums_of
-from dqreg.solvers.narrow import NARROW
+from dqreg.solvers.narrow import NARROW_RATIO
 
 # Distance from the origin, in extents of the points, from which on rounding of the coordinates is the cause. Sums that
 # are not about the means meet it at the square root.
-FAR, FAR_UNCENTRED = 1e8, 1e5
+FAR_EXTENTS, FAR_UNCENTRED_EXTENTS = 1e8, 1e5
 # Singular values that cancel to this fraction: two rotations fit alike.
-CANCELLED = 1e-6
+CANCELLED_RATIO = 1e-6
 
 
 def no_weight_message() -> str:
@@ -35,7 +35,8 @@ def undetermined(
     """Error with the measured gap, the cause and the remedy."""
     if matches is not None:
         moments = sums_of(matches)
-    cause = "" if moments is None else f". {_cause(moments, matches, FAR if centred else FAR_UNCENTRED)}"
+    far = FAR_EXTENTS if centred else FAR_UNCENTRED_EXTENTS
+    cause = "" if moments is None else f". {_cause(moments, matches, far)}"
     return DegenerateGeometryError(f"the matches do not determine the rotation: {words}{cause}")
 
 
@@ -50,7 +51,7 @@ def _cause(moments: Moments, matches: Matches | None, far: float) -> str:
     if matches is not None and (few := _too_few(matches)):
         return few
     s1, s2, s3 = _singular_values(moments.point_cross + moments.direction_cross)
-    if s2 > NARROW * s1 and s3 < 0.0 and s2 + s3 <= CANCELLED * s2:
+    if s2 > NARROW_RATIO * s1 and s3 < 0.0 and s2 + s3 <= CANCELLED_RATIO * s2:
         return (
             "Two rotations fit alike, as where one side is a mirror image of the other or directions are reversed: "
             "check the handedness and the order of the axes, and the signs of normals"
@@ -61,7 +62,7 @@ def _cause(moments: Moments, matches: Matches | None, far: float) -> str:
         return "All directions are parallel: add one across them"
     if extent == 0.0:
         return "All points of one side lie in one place: add points elsewhere, or two directions that are not parallel"
-    if s2 <= NARROW * s1:
+    if s2 <= NARROW_RATIO * s1:
         return (
             "All points lie on one line, and no direction across it: add a point off that line or a direction across it"
         )
@@ -113,7 +114,7 @@ def _too_light(matches: Matches) -> str:
         size = math.sqrt(source) * math.sqrt(target)
         H += cross / size if size > 0.0 else 0.0
     s1, s2, s3 = _singular_values(H)
-    if not s2 + s3 > CANCELLED * s1:
+    if not s2 + s3 > CANCELLED_RATIO * s1:
         return ""
     beta, alpha = (None if w is None else w[w > 0.0] for w in _weights(matches))
     ranges = [

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.solvers.quadratic import ROWS
+from dqreg.solvers.quadratic import JACOBIAN_ROWS
 from dqreg.solvers.row_sums import squared
 
 # Normals that are estimates constrain what the shape leaves free: each side's by its own errors. Where less than this
@@ -33,9 +33,9 @@ def unconfirmed(
     from dqreg.kernels.motion_sums import products_of_both
     from dqreg.kernels.threads import as_plain, over_chunks
 
-    sums = np.zeros((max(-(-len(weights) // ROWS), 1), 2, 21))
+    sums = np.zeros((max(-(-len(weights) // JACOBIAN_ROWS), 1), 2, 21))
     of_rows = map(as_plain, (points, normals, own, weights, centre))
-    over_chunks(products_of_both, len(weights), *of_rows, float(lever), ROWS, sums, chunk=ROWS)
+    over_chunks(products_of_both, len(weights), *of_rows, float(lever), JACOBIAN_ROWS, sums, chunk=JACOBIAN_ROWS)
     both, compared = (basis.T @ squared(side) @ basis for side in sums.sum(axis=0))
     values, vectors = np.linalg.eigh(compared)
     held = values > least
@@ -61,8 +61,10 @@ def carriers_of(
     from dqreg.kernels.motion_sums import motion_shares
     from dqreg.kernels.threads import as_plain, over_chunks
 
-    sums = np.zeros((max(-(-len(weights) // ROWS), 1), 2, vectors.shape[1]))
+    sums = np.zeros((max(-(-len(weights) // JACOBIAN_ROWS), 1), 2, vectors.shape[1]))
     of_rows = points, normals, own, vectors.T, weights, np.zeros(0) if counts is None else counts, centre
-    over_chunks(motion_shares, len(weights), *map(as_plain, of_rows), float(lever), ROWS, sums, chunk=ROWS)
+    over_chunks(
+        motion_shares, len(weights), *map(as_plain, of_rows), float(lever), JACOBIAN_ROWS, sums, chunk=JACOBIAN_ROWS
+    )
     shares, squares = sums.sum(axis=0)
     return np.asarray(np.maximum(shares, 0.0) ** 2 / np.where(squares > 0.0, squares, np.inf))

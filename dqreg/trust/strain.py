@@ -12,7 +12,7 @@ from dqreg._arrays import FloatArray, median, root_mean_square
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.vector_rows import second_moment
 from dqreg.solvers.motion_words import Vector
-from dqreg.solvers.quadratic import ROWS, plane_rows
+from dqreg.solvers.quadratic import JACOBIAN_ROWS, plane_rows
 from dqreg.trust.robust_fit import TINY, best_motion, robust_fit, unexplained, weights_of
 
 # Correspondences without which no strain is asked for.
@@ -182,8 +182,10 @@ def _rows(
     from dqreg.kernels.threads import as_plain, over_chunks
 
     rows, count, normals = np.zeros((15, len(arms))), len(arms), as_plain(normals)
-    over_chunks(plane_row_columns, count, as_plain(points), normals, middle, lever, rows[:6], chunk=ROWS)
-    over_chunks(strain_row_columns, count, as_plain(arms), normals, as_plain(axes), lever, rows[6:], chunk=ROWS)
+    over_chunks(plane_row_columns, count, as_plain(points), normals, middle, lever, rows[:6], chunk=JACOBIAN_ROWS)
+    over_chunks(
+        strain_row_columns, count, as_plain(arms), normals, as_plain(axes), lever, rows[6:], chunk=JACOBIAN_ROWS
+    )
     return rows
 
 

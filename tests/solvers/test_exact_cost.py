@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 
 from dqreg.solvers import cost_of_pose, read_matches
-from dqreg.solvers.exact_cost import CHUNK, FEW
+from dqreg.solvers.exact_cost import CHUNK_ROWS, FEW_ROWS
 from tests.solvers.problems import euclidean_cost, fast, problems
 from tests.strategies import poses
 
@@ -16,7 +16,9 @@ def test_it_is_the_cost_by_its_definition(problem, T):
     assert sum(cost_of_pose(T, read_matches(*problem.args))) == pytest.approx(euclidean_cost(T, problem), rel=1e-9)
 
 
-@pytest.mark.parametrize("count", [1, 2, 3, FEW, FEW + 1, CHUNK - 1, CHUNK, CHUNK + 1, 2 * CHUNK + 3])
+@pytest.mark.parametrize(
+    "count", [1, 2, 3, FEW_ROWS, FEW_ROWS + 1, CHUNK_ROWS - 1, CHUNK_ROWS, CHUNK_ROWS + 1, 2 * CHUNK_ROWS + 3]
+)
 @pytest.mark.parametrize("weighted", [False, True])
 def test_chunks_do_not_show(count, weighted):
     rng = np.random.default_rng(count)

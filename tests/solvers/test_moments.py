@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from dqreg.errors import InputError
 from dqreg.solvers import Moments, moments_of, read_matches, solve, solve_moments
-from dqreg.solvers.feature_sums import BLOCK, STACK, feature_sums
+from dqreg.solvers.feature_sums import BLOCK_ROWS, STACK_BLOCKS, feature_sums
 from tests.solvers.problems import assert_same_pose, fast, problems
 
-SIZES = [1, 2, 63, BLOCK - 1, BLOCK, BLOCK + 1, 3 * BLOCK + 5, BLOCK * (STACK + 1) + 1]
+SIZES = [1, 2, 63, BLOCK_ROWS - 1, BLOCK_ROWS, BLOCK_ROWS + 1, 3 * BLOCK_ROWS + 5, BLOCK_ROWS * (STACK_BLOCKS + 1) + 1]
 
 
 def draw(count: int, seed: int = 0):
@@ -60,7 +60,7 @@ def test_moments_are_central_however_far_the_points_are(count, away):
 
 def test_a_few_heavy_points_far_from_all_others_keep_their_digits():
     # The sample that guesses the origin sees none of the four heavy points, a million units away.
-    p, q, *_ = draw(3 * BLOCK)
+    p, q, *_ = draw(3 * BLOCK_ROWS)
     heavy = np.arange(1, 5)
     p[heavy] = np.round(p[heavy] * 2**20) / 2**20 + 1e6
     q[heavy] = p[heavy]

@@ -7,7 +7,7 @@ import pytest
 
 from dqreg.errors import DegenerateGeometryError
 from dqreg.solvers import PoseCost, moments_of, solve, solve_many, solve_moments
-from dqreg.solvers.narrow import NARROW, is_narrow, long_axes
+from dqreg.solvers.narrow import NARROW_RATIO, is_narrow, long_axes
 from tests.solvers.exact_oracle import EPS, angle_between, best_rotation, random_rotation
 
 # The project's promise: within this factor of eps times length over width.
@@ -114,7 +114,7 @@ def test_a_line_stays_refused_in_any_position(way):
 def test_narrow_is_the_ratio_of_two_singular_values():
     rng = np.random.default_rng(10)
     for scale in (1e-150, 1.0, 1e150):
-        for ratio, narrow in ((0.5 * NARROW, True), (2.0 * NARROW, False)):
+        for ratio, narrow in ((0.5 * NARROW_RATIO, True), (2.0 * NARROW_RATIO, False)):
             H = scale * random_rotation(rng) @ np.diag([1.0, ratio, 0.1 * ratio]) @ random_rotation(rng)
             assert is_narrow(H) is narrow
     assert not is_narrow(np.zeros((3, 3)))

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from dqreg.errors import InputError
 from dqreg.rigid import pose
 from dqreg.solvers import PoseCost, moments_of, solve, solve_moments
-from dqreg.solvers.pose_cost_rows import SLICE
+from dqreg.solvers.pose_cost_rows import SLICE_ROWS
 from tests.solvers.cost_cases import frames, mixed, numeric_slopes
 from tests.solvers.problems import Problem, fast, problems
 from tests.strategies import poses
@@ -130,7 +130,7 @@ def test_points_and_directions_are_solved_as_dqreg_solve_does(problem: Problem) 
 
 def test_moments_and_forms_hold_the_same_minimum_of_a_million_chunks_of_work() -> None:
     rng = np.random.default_rng(0)
-    p = rng.normal(size=(3 * SLICE // 2, 3))
+    p = rng.normal(size=(3 * SLICE_ROWS // 2, 3))
     q = pose.apply(frames(1), p) + rng.normal(size=p.shape)
     expected = solve_moments(moments_of(p, q)).T_target_source
     np.testing.assert_allclose(PoseCost.points(p, q).minimise().T_target_source, expected, atol=1e-12)
@@ -140,7 +140,7 @@ def test_moments_and_forms_hold_the_same_minimum_of_a_million_chunks_of_work() -
 def test_chunks_are_the_whole(far: float) -> None:
     # Several slices of a builder, and chunks of very unequal size and place. Coordinates of 4e6 round at 1e-9.
     rng = np.random.default_rng(4)
-    n = 2 * SLICE + 1001
+    n = 2 * SLICE_ROWS + 1001
     p, normals = rng.normal(size=(n, 3)), rng.normal(size=(n, 3))
     p[:, 0].sort()
     T = frames(2)
@@ -148,7 +148,7 @@ def test_chunks_are_the_whole(far: float) -> None:
     p = p + far
     w = rng.uniform(size=n)
     whole = PoseCost.planes(p, q, normals, w)
-    bounds = [0, 1, 10, 5_000, 5_000, SLICE, n]
+    bounds = [0, 1, 10, 5_000, 5_000, SLICE_ROWS, n]
     chunks = ((p[a:b], q[a:b], normals[a:b], w[a:b]) for a, b in itertools.pairwise(bounds))
     pieces = sum(PoseCost.planes(*chunk) for chunk in chunks)
     at = whole.minimise(near=pose.about(T, np.full(3, far))).T_target_source

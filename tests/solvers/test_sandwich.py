@@ -8,7 +8,7 @@ from dqreg.geometry import Mesh
 from dqreg.geometry.morton import morton_order
 from dqreg.geometry.sampling import sample_mesh
 from dqreg.rigid import pose, twist
-from dqreg.solvers.sandwich import BLOCK, MIN_NOISE_SHARE, _Patches, scatter_of, with_known
+from dqreg.solvers.sandwich import BLOCK_ROWS, MIN_NOISE_SHARE, _Patches, scatter_of, with_known
 from dqreg.synth import parts
 from dqreg.trust import Information, without_free_motion
 from tests.trust.shapes import box, judged, plane
@@ -156,7 +156,7 @@ def test_outliers_without_weight_are_no_noise_that_neighbours_share() -> None:
     np.testing.assert_array_less(np.diag(C), 4.0 * np.diag(alone))
 
 
-@pytest.mark.parametrize("count", [BLOCK // 2, 2 * BLOCK + 7])
+@pytest.mark.parametrize("count", [BLOCK_ROWS // 2, 2 * BLOCK_ROWS + 7])
 def test_what_shared_noise_adds_and_leaves_are_products_of_matrices(count: int) -> None:
     rng = np.random.default_rng(7)
     points, normals, along, pulls = (
