@@ -19,7 +19,7 @@ from dqreg.search.cloud_rings import ring_turns
 from dqreg.search.near_symmetry import is_symmetry, near_flips
 from dqreg.search.periods import MIN_PERIOD_DIAGONALS, near_periods
 from dqreg.search.plane_maps import MAX_LOST_SHARE, MIN_FLAT_SHARE, PLANE_POINTS, Planes, plane_maps
-from dqreg.search.problem import SCENE
+from dqreg.search.problem import SCENE_RATIO
 from dqreg.search.refine import Refinement, refined_on
 from dqreg.search.tangent_planes import TangentPlanes
 from dqreg.trust.patch_tests import INLIER_SIGMAS
@@ -158,7 +158,7 @@ def _extent(points: FloatArray) -> FloatArray:
 
 def is_scene(fit: Fit) -> bool:
     """Whether the scan is so large that it shows more than the target, which is closed."""
-    return not fit.has_border and fit.prepared.scan.diagonal > SCENE * fit.prepared.surface.diagonal
+    return not fit.has_border and fit.prepared.scan.diagonal > SCENE_RATIO * fit.prepared.surface.diagonal
 
 
 def rows_beside(fit: Fit, poses: FloatArray, reach: float) -> IntArray:

@@ -12,7 +12,7 @@ from dqreg.geometry import Surface
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp import Correspondences
-from dqreg.search.problem import SCENE
+from dqreg.search.problem import SCENE_RATIO
 from dqreg.trust.limits import MIN_NOISE_DIAGONALS
 from dqreg.trust.patch_tests import share_displaced
 from dqreg.trust.segments import Segments, segments_of, share_going_on
@@ -57,7 +57,7 @@ def surroundings_of(pairs: Correspondences, width: float, near: float, size: flo
     on_target, other, wrong, on_faces = (
         share_of(side) for side in (segments.on, segments.other, segments.contradicting, faces)
     )
-    is_larger = pairs.scan.diagonal > SCENE * size
+    is_larger = pairs.scan.diagonal > SCENE_RATIO * size
     asked = pairs.moved, pairs.closest.normals, pairs.distances
     going_on = share_going_on(*asked, width, size) if is_larger else math.nan
     return Surroundings(elsewhere, on_target, other, wrong, on_faces, going_on)
@@ -70,7 +70,7 @@ def displaced_of(
 
     0 for a scan larger than the part, of which other objects may be as even. Made parts deviate by a ratio more.
     """
-    if pairs.scan.diagonal > SCENE * surface.diagonal:
+    if pairs.scan.diagonal > SCENE_RATIO * surface.diagonal:
         return 0.0
     noise = max(noise, MIN_NOISE_DIAGONALS * surface.diagonal * ratio)
     off = pairs.distances[close] > max(TOGETHER * noise, width)

@@ -16,14 +16,13 @@ from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry import Mesh, PointCloud, Scan, Surface, sample_mesh
 from dqreg.geometry.morton import morton_order
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.geometry.normals import fit_planes, fit_planes_among, sample_rows
+from dqreg.geometry.normals import NORMAL_NEIGHBOURS, fit_planes, fit_planes_among, sample_rows
 from dqreg.search.oriented_points import OrientedPoints
 
 # Oriented points of a scan, and points among which their neighbours are sought.
 SCAN_POINTS, NEIGHBOUR_POINTS = 4_000, 20_000
-# Neighbours of a fit; of noisy scans.
-NEIGHBOURS, NOISY_NEIGHBOURS = 16, 64
-# Error of a normal that calls for the larger number.
+# Neighbours of a normal in noisy scans, and the error of a normal that calls for them.
+NOISY_NEIGHBOURS = 64
 NOISY_NORMAL_RAD = 0.08
 # A mean of neighbours that far off, in their own spread: half of the neighbourhood is missing (a straight edge has
 # 0.6).
@@ -37,7 +36,7 @@ EDGE_SAMPLES = 6_000
 # A point whose so-manieth neighbour is so many times farther off than the median is an outlier.
 OUTLIER_NEIGHBOURS, OUTLIER_RATIO = 8, 3.0
 # Plane residuals beyond this fraction of the size plus this many medians belong to outliers and corners.
-RESIDUAL, MEDIANS = 4e-3, 5.0
+RESIDUAL_DIAGONALS, RESIDUAL_MEDIANS = 4e-3, 5.0
 
 
 def scan_features(scan: Scan, size: float) -> OrientedPoints:
@@ -45,7 +44,7 @@ def scan_features(scan: Scan, size: float) -> OrientedPoints:
     cloud, tree = _without_outliers(scan.thinned(NEIGHBOUR_POINTS).points)
     rows = sample_rows(len(cloud), SCAN_POINTS)
     points = cloud[rows]
-    around, _ = tree.nearest_to(rows, NEIGHBOURS)
+    around, _ = tree.nearest_to(rows, NORMAL_NEIGHBOURS)
     fits = fit_planes_among(cloud, around)
     if not np.isfinite(fits.variances).any():
         # Three points, or points on lines: no plane anywhere, so that no pair has a key.
@@ -53,7 +52,7 @@ def scan_features(scan: Scan, size: float) -> OrientedPoints:
     if np.nanmedian(np.sqrt(fits.variances)) > NOISY_NORMAL_RAD:
         fits = fit_planes(tree, cloud, points, NOISY_NEIGHBOURS)
     normals, residuals = np.nan_to_num(fits.normals), fits.residuals
-    limit = RESIDUAL * size + MEDIANS * float(np.nanmedian(residuals))
+    limit = RESIDUAL_DIAGONALS * size + RESIDUAL_MEDIANS * float(np.nanmedian(residuals))
     sound = normals.any(axis=1) & ~(residuals > limit)
     faces = np.where(sound, rarity(normals), 0.0)
     at_edge, outwards = edge_points(cloud, around, points, normals)
@@ -92,7 +91,7 @@ def target_features(target: PointCloud | Mesh, even: OrientedPoints, count: int)
     if isinstance(target, Mesh):
         edges, outwards = _sharp_edges(target, rng)
     else:
-        around, _ = NeighbourTree(points).nearest(points, NEIGHBOURS)
+        around, _ = NeighbourTree(points).nearest(points, NORMAL_NEIGHBOURS)
         at_edge, outwards = edge_points(points, around, points, normals)
         edges, outwards = points[at_edge], outwards[at_edge]
     if len(edges) < FEWEST_EDGES:

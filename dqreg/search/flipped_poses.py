@@ -18,7 +18,7 @@ from dqreg.search.scoring import PoseScores, distances_at, likely_by, mean_gains
 
 # Points that screen a flipped pose, and the mean gain that it may lack by them: few first, which most flips fail.
 # Reach of their gain, in sizes.
-SCREENS, SCREEN_REACH_DIAGONALS = ((60, 0.3), (300, 0.15)), 0.02
+SCREEN_ROUNDS, SCREEN_REACH_DIAGONALS = ((60, 0.3), (300, 0.15)), 0.02
 # Points that refine, points that score and steps of the refinement: few of all poses, and more of those that are not
 # clearly worse by them. After four steps scores differ from those after six by a third of their standard error at most.
 FIRST_REFINEMENT = (300, 1_000, 4)
@@ -184,7 +184,7 @@ def _told_apart(
 
 def _worth_refining(T_target_source: FloatArray, flips: FloatArray, scan: Scan, surface: Surface) -> FloatArray:
     # A flip that leaves one point in six off the part is nowhere near as likely, whatever its refinement mends.
-    for count, lacks in SCREENS:
+    for count, lacks in SCREEN_ROUNDS:
         if len(flips):
             few = scan.points[sample_rows(len(scan), count)]
             poses = Poses.of(T_target_source[None]) + Poses.of(flips @ T_target_source)

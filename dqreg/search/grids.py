@@ -27,11 +27,11 @@ from dqreg.search.poses import Poses
 Single = npt.NDArray[np.float32]
 Rows = npt.NDArray[np.int32]
 # Nodes of a grid, and room around the target in sizes.
-NODES, MARGIN_DIAGONALS = 300_000, 0.05
+GRID_NODES, MARGIN_DIAGONALS = 300_000, 0.05
 # What the nodes of a grid with cells so many times halved hold is asked of a tree, and handed down.
-HALVINGS = 2
+NODE_HALVINGS = 2
 # Places looked up in one go: some milliseconds; slabs of nodes that are.
-PLACES_AT_ONCE, SLABS = 131_072, 8
+PLACES_AT_ONCE, CHUNK_SLABS = 131_072, 8
 
 
 class Grid:
@@ -84,7 +84,7 @@ class DistanceGrid(Grid):
         self, points: FloatArray, low: FloatArray, high: FloatArray, size: float, *, exact: bool = False
     ) -> None:
         room = MARGIN_DIAGONALS * size
-        cell = float(np.prod(high - low + 2.0 * room) / NODES) ** (1.0 / 3.0)
+        cell = float(np.prod(high - low + 2.0 * room) / GRID_NODES) ** (1.0 / 3.0)
         super().__init__(low - room, high + room, cell)
         from dqreg.kernels.threads import as_plain
 
@@ -111,17 +111,17 @@ class DistanceGrid(Grid):
         from dqreg.kernels.threads import over_chunks
 
         shapes = [self.shape]
-        for _ in range(HALVINGS):
+        for _ in range(NODE_HALVINGS):
             shapes.append(shapes[-1] // 2 + 1)
         nodes = np.stack(np.unravel_index(np.arange(np.prod(shapes[-1])), shapes[-1]), axis=1)
-        rows, away = NeighbourTree(cells).nearest(np.asarray(nodes * 2.0**HALVINGS, dtype=np.float64), 1)
+        rows, away = NeighbourTree(cells).nearest(np.asarray(nodes * 2.0**NODE_HALVINGS, dtype=np.float64), 1)
         held, squares = rows[:, 0].astype(np.int32), (away[:, 0] ** 2).astype(np.float32)
-        for level in range(HALVINGS - 1, -1, -1):
+        for level in range(NODE_HALVINGS - 1, -1, -1):
             known, shape, scaled = held, shapes[level], cells / 2.0**level
             held, squares = np.full(np.prod(shape), -1, dtype=np.int32), np.full(np.prod(shape), np.inf, np.float32)
             nearest_at_corners(scaled, shape, held, squares)
             grids = scaled, shape, shapes[level + 1], known
-            over_chunks(nearest_from_coarser, int(shape[0]), *grids, held, squares, chunk=SLABS)
+            over_chunks(nearest_from_coarser, int(shape[0]), *grids, held, squares, chunk=CHUNK_SLABS)
         return held, squares
 
     def are_within(self, poses: Poses, points: FloatArray, limit: float) -> BoolArray:

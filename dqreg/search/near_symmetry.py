@@ -31,7 +31,7 @@ SYMMETRY_FRACTION, EXACT_DIAGONALS = 0.998, 1e-4
 # Points that check a motion.
 CHECKING_POINTS = 2_000
 # Those of them that screen it, few first, and the fraction that these may lack.
-SCREENING = ((25, 0.4), (100, 0.2))
+SCREEN_ROUNDS = ((25, 0.4), (100, 0.2))
 # A quarter of them is enough where it says this much more or less than is asked: two and a half standard deviations.
 EARLY_DIVISOR, EARLY_MARGIN = 4, 0.05
 # Axes of the faces that are this near to the principal ones are the same.
@@ -197,7 +197,7 @@ def _near_maps(mesh: Mesh, surface: Surface, motions: list[FloatArray], same: fl
 
     # Few points of all motions in one query; most move most of the part far away.
     rows = np.arange(len(maps))
-    for count, slack in SCREENING:
+    for count, slack in SCREEN_ROUNDS:
         rows = rows[shares(rows, CHECKING_POINTS // count)[0] >= NEAR_SYMMETRY_FRACTION - slack]
     nearly, exactly = shares(rows, EARLY_DIVISOR)
     unclear = (np.abs(nearly - NEAR_SYMMETRY_FRACTION) <= EARLY_MARGIN) | (exactly >= SYMMETRY_FRACTION - EARLY_MARGIN)

@@ -23,15 +23,15 @@ from dqreg.search.poses import Poses
 from dqreg.search.symmetry import find_symmetry
 
 # Points of the target whose pairs are tabulated: their square is the table. They are drawn from so many.
-TABLE_POINTS, DENSE = 1_000, 20_000
+TABLE_POINTS, DENSE_POINTS = 1_000, 20_000
 # Bins: distance in sizes, angles in radians.
 LENGTH_BIN, ANGLE_BIN = 0.02, 0.2
 # Cosines of the angles at which bins end, up to a right one.
 ANGLE_COSINES = np.cos(ANGLE_BIN * np.arange(1.0, 8.0))
 # Numbers that a key may be: bins of lengths up to the size times eight of each angle.
-KEYS = (round(1.0 / LENGTH_BIN) + 1) * 512
+KEY_COUNT = (round(1.0 / LENGTH_BIN) + 1) * 512
 # Shorter pairs constrain the rotation badly; in sizes.
-SHORTEST = 0.15
+MIN_PAIR_DIAGONALS = 0.15
 # Below this cosine between direction and line, the sign of the direction is uncertain: both are tried.
 LEAST_COSINE = 0.15
 # Pairs in which either direction stands at a smaller sine to the line constrain the rotation about it too little.
@@ -43,11 +43,11 @@ DRAWN_PAIRS = 24_000
 USED_PAIRS = 3_000
 MAX_COUNTERPARTS = 30
 # A pair with so many counterparts is common: how many more does not matter.
-COMMON = np.iinfo(np.uint16).max
+COMMON_COUNTERPARTS = np.iinfo(np.uint16).max
 # Rows of the table whose pairs one thread finds in one go.
-TABULATED = 32
+CHUNK_TABLE_ROWS = 32
 # Draws at most where most pairs are too long, in multiples.
-ROUNDS = 12
+MAX_DRAW_ROUNDS = 12
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,7 +58,7 @@ class PairTable:
     # first, second: (n,): The pairs, rows of the points, in the order of their keys
     first: Rows
     second: Rows
-    starts: IntArray  # (KEYS + 1,): First pair of each key, and the number of all: keys are looked up, not searched
+    starts: IntArray  # (KEY_COUNT + 1,): First pair of each key, and how many there are: keys are looked up
     size: float  # Diagonal of the target
     grid: PlaneGrid  # Distances to the target, and its tangent planes
     edges: Edges | None  # Edges of the target, where there are any
@@ -81,7 +81,7 @@ class PairTable:
     @staticmethod
     def of(target: PointCloud | Mesh, surface: Surface) -> PairTable:
         """Table of a target; the same target gives the same table."""
-        even = even_points(target, surface, DENSE)
+        even = even_points(target, surface, DENSE_POINTS)
         points, edges = target_features(target, even, TABLE_POINTS)
         # A target without a single normal has no oriented points, but it has a size.
         bare = target.vertices if isinstance(target, Mesh) else target.points
@@ -106,8 +106,8 @@ def _pairs_by_key(oriented: OrientedPoints, size: float) -> tuple[Rows, Rows, In
     count = len(oriented)
     keys = np.zeros((count, count), dtype=np.int32)
     columns = as_plain(oriented.points), as_plain(oriented.directions), *_bins(size), keys
-    over_chunks(all_pair_keys, count, *columns, chunk=TABULATED)
-    starts = np.zeros(KEYS + 1, dtype=np.int64)
+    over_chunks(all_pair_keys, count, *columns, chunk=CHUNK_TABLE_ROWS)
+    starts = np.zeros(KEY_COUNT + 1, dtype=np.int64)
     key_starts(keys, starts)
     first, second = np.zeros((2, starts[-1]), dtype=np.int32)
     order_of_keys(keys, starts.copy(), first, second)
@@ -116,7 +116,7 @@ def _pairs_by_key(oriented: OrientedPoints, size: float) -> tuple[Rows, Rows, In
 
 def _bins(size: float) -> tuple[float, FloatArray, FloatArray]:
     """Length of a bin, limits of lengths and of a cosine, and bounds of the bins of angles."""
-    return LENGTH_BIN * size, np.array([SHORTEST * size, size, np.sqrt(1.0 - LEAST_SINE**2)]), ANGLE_COSINES
+    return LENGTH_BIN * size, np.array([MIN_PAIR_DIAGONALS * size, size, np.sqrt(1.0 - LEAST_SINE**2)]), ANGLE_COSINES
 
 
 def pair_keys(oriented: OrientedPoints, i: IntArray, j: IntArray, size: float) -> tuple[IntArray, BoolArray]:
@@ -136,7 +136,8 @@ def pair_hypotheses(scan: OrientedPoints, table: PairTable, rng: np.random.Gener
     first, last = table.starts[keys], table.starts[keys + 1]
     counts = last - first
     known = np.flatnonzero(counts)
-    rare = known[np.argsort(np.minimum(counts[known], COMMON).astype(np.uint16), kind="stable")[:USED_PAIRS]]
+    rarity = np.minimum(counts[known], COMMON_COUNTERPARTS).astype(np.uint16)
+    rare = known[np.argsort(rarity, kind="stable")[:USED_PAIRS]]
     taken = np.minimum(counts[rare], MAX_COUNTERPARTS)
     rows = np.repeat(rare, taken)
     # Evenly through the counterparts, from a drawn one on: no order of the table is preferred.
@@ -166,7 +167,7 @@ def _poses_of(
 def _draw_pairs(scan: OrientedPoints, size: float, rng: np.random.Generator) -> tuple[IntArray, IntArray, IntArray]:
     found: list[tuple[IntArray, IntArray, IntArray]] = [(np.zeros(0, dtype=np.int64),) * 3]
     count = 0
-    for _ in range(ROUNDS):
+    for _ in range(MAX_DRAW_ROUNDS):
         i, j = scan.draw(DRAWN_PAIRS, rng), scan.draw(DRAWN_PAIRS, rng)
         keys, usable = pair_keys(scan, i, j, size)
         found.append((i[usable], j[usable], keys[usable]))

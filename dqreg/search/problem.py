@@ -24,7 +24,7 @@ from dqreg.search.refine import Refinement, refine
 from dqreg.search.scoring import OUTLIER_DISTANCE_SHARE, PoseScores, score_poses, symmetric_scores
 
 # A scan so many times larger than the target is a scene with the part in it.
-SCENE = 1.3
+SCENE_RATIO = 1.3
 # Gain of a point at an edge, where that of a point on a face is 1.
 EDGE_GAIN = 0.5
 # Smallest width of the distances of two clouds, in sizes.
@@ -33,7 +33,7 @@ CLOUD_WIDTH = 1e-3
 # this fraction of its diagonal, in any frame.
 PART_SPREAD = 0.5
 # Log-likelihood that a pose loses for each point that rays of the other scan passed through: few pass a wall.
-PASSED = 3.0
+PASSED_LOG_LIKELIHOOD = 3.0
 # Points of the target that score the other way round.
 TARGET_POINTS = 4_000
 
@@ -77,7 +77,7 @@ class SearchProblem:
     @cached_property
     def occupancy(self) -> OccupancyGrid | None:
         """For the other way round, where much of the scan need not lie on the target."""
-        if isinstance(self.target, Mesh) and self.scan.diagonal <= SCENE * self.surface.diagonal:
+        if isinstance(self.target, Mesh) and self.scan.diagonal <= SCENE_RATIO * self.surface.diagonal:
             return None
         return OccupancyGrid(self.scan.points, self.size)
 
@@ -172,7 +172,7 @@ class SearchProblem:
         """By falling likelihood; without those that are too far behind, but so many in any case."""
         if not len(poses):
             return poses
-        means = self.scores(poses, count, floor).means - PASSED * self.passed(poses, floor)
+        means = self.scores(poses, count, floor).means - PASSED_LOG_LIKELIHOOD * self.passed(poses, floor)
         order = np.argsort(-means, kind="stable")
         near = means[order] >= means[order[0]] - margin
         near[:least] = True

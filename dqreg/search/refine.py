@@ -20,13 +20,13 @@ from dqreg.search.poses import Poses
 MAX_NORMAL_ANGLE_RAD = np.deg2rad(60.0)
 # Damping of unconstrained motions, relative to the mean diagonal of the normal equations; and at least, so that nothing
 # moves where no point is near.
-DAMPING, LEAST_DAMPING = 1e-4, 1e-12
+DAMPING_SHARE, LEAST_DAMPING = 1e-4, 1e-12
 # Weight of all edge points together, where that of all points on faces is 1: they are less exact.
 EDGE_WEIGHT = 0.3
 # Widths beyond which a point weighs nothing: 1e-14 of one that is near.
-WIDTHS = 8.0
+REACH_WIDTHS = 8.0
 # Points that are summed in one go.
-POINTS = 8_192
+CHUNK_POINTS = 8_192
 # Points on which poses are refined, and the kernel scale that this ends with, in sizes: where nothing else is said.
 SAMPLE_POINTS, LAST_SCALE_DIAGONALS = 1_000, 1e-3
 
@@ -79,7 +79,7 @@ def refine(
         ask_clock()
         centre = poses.R @ middle + poses.t
         moved = poses.apply(faces.points)
-        found = surface.closest(moved.reshape(-1, 3), before, WIDTHS * width)
+        found = surface.closest(moved.reshape(-1, 3), before, REACH_WIDTHS * width)
         before = moved.reshape(-1, 3), found
         H, g = np.zeros((len(poses), 6, 6)), np.zeros((len(poses), 6))
         at = found.points, found.normals, found.distances
@@ -111,7 +111,7 @@ def _add_equations(
     width, lever, weight = map(float, lengths)
     columns = poses.R, poses.t, centre, sample.points, sample.directions, *at
     numbers = width, float(np.cos(MAX_NORMAL_ANGLE_RAD)), lever, weight / len(sample)
-    chunk = max(POINTS // len(sample), 1)
+    chunk = max(CHUNK_POINTS // len(sample), 1)
     over_chunks(add_plane_steps, len(poses), *map(as_plain, columns), *numbers, *sums, chunk=chunk)
 
 
@@ -122,5 +122,5 @@ def _stepped(poses: Poses, centre: FloatArray, sums: tuple[FloatArray, FloatArra
 
     stepped = Poses(np.zeros(poses.R.shape), np.zeros(poses.t.shape))
     columns = map(as_plain, (poses.R, poses.t, centre, *sums))
-    over_chunks(take_damped_steps, len(poses), *columns, lever, DAMPING, LEAST_DAMPING, stepped.R, stepped.t)
+    over_chunks(take_damped_steps, len(poses), *columns, lever, DAMPING_SHARE, LEAST_DAMPING, stepped.R, stepped.t)
     return stepped

@@ -39,7 +39,7 @@ EQUAL_SIGMAS, MAX_EQUAL_LOG_LIKELIHOOD = 2.0, 0.05
 # One this close to the best is equally likely, whatever its standard error.
 EQUAL_LOG_LIKELIHOOD = 0.02
 # Blocks of neighbouring points whose errors are taken as independent.
-BLOCKS = 60
+ERROR_BLOCKS = 60
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,7 +66,7 @@ class PoseScores:
         near, gaps = self.distances.min(axis=0) < self.distances.max(), self.likelihoods[best] - self.likelihoods
         if near.any() and not near.all():
             gaps = gaps[:, near]
-        count = min(BLOCKS, gaps.shape[1])
+        count = min(ERROR_BLOCKS, gaps.shape[1])
         edges = np.arange(count + 1) * gaps.shape[1] // count
         means = np.add.reduceat(gaps, edges[:-1], axis=1) / np.diff(edges)
         error = means.std(axis=1, ddof=1) / np.sqrt(count) if count > 1 else np.zeros(len(gaps))

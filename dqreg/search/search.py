@@ -18,7 +18,7 @@ from dqreg.rigid.symmetry import Axis
 from dqreg.search.axes import axis_hypotheses
 from dqreg.search.pairs import PairTable
 from dqreg.search.poses import Poses
-from dqreg.search.problem import PASSED, SCENE, SearchProblem, Through
+from dqreg.search.problem import PASSED_LOG_LIKELIHOOD, SCENE_RATIO, SearchProblem, Through
 from dqreg.search.scoring import EQUAL_LOG_LIKELIHOOD, PoseScores
 from dqreg.search.stages import (
     FINE_APART,
@@ -108,7 +108,7 @@ def _as_they_are(poses: Poses) -> Poses:
 
 def _smaller_in_larger(problem: SearchProblem) -> tuple[SearchProblem, Callable[[Poses], Poses]]:
     """The problem with the smaller cloud as the target, and what carries its poses back."""
-    if isinstance(problem.target, Mesh) or problem.surface.diagonal <= SCENE * problem.scan.diagonal:
+    if isinstance(problem.target, Mesh) or problem.surface.diagonal <= SCENE_RATIO * problem.scan.diagonal:
         return problem, _as_they_are
     # The smaller cloud has pairs and a grid of its own size, so it is searched for in the larger one.
     signed = problem.scan.oriented and problem.scan.fitted is None
@@ -149,7 +149,7 @@ def _equally_likely(problem: SearchProblem, poses: Poses) -> tuple[Candidate, ..
         return ()
     scores = problem.scores(poses, LAST_SCORED if len(poses) > 1 else FINE_SCORING_POINTS, problem.last_width)
     passed = problem.passed(poses, problem.last_width)
-    order = np.argsort(PASSED * passed - scores.means, kind="stable")
+    order = np.argsort(PASSED_LOG_LIKELIHOOD * passed - scores.means, kind="stable")
     likely = scores.as_likely(int(order[0]), EQUAL_LOG_LIKELIHOOD) & (passed <= passed[order[0]] + RAY_CONFLICT_MARGIN)
     if problem.other_way is None:
         likely &= ~scores.distinguishable(int(order[0]))

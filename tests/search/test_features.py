@@ -5,7 +5,8 @@ import pytest
 
 from dqreg.geometry import Mesh, MeshSurface, PointCloud, prepare_scan
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.search.features import NEIGHBOURS, edge_points, even_points, rarity, scan_features, target_features
+from dqreg.geometry.normals import NORMAL_NEIGHBOURS
+from dqreg.search.features import edge_points, even_points, rarity, scan_features, target_features
 from dqreg.synth.parts import box
 
 
@@ -17,7 +18,7 @@ def square(n: int, seed: int) -> np.ndarray:
 def test_edges_of_a_square_lead_off_it():
     points = square(8_000, 0)
     normals = np.tile([0.0, 0.0, 1.0], (len(points), 1))
-    found, outwards = edge_points(points, NeighbourTree(points).nearest(points, NEIGHBOURS)[0], points, normals)
+    found, outwards = edge_points(points, NeighbourTree(points).nearest(points, NORMAL_NEIGHBOURS)[0], points, normals)
     # Sixteen neighbours reach about four spacings: 0.09.
     depth = 1.0 - np.abs(points[:, :2]).max(axis=1)
     assert found[depth < 0.005].mean() > 0.9

@@ -6,7 +6,7 @@ import pytest
 from dqreg.geometry import Mesh, MeshSurface, sample_mesh
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.search.features import even_points
-from dqreg.search.grids import HALVINGS, MAX_CELLS, MAX_PADDED_RATIO, DistanceGrid, Edges, OccupancyGrid, PlaneGrid
+from dqreg.search.grids import MAX_CELLS, MAX_PADDED_RATIO, NODE_HALVINGS, DistanceGrid, Edges, OccupancyGrid, PlaneGrid
 from dqreg.search.poses import Poses
 from dqreg.synth.parts import box, bracket
 
@@ -59,7 +59,7 @@ def test_distances_of_the_grid_are_those_of_the_nearest_point_to_a_fraction_of_a
     np.testing.assert_allclose(grid.distances, held, rtol=1e-5, atol=1e-6 * BRACKET.diagonal)
     too_far = (held - away) / grid.cell
     assert too_far.min() > -1e-9
-    assert too_far.max() < 2.0 ** (HALVINGS - 1)
+    assert too_far.max() < 2.0 ** (NODE_HALVINGS - 1)
     assert too_far.mean() < 0.15
 
 

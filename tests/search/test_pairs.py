@@ -9,7 +9,7 @@ from dqreg.geometry import Mesh, MeshSurface, PointCloud, prepare_scan, sample_m
 from dqreg.rigid import pose
 from dqreg.search import PairTable
 from dqreg.search.features import scan_features
-from dqreg.search.pairs import LENGTH_BIN, SHORTEST, pair_hypotheses, pair_keys
+from dqreg.search.pairs import LENGTH_BIN, MIN_PAIR_DIAGONALS, pair_hypotheses, pair_keys
 from dqreg.search.poses import Poses
 from dqreg.synth import random_pose
 from dqreg.synth.parts import bracket, plate
@@ -55,7 +55,7 @@ def test_pairs_stand_at_their_keys(table):
     keys, usable = pair_keys(table.points, *pairs_of(table), table.size)
     np.testing.assert_array_equal(keys_of(table), keys)
     assert usable.all()
-    assert lengths(table).min() > (SHORTEST - 1e-6) * table.size
+    assert lengths(table).min() > (MIN_PAIR_DIAGONALS - 1e-6) * table.size
 
 
 def test_pairs_of_one_key_agree_to_a_bin_in_length(table):
