@@ -10,7 +10,7 @@ import dqreg
 
 PACKAGE = Path(dqreg.__file__).parent
 # Rooms whose numbers have such names.
-ROOMS = ("geometry", "icp", "inspection", "multiway", "odometry", "search", "solvers")
+ROOMS = ("geometry", "icp", "inspection", "multiway", "odometry", "report", "search", "solvers")
 # What one word tells beside the name of its module: flags, codes of a format, counts of one thing.
 CLEAR = {
     "geometry.exports": {"FLOAT32", "FLOAT64"},

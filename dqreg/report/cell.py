@@ -13,7 +13,7 @@ from dqreg.report.page_file import page_path, write_page
 from dqreg.report.report_data import checked_tolerance, collect
 from dqreg.report.result_protocol import RegistrationResult
 
-LOWEST, HIGHEST = 200, 4000
+MIN_HEIGHT_PIXELS, MAX_HEIGHT_PIXELS = 200, 4000
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,8 +43,11 @@ def cell_of(
 ) -> NotebookCell:
     """The view of a result that holds its sides."""
     checked_tolerance(tolerance)
-    if isinstance(height, bool) or not isinstance(height, int) or not LOWEST <= height <= HIGHEST:
-        raise InputError(f"height must be a whole number of pixels from {LOWEST} to {HIGHEST}; got {height!r:.60}")
+    if isinstance(height, bool) or not isinstance(height, int) or not MIN_HEIGHT_PIXELS <= height <= MAX_HEIGHT_PIXELS:
+        raise InputError(
+            f"height must be a whole number of pixels from {MIN_HEIGHT_PIXELS} to {MAX_HEIGHT_PIXELS}; "
+            f"got {height!r:.60}"
+        )
     if result.inputs is None:
         raise InputError(NO_SIDES)
     return NotebookCell(to_html(result, collect(result, result.inputs, tolerance, start, reach), in_cell=True), height)

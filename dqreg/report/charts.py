@@ -18,10 +18,10 @@ from dqreg.report.colours import Scale
 from dqreg.report.text import in_unit, percent, unit_words
 
 # Canvases in CSS pixels: for a desk and paper, and for a phone. Text is never scaled down.
-WIDE, NARROW = (760, 300), (380, 260)
+WIDE_CANVAS, NARROW_CANVAS = (760, 300), (380, 260)
 LEFT_MARGIN, RIGHT_MARGIN = 66, 16
 TOP_MARGIN, BOTTOM_MARGIN = 20, 52
-BARS = 80
+BAR_COUNT = 80
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,7 +57,7 @@ def histogram(
     scale: Scale,
     unit: str,
     limits: tuple[float, float] | None,
-    size: tuple[int, int] = WIDE,
+    size: tuple[int, int] = WIDE_CANVAS,
 ) -> str:
     """Histogram of the deviations in the colours of the view; how many lie beyond its ends is written there.
 
@@ -65,7 +65,7 @@ def histogram(
     """
     reach = scale.limit * (1.0 if limits is None else 1.6)
     low = -reach if scale.signed else 0.0
-    edges = np.linspace(low, reach, BARS + 1)
+    edges = np.linspace(low, reach, BAR_COUNT + 1)
     counts, _ = np.histogram(values, edges)
     shares = 100.0 * counts / max(len(values), 1)
     below, above = (float(np.mean(far)) if len(values) else 0.0 for far in (values < low, values > reach))
@@ -81,7 +81,7 @@ def histogram(
     return _svg("Histogram of the deviations", axes, body)
 
 
-def convergence(history: Sequence[Iteration], unit: str, size: tuple[int, int] = WIDE) -> str:
+def convergence(history: Sequence[Iteration], unit: str, size: tuple[int, int] = WIDE_CANVAS) -> str:
     """Root mean square distance and kernel scale over the iterations, on a logarithmic scale."""
     rms = np.array([record.rms for record in history])
     width = np.array([record.kernel_scale for record in history])
@@ -202,7 +202,7 @@ def _tick(value: float) -> str:
 
 def _svg(title: str, axes: Axes, body: Sequence[str]) -> str:
     width, height = axes.size
-    kind = "wide" if axes.size == WIDE else "narrow"
+    kind = "wide" if axes.size == WIDE_CANVAS else "narrow"
     return (
         f'<svg class="chart {kind}" viewBox="0 0 {width} {height}" role="img" aria-label="{escape(title)}">'
         f"<title>{escape(title)}</title>{''.join(body)}</svg>"

@@ -24,7 +24,7 @@ OFF_PART = "#7d8590"
 LEVELS = {"accepted": "#009e73", "suspect": "#e69f00", "failed": "#d55e00"}
 
 # Codes of a scale: 0 is below it, 255 above it.
-FIRST, LAST = 1, 254
+FIRST_CODE, LAST_CODE = 1, 254
 
 ByteArray = NDArray[np.uint8]
 
@@ -47,7 +47,7 @@ class Scale:
         What is out of the tolerance of its own face is below or above, though the scale ends at the largest.
         """
         share = (values - self.low) / (self.limit - self.low)
-        codes = np.rint(FIRST + (LAST - FIRST) * np.clip(share, 0.0, 1.0)).astype(np.uint8)
+        codes = np.rint(FIRST_CODE + (LAST_CODE - FIRST_CODE) * np.clip(share, 0.0, 1.0)).astype(np.uint8)
         codes[share < 0.0] = 0
         codes[~(share <= 1.0)] = 255
         if allowed is not None:
@@ -57,16 +57,16 @@ class Scale:
 
     def table(self) -> ByteArray:
         """Colour of each code. Shapes: returns (256, 3)."""
-        step = (self.limit - self.low) / (LAST - FIRST)
-        values: FloatArray = self.low + step * (np.arange(256.0) - FIRST)
-        values[[0, FIRST, LAST, 255]] = [-2.0 * self.limit, self.low, self.limit, 2.0 * self.limit]
+        step = (self.limit - self.low) / (LAST_CODE - FIRST_CODE)
+        values: FloatArray = self.low + step * (np.arange(256.0) - FIRST_CODE)
+        values[[0, FIRST_CODE, LAST_CODE, 255]] = [-2.0 * self.limit, self.low, self.limit, 2.0 * self.limit]
         return colours_of(values, self.limit)
 
     def css(self) -> tuple[str, str, str]:
         """The scale for a style sheet: a gradient from low to high, the colour below, the colour beyond."""
         table = self.table()
         names = [f"rgb({r},{g},{b})" for r, g, b in table.tolist()]
-        stops = names[FIRST : LAST + 1 : 11]
+        stops = names[FIRST_CODE : LAST_CODE + 1 : 11]
         return f"linear-gradient(90deg,{','.join(stops)})", names[0], names[255]
 
 

@@ -11,7 +11,7 @@ from urllib.parse import quote
 from dqreg.report.charts import LEFT_MARGIN, Axes, ticks
 from dqreg.report.table import short_number
 
-SIZE = (760, 210)
+CHART_PIXELS = (760, 210)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,7 +46,7 @@ def control_chart(
     ]
     low, high = min([*ends, *(x for _, x, _ in lines)]), max([*ends, *(x for _, x, _ in lines)])
     room = 0.06 * (high - low) or 0.5
-    axes = Axes((0.0, len(samples) + len(gaps) + 1.0), (low - room, high + room), SIZE)
+    axes = Axes((0.0, len(samples) + len(gaps) + 1.0), (low - room, high + room), CHART_PIXELS)
     places = [k + 1 + sum(before <= k for before, _, _ in gaps) for k in range(len(samples))]
     body = [_grid(axes), *(_line(axes, *line) for line in lines)]
     path = " ".join(f"{axes.across(k):.1f},{axes.down(s.value):.1f}" for k, s in zip(places, samples, strict=True))
@@ -55,7 +55,7 @@ def control_chart(
     body += [_gap(axes, before + k, words, link) for k, (before, words, link) in enumerate(gaps, 1)]
     title = escape(f"{name} over the parts")
     return (
-        f'<svg class="chart control" viewBox="0 0 {SIZE[0]} {SIZE[1]}" role="img" aria-label="{title}">'
+        f'<svg class="chart control" viewBox="0 0 {CHART_PIXELS[0]} {CHART_PIXELS[1]}" role="img" aria-label="{title}">'
         f"<title>{title}</title>{''.join(body)}</svg>"
     )
 

@@ -24,7 +24,7 @@ from dqreg.report.text import (
 )
 
 # Rows of the table of regions.
-ROWS = 14
+MAX_REGION_ROWS = 14
 
 
 def decision_of(data: ReportData, *, trusted: bool) -> dict[str, Any] | None:
@@ -115,7 +115,8 @@ def regions_table(data: ReportData) -> dict[str, Any]:
     columns += [("Tolerance", unit, True), ("In tolerance", "%", True), ("Decision", "", False)] if toleranced else []
     columns += [("Middle x, y, z", unit, False), ("", "", False)]
     # Those that do not pass must be seen.
-    shown = sorted(data.regions, key=lambda region: ("fail", "undecided", "pass", None).index(region.outcome))[:ROWS]
+    order = ("fail", "undecided", "pass", None)
+    shown = sorted(data.regions, key=lambda region: order.index(region.outcome))[:MAX_REGION_ROWS]
     of_median, of_spread = _decimals(data)
     rows = [
         {

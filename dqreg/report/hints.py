@@ -13,8 +13,8 @@ from dqreg.trust.code_sets import OF_A_DEVIATING_PART
 
 # Sizes that differ by more than that factor are worth a word, and those within these bounds of a unit's factor; of
 # smaller factors, by which many a view is smaller than its part, within these.
-APART, NEAR = 5.0, (0.6, 1.7)
-NEAR_SMALL = 0.8, 1.25
+APART_RATIO, NEAR_RATIOS = 5.0, (0.6, 1.7)
+NEAR_SMALL_RATIOS = 0.8, 1.25
 
 
 def hints_of(result: RegistrationResult) -> list[str]:
@@ -74,7 +74,7 @@ def _size_hint(result: RegistrationResult, inputs: RegisteredPair) -> list[str]:
     part = inputs.target.surface.diagonal
     ratio = max(scan, part) / max(min(scan, part), np.finfo(float).tiny)
     near = _units_near(ratio)
-    if ratio < APART and not near:
+    if ratio < APART_RATIO and not near:
         return []
     sizes = f"The scan is {text_of(scan, 4)} across, the target {text_of(part, 4)} ({text_of(ratio, 3)} to 1)"
     if not near:
@@ -95,7 +95,7 @@ def _units_near(ratio: float) -> list[str]:
     (['cm and mm', 'ft and inch'], ['m and ft'], [])
     """
     pairs = [(coarse, fine, factor(coarse, fine)) for coarse, fine in (*MIXED, *MIXED_RARELY)]
-    within = [(*pair, NEAR if pair[2] > APART else NEAR_SMALL) for pair in pairs]
+    within = [(*pair, NEAR_RATIOS if pair[2] > APART_RATIO else NEAR_SMALL_RATIOS) for pair in pairs]
     return [f"{coarse} and {fine}" for coarse, fine, units, (low, high) in within if low < ratio / units < high]
 
 

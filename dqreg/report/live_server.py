@@ -11,7 +11,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError, load_package
-from dqreg.report.view3d import ELLIPSOID
+from dqreg.report.view3d import ELLIPSOID_DIAGONALS
 from dqreg.rigid import quaternion
 
 HOST = "127.0.0.1"
@@ -57,7 +57,7 @@ def place(handle: Any, T: FloatArray) -> None:
 def add_ellipsoid(server: Any, name: str, axes: FloatArray, at: FloatArray, size: float) -> tuple[Any, float]:
     """Semi-axes, one a row, drawn larger so that they can be seen; and how many times."""
     lengths = np.linalg.norm(axes, axis=1)
-    larger = ELLIPSOID * size / float(lengths.max())
+    larger = ELLIPSOID_DIAGONALS * size / float(lengths.max())
     directions = axes / np.maximum(lengths, np.finfo(float).tiny)[:, None]
     # Axes of length zero have no direction: whatever completes a rotation.
     U, _, Vt = np.linalg.svd(directions.T)

@@ -15,7 +15,7 @@ from dqreg.files.strict_json import plain
 from dqreg.inspection import Decision, Deviations, Inspection, PlannedReport
 from dqreg.report import page_tables as tables
 from dqreg.report.cameras import VIEWS
-from dqreg.report.charts import NARROW, WIDE, convergence
+from dqreg.report.charts import NARROW_CANVAS, WIDE_CANVAS, convergence
 from dqreg.report.colours import LEVELS
 from dqreg.report.decision_tables import bands_of, decision_of, regions_table
 from dqreg.report.facts import facts_of, file_name, motions_of
@@ -29,7 +29,7 @@ from dqreg.report.result_protocol import RegistrationResult
 from dqreg.report.sheet import digests_of, head_rows, sheet_of
 from dqreg.report.summary import ALIGNMENT, confidence_words
 from dqreg.report.text import pose_forms, text_of, unit_words
-from dqreg.report.view3d import ELLIPSOID, scene_of
+from dqreg.report.view3d import ELLIPSOID_DIAGONALS, scene_of
 
 # Pixels of one panel of the picture for print.
 PANEL_WIDTH, PANEL_HEIGHT = 760, 540
@@ -138,7 +138,9 @@ def _evidence(result: RegistrationResult, unit: str) -> dict[str, Any]:
             for other in result.alternatives
         ],
         "run_words": f"The loop ended: {ran}{'' if seconds is None else f', {seconds:.2f} s in all'}.",
-        "convergence": "".join(convergence(result.history, unit, size) for size in (WIDE, NARROW) if result.history),
+        "convergence": "".join(
+            convergence(result.history, unit, size) for size in (WIDE_CANVAS, NARROW_CANVAS) if result.history
+        ),
     }
 
 
@@ -203,7 +205,7 @@ def _ellipsoid_words(data: ReportData) -> str:
     if axes is None:
         return "No ellipsoid is drawn: some motion is unconstrained."
     lengths = np.sort(np.linalg.norm(axes, axis=1))[::-1]
-    larger = ELLIPSOID * data.size / lengths[0]
+    larger = ELLIPSOID_DIAGONALS * data.size / lengths[0]
     words = ", ".join(text_of(length, 2) for length in lengths)
     return (
         f"The ellipsoid is where the centre of the part may be, one sigma, drawn {larger:,.0f} times its size: its "

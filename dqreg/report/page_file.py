@@ -34,7 +34,7 @@ FLAGS = (
     "--disable-background-networking", "--disable-component-update", "--disable-dev-shm-usage",
     "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--virtual-time-budget=20000",
 )  # fmt: skip
-SECONDS = 180.0
+MAX_PRINT_SECONDS = 180.0
 
 
 def paper() -> str:
@@ -106,10 +106,12 @@ def to_pdf(html: str) -> bytes:
             page.as_uri(),
         ]
         try:
-            done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=SECONDS, check=False)
+            done = subprocess.run(
+                command, stdin=subprocess.DEVNULL, capture_output=True, timeout=MAX_PRINT_SECONDS, check=False
+            )
             why = f"exit code {done.returncode}"
         except subprocess.TimeoutExpired:
-            why = f"no answer within {SECONDS:g} s"
+            why = f"no answer within {MAX_PRINT_SECONDS:g} s"
         except OSError as error:
             why = error.strerror or str(error)
         try:

@@ -9,7 +9,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh
 from dqreg.inspection import Deviations
-from dqreg.report.charts import NARROW, WIDE, histogram
+from dqreg.report.charts import NARROW_CANVAS, WIDE_CANVAS, histogram
 from dqreg.report.report_data import ReportData
 from dqreg.report.result_protocol import RegistrationResult
 from dqreg.report.text import (
@@ -91,7 +91,8 @@ def deviations_of(data: ReportData) -> dict[str, Any] | None:
     return {
         "words": f"Distance of every scan point from the closest point of the target; {found.reason}.",
         "chart": "".join(
-            histogram(found.values[found.counted], scale, unit, data.limits, size) for size in (WIDE, NARROW)
+            histogram(found.values[found.counted], scale, unit, data.limits, size)
+            for size in (WIDE_CANVAS, NARROW_CANVAS)
         ),
         "figures": figures,
         "counts": counts_rows(found, unit),

@@ -30,12 +30,12 @@ MOST_POINTS = 400_000
 # Pixels of an inch, and the colours of paper and words.
 PER_INCH = 100
 # Of a panel of a picture that is saved.
-WIDTH, HEIGHT = 900, 640
+PANEL_WIDTH, PANEL_HEIGHT = 900, 640
 PAPER, INK, PENCIL = "#ffffff", "#1a1c20", "#5a5f68"
-MARGIN = 14
+MARGIN_PIXELS = 14
 TITLE_HEIGHT, LEGEND_HEIGHT = 44, 86
 # Numbers: their distance from what they mark, how deep in a hole that may lie (sizes), and colours by outcome.
-LEADER, DEEP = 30.0, 0.05
+LEADER_PIXELS, MAX_DEPTH_DIAGONALS = 30.0, 0.05
 LABELS = {"pass": "#00795a", "undecided": "#8a5a00", "fail": "#b23c00"}
 
 
@@ -59,19 +59,24 @@ def parse_panels(text: str) -> tuple[PicturePanel, ...]:
 
 
 def draw(
-    data: ReportData, panels: Sequence[PicturePanel], width: int = WIDTH, height: int = HEIGHT, columns: int = 2
+    data: ReportData,
+    panels: Sequence[PicturePanel],
+    width: int = PANEL_WIDTH,
+    height: int = PANEL_HEIGHT,
+    columns: int = 2,
 ) -> Figure:
     """A picture of several panels."""
     columns = min(columns, len(panels))
     rows = -(-len(panels) // columns)
     coloured = data.scale is not None and any(panel.state == "deviation" for panel in panels)
-    full = (columns * width + 2 * MARGIN, rows * (height + TITLE_HEIGHT) + (LEGEND_HEIGHT if coloured else MARGIN))
+    below = LEGEND_HEIGHT if coloured else MARGIN_PIXELS
+    full = (columns * width + 2 * MARGIN_PIXELS, rows * (height + TITLE_HEIGHT) + below)
     figure = new_figure(full[0] / PER_INCH, full[1] / PER_INCH, PER_INCH, layout=None)
     figure.set_facecolor(PAPER)
     geometry = data.inputs.target.geometry
     scene = PartScene(geometry if isinstance(geometry, Mesh) else None, data.size)
     for number, panel in enumerate(panels):
-        left = MARGIN + (number % columns) * width
+        left = MARGIN_PIXELS + (number % columns) * width
         bottom = full[1] - (number // columns + 1) * (height + TITLE_HEIGHT)
         _panel(figure, data, scene, panel, (left, bottom, width, height))
     if coloured:
@@ -210,12 +215,12 @@ def _draw_labels(figure: Figure, data: ReportData, scene: PartScene, frame: View
     points = np.array([label.position - data.origin for label in data.labels]) / data.size
     columns, rows, _ = frame.columns_rows(points)
     whole = figure.get_size_inches() * PER_INCH
-    for k in np.flatnonzero(scene.in_sight(frame, points, DEEP)):
+    for k in np.flatnonzero(scene.in_sight(frame, points, MAX_DEPTH_DIAGONALS)):
         label = data.labels[k]
         foot = np.array([corner[0] + columns[k], corner[1] + frame.height - 1 - rows[k]], dtype=np.float64)
         away = foot - (corner[0] + 0.5 * frame.width, corner[1] + 0.5 * frame.height)
         away /= max(float(np.linalg.norm(away)), 1.0)
-        head = foot + LEADER * (away if away.any() else np.array([0.7, 0.7]))
+        head = foot + LEADER_PIXELS * (away if away.any() else np.array([0.7, 0.7]))
         line = np.column_stack([foot, head]) / whole[:, None]
         colour = LABELS.get(label.kind, INK)
         figure.add_artist(Line2D(*line, color=colour, linewidth=1.1, transform=figure.transFigure))

@@ -29,11 +29,11 @@ SEARCHED: dict[SearchStage, float] = {
     "turned": 0.54,
     "refined finely": 0.58,
 }
-# The same before the first iteration, after a search and after a given start; the first iterations of the loop are
+# The same before the first iteration, after a given start and after a search; the first iterations of the loop are
 # as many as these.
-PREPARED, FOUND = 0.75, 0.95
-ITERATIONS = 12
-WIDTH = 30
+PREPARED_SHARE, FOUND_SHARE = 0.75, 0.95
+USUAL_ITERATIONS = 12
+BAR_WIDTH = 30
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,15 +60,15 @@ class Steps:
         """After a stage of the search."""
         names = list(SEARCHED)
         at = names.index(name) if name in names else len(names) - 1
-        following = SEARCHED[names[at + 1]] if at + 1 < len(names) else FOUND
+        following = SEARCHED[names[at + 1]] if at + 1 < len(names) else FOUND_SHARE
         return self._at(SEARCHED[names[at]], following, words)
 
     def iterated(self, words: str) -> Steps:
         """After an iteration of the loop."""
-        first = FOUND if self.searching else PREPARED
+        first = FOUND_SHARE if self.searching else PREPARED_SHARE
         count = self.iterations + 1
-        done = count / (count + ITERATIONS)
-        more = (count + 1) / (count + 1 + ITERATIONS)
+        done = count / (count + USUAL_ITERATIONS)
+        more = (count + 1) / (count + 1 + USUAL_ITERATIONS)
         moved = self._at(first + (1.0 - first) * done, first + (1.0 - first) * more, words)
         return dataclasses.replace(moved, iterations=count)
 
@@ -89,7 +89,7 @@ class Steps:
     def line(self) -> Table:
         """Bar, time gone, time left and what is being done, on one line."""
         reached, left = self.reached(), self.left()
-        bar = ProgressBar(total=1.0, completed=reached or 0.0, width=WIDTH, pulse=reached is None)
+        bar = ProgressBar(total=1.0, completed=reached or 0.0, width=BAR_WIDTH, pulse=reached is None)
         grid = Table.grid(padding=(0, 2))
         gone = f"{self._elapsed():.0f} s"
         grid.add_row(bar, gone, "" if left is None else left_words(left), self.words)
@@ -116,7 +116,7 @@ def left_words(seconds: float) -> str:
 
 
 # Rows shown at once: the latest ones; a whole history would scroll away what matters.
-ROWS = 12
+SHOWN_ROWS = 12
 COLUMNS = ("iteration", "stage", "points", "inliers", "rms", "kernel", "rotation [deg]", "step [size]")
 # Columns of lengths, which carry the target's unit.
 LENGTHS = ("rms", "kernel")
@@ -237,7 +237,7 @@ class LiveTable(Silent):
 
     def __call__(self, iteration: Iteration) -> None:
         """Show the latest iterations."""
-        self._rows = [*self._rows[1 - ROWS :], iteration]
+        self._rows = [*self._rows[1 - SHOWN_ROWS :], iteration]
         self._steps = self._steps.iterated(f"iteration {iteration.number}, {iteration.points:,} points")
 
     def search(self, stage: Stage) -> None:

@@ -14,15 +14,15 @@ from dqreg.report.cameras import camera
 from dqreg.report.colours import ByteArray, rgb
 
 # Rays along one side of a pixel; the image is averaged down, so that edges come out smooth.
-FINER = 2
+RAYS_PER_SIDE = 2
 # The part fills that share of the smaller side of the image.
-FILL = 0.90
+FILL_SHARE = 0.90
 # A point this much (in sizes) behind the surface is still shown: it lies on it to the noise.
-SINK = 0.006
+SINK_DIAGONALS = 0.006
 EDGE_COLOUR = np.array([58.0, 64.0, 74.0], dtype=np.float32)
 # Two from the eye's upper left and right, as in the interactive view: directions (right, up, to the eye) and strength.
 LIGHTS = ((np.array([-0.35, 0.55, 0.75]), 0.5), (np.array([0.6, -0.1, 0.8]), 0.2))
-AMBIENT = 0.34
+AMBIENT_LIGHT = 0.34
 
 FloatImage = NDArray[np.float32]
 
@@ -39,8 +39,9 @@ class ViewFrame:
     height: int
 
     def finer(self) -> ViewFrame:
-        """The same view with `FINER` times the pixels along each side."""
-        return dataclasses.replace(self, pixel=self.pixel / FINER, width=self.width * FINER, height=self.height * FINER)
+        """The same view with `RAYS_PER_SIDE` times the pixels along each side."""
+        width, height = self.width * RAYS_PER_SIDE, self.height * RAYS_PER_SIDE
+        return dataclasses.replace(self, pixel=self.pixel / RAYS_PER_SIDE, width=width, height=height)
 
     def columns_rows(self, points: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
         """Pixel column, pixel row and height towards the eye of points, (n, 3)."""
@@ -56,7 +57,7 @@ def frame_of(points: FloatArray, angles: tuple[float, float], width: int, height
     flat = points @ axes[:2].T
     low, high = flat.min(axis=0), flat.max(axis=0)
     extent = np.maximum(high - low, 1e-9)
-    pixel = float(max(extent[0] / (FILL * width), extent[1] / (FILL * height)))
+    pixel = float(max(extent[0] / (FILL_SHARE * width), extent[1] / (FILL_SHARE * height)))
     return ViewFrame(axes, 0.5 * (low + high), pixel, width, height)
 
 
@@ -87,9 +88,9 @@ class PartScene:
         for layer in layers:
             _draw(image, surface, height, fine, layer)
         # Points that lie on an edge hide it: it shines through them, but not through points in front of it.
-        through = edges & (height > -np.inf) & (height < surface + SINK)
+        through = edges & (height > -np.inf) & (height < surface + SINK_DIAGONALS)
         image[through] = 0.6 * image[through] + 0.4 * EDGE_COLOUR
-        averaged = image.reshape(frame.height, FINER, frame.width, FINER, 3).mean(axis=(1, 3))
+        averaged = image.reshape(frame.height, RAYS_PER_SIDE, frame.width, RAYS_PER_SIDE, 3).mean(axis=(1, 3))
         rounded: ByteArray = np.rint(averaged).astype(np.uint8)
         return rounded
 
@@ -112,7 +113,7 @@ class PartScene:
         normals = self._normals @ frame.axes.T
         normals = np.where(normals[:, 2:] < 0.0, -normals, normals)
         # One colour a face, looked up by every pixel.
-        light = np.full(len(normals), AMBIENT)
+        light = np.full(len(normals), AMBIENT_LIGHT)
         for direction, strength in LIGHTS:
             light += strength * np.maximum(normals @ (direction / np.linalg.norm(direction)), 0.0)
         shades = np.minimum(light[:, None] * 1.06, 1.0) * np.array(rgb(part_colour))
@@ -164,7 +165,7 @@ def _draw(image: FloatImage, surface: FloatImage, height: FloatImage, frame: Vie
     if not len(dots.points):
         return
     columns, rows, up = frame.columns_rows(dots.points)
-    radius = max(dots.radius / frame.pixel, 0.75 * FINER)
+    radius = max(dots.radius / frame.pixel, 0.75 * RAYS_PER_SIDE)
     reach = int(np.ceil(radius))
     inside = (columns >= -reach) & (columns < frame.width + reach) & (rows >= -reach) & (rows < frame.height + reach)
     order = np.flatnonzero(inside)
@@ -178,7 +179,7 @@ def _draw(image: FloatImage, surface: FloatImage, height: FloatImage, frame: Vie
         x, y = columns + dx, rows + dy
         kept = (x >= 0) & (x < frame.width) & (y >= 0) & (y < frame.height)
         at = (y[kept], x[kept])
-        kept[kept] = (up[kept] > surface[at] - SINK) & (up[kept] >= height[at])
+        kept[kept] = (up[kept] > surface[at] - SINK_DIAGONALS) & (up[kept] >= height[at])
         # Of several assignments to one pixel NumPy keeps the last: the highest.
         image[y[kept], x[kept]] = colours[kept]
         height[y[kept], x[kept]] = up[kept]

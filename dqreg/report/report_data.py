@@ -19,7 +19,7 @@ from dqreg.report.result_protocol import RegisteredPair, RegistrationResult
 from dqreg.report.sheet import Label, labels_of
 
 # Worst places that are marked.
-PLACES = 6
+WORST_PLACES = 6
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -103,7 +103,7 @@ def collect(
             decision = decision or decide(deviations, tolerance, required_share)
             regions, how = decision.regions, decision.regions_how
     origin, unit = inputs.target.origin, unit_of(result)
-    worst = deviations.worst(PLACES) if deviations else ()
+    worst = deviations.worst(WORST_PLACES) if deviations else ()
     return ReportData(
         result=result,
         inputs=inputs,

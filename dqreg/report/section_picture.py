@@ -13,13 +13,13 @@ from dqreg.report.colours import Scale
 from dqreg.report.text import text_of, unit_words
 
 # Canvas in CSS pixels, and its margin.
-PICTURE_WIDTH, MARGIN = 760.0, 40.0
+PICTURE_WIDTH, MARGIN_PIXELS = 760.0, 40.0
 # How far the largest deviation stands off the outline, in sizes of the picture.
 LARGEST_DEVIATION_SHARE = 0.06
 # Height of the two lines of the caption, and of one.
-CAPTION, LINE = 44.0, 20.0
+CAPTION_HEIGHT, LINE_HEIGHT = 44.0, 20.0
 # Cosine from which on a direction is told as an axis.
-ALONG = 0.9999
+ALONG_AXIS_COS = 0.9999
 
 
 def section_picture(section: Section, unit: str, tolerance: float | None = None) -> str:
@@ -33,12 +33,12 @@ def section_picture(section: Section, unit: str, tolerance: float | None = None)
     limit = tolerance or largest
     # Never less than it is: a deviation larger than that is seen anyway.
     factor = max(_round(LARGEST_DEVIATION_SHARE * float(size.max()) / largest), 1.0)
-    pixels = (PICTURE_WIDTH - 2.0 * MARGIN) / float(max(size[0], 1.2 * size[1]))
-    height = size[1] * pixels + 2.0 * MARGIN + CAPTION
+    pixels = (PICTURE_WIDTH - 2.0 * MARGIN_PIXELS) / float(max(size[0], 1.2 * size[1]))
+    height = size[1] * pixels + 2.0 * MARGIN_PIXELS + CAPTION_HEIGHT
 
     def placed(points: FloatArray) -> FloatArray:
-        shifted = (points - low) * pixels + MARGIN
-        return np.column_stack([shifted[:, 0], height - CAPTION - shifted[:, 1]])
+        shifted = (points - low) * pixels + MARGIN_PIXELS
+        return np.column_stack([shifted[:, 0], height - CAPTION_HEIGHT - shifted[:, 1]])
 
     lines = [
         f'<polyline class="outline" fill="none" stroke="#7d8590" stroke-width="1.5" points="{_path(placed(curve))}"/>'
@@ -79,9 +79,9 @@ def _svg(lines: Sequence[str], height: float, title: str) -> str:
 
 def _below(captions: Sequence[str], height: float) -> list[str]:
     """Lines of text at the foot of the picture."""
-    rows = [height - 8.0 - LINE * (len(captions) - 1 - k) for k in range(len(captions))]
+    rows = [height - 8.0 - LINE_HEIGHT * (len(captions) - 1 - k) for k in range(len(captions))]
     return [
-        f'<text x="{MARGIN:g}" y="{y:.1f}" font-size="13" fill="currentColor">{escape(words)}</text>'
+        f'<text x="{MARGIN_PIXELS:g}" y="{y:.1f}" font-size="13" fill="currentColor">{escape(words)}</text>'
         for y, words in zip(rows, captions, strict=True)
     ]
 
@@ -103,7 +103,7 @@ def direction_text(direction: FloatArray) -> str:
     ('−y', '(0.60, 0.00, 0.80)')
     """
     largest = int(np.argmax(np.abs(direction)))
-    if abs(direction[largest]) > ALONG:
+    if abs(direction[largest]) > ALONG_AXIS_COS:
         return ("−" if direction[largest] < 0.0 else "+") + "xyz"[largest]
     return "(" + ", ".join(f"{x + 0.0:.2f}".replace("-", "−") for x in direction) + ")"
 

@@ -40,9 +40,9 @@ COLUMNS = [("No.", "", False), ("Characteristic", "", False), ("Kind", "", False
            ("Low", "", True), ("High", "", True), ("Measured", "", True), ("U", "k = 2", True),
            ("Scanned", "%", True), ("Decision", "", False)]  # fmt: skip
 # Faces below that share are called partly scanned.
-WHOLE = 0.9
+WHOLE_SHARE = 0.9
 # Faces that are listed; small ones that no characteristic names are summed up.
-LISTED = 40
+MAX_LISTED_FACES = 40
 
 
 def head_rows(head: Mapping[str, str]) -> list[tuple[str, str]]:
@@ -133,7 +133,7 @@ def _coverage(found: Inspection, unit: str) -> dict[str, Any] | None:
     area = math.fsum(face.area for face in found.faces)
     seen = math.fsum(face.area * face.share for face in found.faces)
     ordered = sorted(found.faces, key=lambda face: (not face.used, -face.area))
-    shown, rest = ordered[:LISTED], ordered[LISTED:]
+    shown, rest = ordered[:MAX_LISTED_FACES], ordered[MAX_LISTED_FACES:]
     unseen = [face for face in found.faces if face.share == 0.0]
     words = [f"{percent(seen / max(area, 1e-300))} % of the part's surface was scanned."]
     if unseen:
@@ -149,7 +149,7 @@ def _coverage(found: Inspection, unit: str) -> dict[str, Any] | None:
                 "cells": [str(face.face)],
                 "kind": face.kind,
                 "numbers": [text_of(face.area, 4), f"{face.points:,}", percent(face.share)],
-                "words": "whole" if face.share >= WHOLE else "partly" if face.share > 0.0 else "not scanned",
+                "words": "whole" if face.share >= WHOLE_SHARE else "partly" if face.share > 0.0 else "not scanned",
                 "used": face.used,
             }
             for face in shown

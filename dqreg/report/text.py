@@ -13,9 +13,9 @@ from dqreg.inspection import Decision
 from dqreg.rigid import DualQuaternion, quaternion
 
 # Rounding of a quaternion, with room to spare: two Euler axes that are no farther apart fall together.
-ALIKE = 1e-12
+AXES_ROUNDING = 1e-12
 # Numbers below this are written without a power of ten.
-PLAIN = 1e7
+MAX_PLAIN_NUMBER = 1e7
 
 
 def text_of(value: float | None, digits: int = 3, *, sign: bool = False) -> str:
@@ -30,7 +30,7 @@ def text_of(value: float | None, digits: int = 3, *, sign: bool = False) -> str:
         return "no limit" if value > 0 else "−∞"
     plus = "+" if sign and value else ""
     text = f"{value:{plus}.{digits}g}"
-    if "e+" in text and abs(value) < PLAIN:
+    if "e+" in text and abs(value) < MAX_PLAIN_NUMBER:
         text = f"{float(text):{plus}.0f}"
     return text.replace("-", "−") if not text.count("e") else text.replace("-", "−", 1) if value < 0 else text
 
@@ -221,9 +221,9 @@ def _fixed_axes(q: FloatArray) -> FloatArray:
     half_sum, half_difference = np.arctan2(up[1], up[0]), np.arctan2(down[1], down[0])
     b = 2.0 * np.arctan2(np.hypot(*down), np.hypot(*up)) - 0.5 * np.pi
     # Two of the axes fall together: any split of the rotation between them is right, and all of it goes to the first.
-    if np.hypot(*up) < ALIKE:
+    if np.hypot(*up) < AXES_ROUNDING:
         half_sum = -half_difference
-    elif np.hypot(*down) < ALIKE:
+    elif np.hypot(*down) < AXES_ROUNDING:
         half_difference = -half_sum
     a, c = half_sum - half_difference, half_sum + half_difference
     return np.rad2deg([_within_a_half_turn(a), b, _within_a_half_turn(c)])

@@ -26,17 +26,17 @@ from dqreg.rigid import pose
 # What is drawn at most; about 10 bytes a point and 18 a triangle in the file.
 MAX_POINTS_ON_PART, MAX_POINTS_OFF_PART = 150_000, 30_000
 MAX_TARGET_POINTS, MAX_TRIANGLES = 120_000, 100_000
-ALTERNATIVES, POSES = 6, 160
+MAX_ALTERNATIVES, MAX_POSES = 6, 160
 # Clutter farther off than this, in sizes of the target, is left out of the view.
-FAR = 3.0
+MAX_FAR_DIAGONALS = 3.0
 # A coordinate is so many steps at most, in 16 bits.
-STEPS = 65535
+COORDINATE_STEPS = 65535
 # Longest semi-axis of the ellipsoid as it is drawn, in sizes of the target.
-ELLIPSOID = 0.12
+ELLIPSOID_DIAGONALS = 0.12
 # Edges of the part are drawn where it turns by that much; a rough mesh, where a quarter of all are, shows none.
-EDGE_DEG, ROUGH = 25.0, 0.25
+EDGE_DEG, ROUGH_EDGE_SHARE = 25.0, 0.25
 # Cells that corners are put together in, in sizes of the mesh; larger ones follow until there are few enough.
-FIRST_CELL, WIDER = 0.0025, 1.3
+FIRST_CELL_DIAGONALS, WIDENING_FACTOR = 0.0025, 1.3
 
 
 def scene_of(data: ReportData) -> dict[str, Any]:
@@ -75,7 +75,8 @@ def scene_of(data: ReportData) -> dict[str, Any]:
             "signed": data.scale.signed,
         }
     if data.deviations is not None:
-        scene["alternatives"] = [_alternative(data, on, k) for k in range(len(data.result.alternatives[:ALTERNATIVES]))]
+        count = min(len(data.result.alternatives), MAX_ALTERNATIVES)
+        scene["alternatives"] = [_alternative(data, on, k) for k in range(count)]
     return scene
 
 
@@ -84,7 +85,7 @@ def _parts_of_scan(data: ReportData) -> tuple[IntArray, IntArray]:
     if data.deviations is None:
         return thinned(data.points, np.arange(len(data.points)), MAX_POINTS_ON_PART), np.zeros(0, dtype=np.int64)
     on = data.deviations.counted
-    near = np.linalg.norm(data.points, axis=1) <= FAR * data.size
+    near = np.linalg.norm(data.points, axis=1) <= MAX_FAR_DIAGONALS * data.size
     return (
         thinned(data.points, np.flatnonzero(on), MAX_POINTS_ON_PART),
         thinned(data.points, np.flatnonzero(~on & near), MAX_POINTS_OFF_PART),
@@ -115,7 +116,7 @@ def _cloud(data: ReportData, rows: IntArray, *, with_values: bool) -> dict[str, 
 def _quantised(points: FloatArray) -> dict[str, Any]:
     low = points.min(axis=0) if len(points) else np.zeros(3)
     extent = np.maximum(points.max(axis=0) - low, 1e-12) if len(points) else np.ones(3)
-    steps = np.rint((points - low) / extent * STEPS).astype("<u2")
+    steps = np.rint((points - low) / extent * COORDINATE_STEPS).astype("<u2")
     return {"low": low.tolist(), "extent": extent.tolist(), "count": len(points), "points": _encoded(steps)}
 
 
@@ -153,11 +154,11 @@ def poses_of(data: ReportData) -> list[dict[str, Any]]:
         poses.append({"kind": "before", "name": name, "short": short, "T": data.T_before})
     if data.found:
         poses.append({"kind": "after", "name": "After", "T": data.result.T_target_source})
-    for number, other in enumerate(data.result.alternatives[:ALTERNATIVES], 1):
+    for number, other in enumerate(data.result.alternatives[:MAX_ALTERNATIVES], 1):
         name = f"Alternative {number}"
         poses.append({"kind": "alternative", "name": name, "score": other.score, "T": other.T_target_source})
     history = data.result.history
-    step = max(1, -(-len(history) // POSES))
+    step = max(1, -(-len(history) // MAX_POSES))
     for record in history[::step]:
         name = f"iteration {record.number}, {record.stage}"
         poses.append({"kind": "iteration", "name": name, "rms": record.rms, "T": record.T_target_source})
@@ -203,10 +204,10 @@ def _motions(data: ReportData) -> list[dict[str, Any]]:
 
 
 def _ellipsoid(data: ReportData) -> list[list[float]] | None:
-    """Semi-axes of one sigma of the translation, one a row, scaled to `ELLIPSOID` sizes."""
+    """Semi-axes of one sigma of the translation, one a row, scaled to `ELLIPSOID_DIAGONALS`."""
     if data.ellipsoid is None:
         return None
-    axes = ELLIPSOID * data.ellipsoid / np.linalg.norm(data.ellipsoid, axis=1).max()
+    axes = ELLIPSOID_DIAGONALS * data.ellipsoid / np.linalg.norm(data.ellipsoid, axis=1).max()
     rows: list[list[float]] = axes.tolist()
     return rows
 
@@ -230,17 +231,17 @@ def fewer_triangles(vertices: FloatArray, faces: IntArray, most: int) -> tuple[F
     cell = _cell_for(vertices, faces, most)
     simple = mesh.simplify_vertex_clustering(cell, planes)
     while len(simple.triangles) > most:
-        cell *= WIDER
+        cell *= WIDENING_FACTOR
         simple = mesh.simplify_vertex_clustering(cell, planes)
     return np.asarray(simple.vertices).copy(), np.asarray(simple.triangles).astype(np.int64)
 
 
 def _cell_for(vertices: FloatArray, faces: IntArray, most: int) -> float:
     """The first cell that leaves few enough triangles, counted before any is made: that takes a tenth of the time."""
-    cell = float(np.linalg.norm(np.ptp(vertices, axis=0))) * FIRST_CELL
+    cell = float(np.linalg.norm(np.ptp(vertices, axis=0))) * FIRST_CELL_DIAGONALS
     while (left := _left(vertices, faces, cell)) > most:
         # Triangles are as many as cells of a surface; half of the steps that it seems to take are none too many.
-        cell *= WIDER ** max(1, int(0.5 * np.log(left / most) / (2.0 * np.log(WIDER))))
+        cell *= WIDENING_FACTOR ** max(1, int(0.5 * np.log(left / most) / (2.0 * np.log(WIDENING_FACTOR))))
     return cell
 
 
@@ -270,7 +271,7 @@ def sharp_edges(vertices: FloatArray, faces: IntArray) -> FloatArray:
     twin = np.minimum(starts + 1, len(ends) - 1)
     turn = np.einsum("ij,ij->i", normals[owners[starts]], normals[owners[twin]])
     sharp = starts[(counts != 2) | (turn < np.cos(np.deg2rad(EDGE_DEG)))]
-    if len(sharp) > ROUGH * len(starts) and len(starts) > 500:
+    if len(sharp) > ROUGH_EDGE_SHARE * len(starts) and len(starts) > 500:
         return np.zeros((0, 2, 3))
     places = np.unique(vertices, axis=0)
     edges: FloatArray = places[ends[sharp]]

@@ -11,7 +11,7 @@ from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg._open3d import load_open3d
 from dqreg.geometry import Mesh, MeshSurface, PointCloud
 from dqreg.geometry.morton import morton_order
-from dqreg.report.view3d import STEPS, fewer_triangles, sharp_edges
+from dqreg.report.view3d import COORDINATE_STEPS, fewer_triangles, sharp_edges
 from dqreg.studio.drawing import DrawnFrame
 
 # What is drawn at most.
@@ -63,7 +63,7 @@ def _quantised(points: FloatArray) -> tuple[dict[str, Any], bytes]:
     low = points.min(axis=0) if len(points) else np.zeros(3)
     extent = np.maximum(np.ptp(points, axis=0), 1e-12) if len(points) else np.ones(3)
     known = {"low": low.tolist(), "extent": extent.tolist(), "count": len(points)}
-    return known, _as_bytes(np.rint((points - low) / extent * STEPS), "<u2")
+    return known, _as_bytes(np.rint((points - low) / extent * COORDINATE_STEPS), "<u2")
 
 
 def _padded(data: bytes) -> bytes:

@@ -14,7 +14,7 @@ from dqreg.geometry import Mesh
 from dqreg.geometry.mesh_faces import areas_of, faces_of
 from dqreg.inspection.deviation_files import ABOVE_RGB, BELOW_RGB
 from dqreg.inspection.tolerances import PointLimits, Tolerance, limits_at
-from dqreg.report.charts import NARROW, WIDE, convergence, histogram, ticks
+from dqreg.report.charts import NARROW_CANVAS, WIDE_CANVAS, convergence, histogram, ticks
 from dqreg.report.colours import Scale, nice_above
 from dqreg.report.facts import facts_of
 from dqreg.report.hints import hints_of
@@ -148,7 +148,7 @@ def test_ticks_lie_within_and_are_few(where, power):
     assert found[-1] <= low + width * (1 + 1e-6)
 
 
-@pytest.mark.parametrize("size", [WIDE, NARROW])
+@pytest.mark.parametrize("size", [WIDE_CANVAS, NARROW_CANVAS])
 def test_histogram_bars_hold_all_points_in_range(size):
     values = np.random.default_rng(0).normal(0.0, 0.3, 5000)
     root = ET.fromstring(histogram(values, Scale(1.0, True), "mm", None, size).replace("&nbsp;", " "))

@@ -109,7 +109,7 @@ def test_an_ellipsoid_has_the_axes_of_the_covariance():
         handle, larger = add_ellipsoid(server, "/e", axes, np.zeros(3), 1.0)
         R = live_server.quaternion.to_matrix(np.array(handle.wxyz))
         np.testing.assert_allclose(np.abs((R * np.array(handle.scale)).T), np.abs(axes) * larger, atol=1e-12)
-        assert np.linalg.norm(axes[0]) * larger == pytest.approx(live_server.ELLIPSOID)
+        assert np.linalg.norm(axes[0]) * larger == pytest.approx(live_server.ELLIPSOID_DIAGONALS)
     finally:
         server.stop()
 

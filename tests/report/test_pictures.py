@@ -12,8 +12,8 @@ from dqreg.report.cameras import VIEWS, camera
 from dqreg.report.colours import SOURCE, TARGET, rgb
 from dqreg.report.figure import encode
 from dqreg.report.page import notebook_html
-from dqreg.report.pictures import HEIGHT, WIDTH, draw, parse_panels, save_picture
-from dqreg.report.raster import FILL, Dots, PartScene, frame_of
+from dqreg.report.pictures import PANEL_HEIGHT, PANEL_WIDTH, draw, parse_panels, save_picture
+from dqreg.report.raster import FILL_SHARE, Dots, PartScene, frame_of
 from dqreg.report.window import require_display, shapes_of
 from dqreg.synth.parts import box
 from tests.report.scenes import BUMP, bumpy, data_of, failed
@@ -46,8 +46,8 @@ def test_the_part_fills_its_share_of_the_picture():
     part = (image < 250).any(axis=2)
     # Seen from above it is 0.6 by 0.4; the width is what limits it in 120 x 90 pixels.
     columns, rows = part.any(axis=0).sum(), part.any(axis=1).sum()
-    assert abs(columns - FILL * 120) <= 2
-    assert abs(rows - FILL * 120 * 0.4 / 0.6) <= 2
+    assert abs(columns - FILL_SHARE * 120) <= 2
+    assert abs(rows - FILL_SHARE * 120 * 0.4 / 0.6) <= 2
 
 
 def test_points_before_the_part_are_seen_and_those_behind_are_not():
@@ -60,7 +60,7 @@ def test_points_before_the_part_are_seen_and_those_behind_are_not():
 def test_a_point_is_drawn_where_it_is():
     rows, columns = np.nonzero(is_red(rendered(np.array([[0.15, 0.1, 0.2]]))))
     # 0.9 of 120 pixels are 0.6 wide; x to the right, y up.
-    scale = FILL * 120 / 0.6
+    scale = FILL_SHARE * 120 / 0.6
     assert columns.mean() == pytest.approx(60 - 0.5 + 0.15 * scale, abs=1.0)
     assert rows.mean() == pytest.approx(45 - 0.5 - 0.1 * scale, abs=1.0)
 
@@ -90,7 +90,7 @@ def test_a_picture_shows_start_deviation_and_bump(tmp_path):
     np.testing.assert_allclose(several.size, (2 * 160 + 28, 2 * (120 + 44) + 86), atol=1)
     save_picture(data, tmp_path / "view.jpg", parse_panels("top"))
     with Image.open(tmp_path / "view.jpg") as saved:
-        np.testing.assert_allclose(saved.size, (WIDTH + 28, HEIGHT + 44 + 86), atol=1)
+        np.testing.assert_allclose(saved.size, (PANEL_WIDTH + 28, PANEL_HEIGHT + 44 + 86), atol=1)
 
 
 def test_a_failure_is_drawn_where_it_lay():
