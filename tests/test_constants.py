@@ -10,9 +10,10 @@ import dqreg
 
 PACKAGE = Path(dqreg.__file__).parent
 # Rooms whose numbers have such names.
-ROOMS = ("geometry", "icp", "inspection", "multiway", "odometry", "report", "search", "solvers")
+ROOMS = ("files", "geometry", "icp", "inspection", "multiway", "odometry", "report", "search", "solvers")
 # What one word tells beside the name of its module: flags, codes of a format, counts of one thing.
 CLEAR = {
+    "files.gltf_guards": {"FLOAT32"},
     "geometry.exports": {"FLOAT32", "FLOAT64"},
     "inspection.membership": {"BEYOND", "OUTLIER", "EXCLUDED"},
     "multiway.common_planes": {"ROUNDS"},

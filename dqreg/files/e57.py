@@ -15,7 +15,7 @@ from dqreg.files.untrusted import require_proportion, unreadable
 
 WANTED = "a whole E57 file; was the file cut short?"
 # Bytes of the header, and of the checksum that ends each page.
-HEADER, CHECKSUM = 48, 4
+HEADER_BYTES, CHECKSUM_BYTES = 48, 4
 
 
 def read_e57(path: Path) -> CloudData:
@@ -66,12 +66,12 @@ def _require_plain_xml(path: Path) -> None:
     start, length, page = (int.from_bytes(data[at : at + 8], "little") for at in (24, 32, 40))
     if (
         data[:8] != b"ASTM-E57"
-        or len(data) < HEADER
-        or not CHECKSUM < page <= len(data)
-        or not HEADER <= start < len(data)
+        or len(data) < HEADER_BYTES
+        or not CHECKSUM_BYTES < page <= len(data)
+        or not HEADER_BYTES <= start < len(data)
     ):
         raise unreadable(path, "a damaged header", WANTED)
-    pages = (data[at : at + page - CHECKSUM] for at in range(start // page * page, len(data), page))
+    pages = (data[at : at + page - CHECKSUM_BYTES] for at in range(start // page * page, len(data), page))
     text = b"".join(pages)[start % page :][:length]
     if re.search(rb"<!\s*(DOCTYPE|ENTITY)", text, re.IGNORECASE):
         raise unreadable(path, "a description with entities", "an E57 file without")

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
-from dqreg.files.untrusted import ALLOWED, ALLOWED_BYTES, MAX_DEPTH, max_faces, unreadable
+from dqreg.files.untrusted import ALLOWED_BYTES, ALLOWED_COUNT, MAX_DEPTH, max_faces, unreadable
 
 # Extensions that change how a body looks, not where its surface is.
 APPEARANCE = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "MSFT_texture_", "KHR_lights_", "KHR_xmp")
@@ -30,7 +30,7 @@ def require_safe_gltf(path: Path) -> None:
         views = [item["byteLength"] for item in tree.get("bufferViews", [])]
         primitives = [item for mesh in tree.get("meshes", []) for item in mesh["primitives"]]
         size = path.stat().st_size + sum(place.stat().st_size for place in _named_files(path, uris))
-        if not all(type(count) is int and count >= 0 for count in counts) or sum(counts) > max(ALLOWED, 4 * size):
+        if not all(type(count) is int and count >= 0 for count in counts) or sum(counts) > max(ALLOWED_COUNT, 4 * size):
             raise unreadable(path, f"accessors that promise more than {size} bytes hold", "accessors of what is there")
         if not all(type(length) is int and length >= 0 for length in views) or sum(views) > ALLOWED_BYTES + 4 * size:
             raise unreadable(path, f"buffer views of more bytes than the {size} there are", "views that do not overlap")

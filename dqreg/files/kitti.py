@@ -14,7 +14,7 @@ from dqreg.files.cloud_data import CloudData, make_cloud
 from dqreg.files.untrusted import require_readable, unreadable
 
 # Metres that no LiDAR measures: other binary files hold such numbers, read as float32.
-FARTHEST = 1e5
+MAX_RANGE_M = 1e5
 # How the names of nuScenes' frames end.
 NUSCENES = ".pcd.bin"
 
@@ -32,7 +32,7 @@ def kitti_rows(path: Path) -> FloatArray:
     with np.errstate(invalid="ignore"):
         points = np.frombuffer(raw, dtype="<f4").reshape(-1, width)[:, :3].astype(np.float64)
     known = np.abs(points[np.isfinite(points)])
-    if known.size and known.max() > FARTHEST:
+    if known.size and known.max() > MAX_RANGE_M:
         found = f"coordinates up to {known.max():.3g} when read as {width} float32 a point"
         raise unreadable(path, found, "metres from the sensor; save the points of another layout as .npy")
     return points

@@ -16,15 +16,15 @@ from dqreg.files.untrusted import require_proportion, unreadable
 
 WANTED = "a whole LAS or LAZ file; was the file cut short?"
 # Bytes of the shortest header and of the head of a record.
-HEADER, RECORD = 227, 54
+HEADER_BYTES, RECORD_BYTES = 227, 54
 # Record with the keys of GeoTIFF, and the key that names the unit of projected coordinates.
 GEO_KEYS, LINEAR_UNITS = 34735, 3076
 # What that may say (EPSG).
 UNITS = {9001: "m", 9002: "ft"}
 
 # Seconds and bytes that a file may take, and those for each of its bytes.
-SECONDS, SECONDS_EACH = 20.0, 1e-6
-MEMORY, MEMORY_EACH = 1 << 30, 100
+BASE_SECONDS, SECONDS_PER_BYTE = 20.0, 1e-6
+BASE_MEMORY_BYTES, MEMORY_PER_BYTE = 1 << 30, 100
 UNPACK = """
 import laspy
 path, out = words
@@ -58,7 +58,7 @@ def read_las(path: Path) -> CloudData:
 def _unpacked(path: Path, laspy: Any) -> Any:
     """Points of a LAZ file, unpacked by a process of its own: damaged sizes in it ask for any amount of memory."""
     size = path.stat().st_size
-    seconds, memory = SECONDS + SECONDS_EACH * size, MEMORY + MEMORY_EACH * size
+    seconds, memory = BASE_SECONDS + SECONDS_PER_BYTE * size, BASE_MEMORY_BYTES + MEMORY_PER_BYTE * size
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "unpacked.las"
         done = run_limited(UNPACK, path.resolve(), out, seconds=seconds, memory=memory)
@@ -73,11 +73,11 @@ def _unpacked(path: Path, laspy: Any) -> Any:
 def _require_records(path: Path) -> None:
     """Raise if the header promises more records than the file can hold: laspy reads on beyond the end."""
     with path.open("rb") as stream:
-        head = stream.read(HEADER)
-    if head[:4] != b"LASF" or len(head) < HEADER:
+        head = stream.read(HEADER_BYTES)
+    if head[:4] != b"LASF" or len(head) < HEADER_BYTES:
         raise unreadable(path, "a damaged header", WANTED)
     count = int.from_bytes(head[100:104], "little")
-    if count * RECORD > path.stat().st_size:
+    if count * RECORD_BYTES > path.stat().st_size:
         raise unreadable(path, f"a header that promises {count} records", WANTED)
 
 

@@ -18,7 +18,7 @@ except (ImportError, ValueError):
     pass
 """
 # Wall time for each second of processor time allowed: a loaded machine is slow, a sleeping process has no excuse.
-PATIENCE = 10.0
+PATIENCE_RATIO = 10.0
 
 
 def run_limited(
@@ -28,6 +28,6 @@ def run_limited(
     arguments = map(str, (int(seconds), int(memory), *words))
     command = [sys.executable, "-P", "-c", LIMITS + program, *arguments]
     try:
-        return subprocess.run(command, capture_output=True, timeout=PATIENCE * seconds, check=False)
+        return subprocess.run(command, capture_output=True, timeout=PATIENCE_RATIO * seconds, check=False)
     except subprocess.TimeoutExpired:
         return None

@@ -16,7 +16,7 @@ from dqreg.files.mesh_data import MeshData, make_mesh
 from dqreg.files.untrusted import max_faces, unreadable
 
 # Bytes before the triangles of a binary STL, and one of these: a normal that its corners tell as well, and a number.
-HEADER = 84
+HEADER_BYTES = 84
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("number", "<u2")])
 
 
@@ -109,13 +109,14 @@ def _arrays(path: Path, body: Any) -> tuple[FloatArray, IntArray]:
 def _is_binary_stl(path: Path) -> bool:
     """Whether a file is just as long as its header promises."""
     with path.open("rb") as stream:
-        head = stream.read(HEADER)
-    return len(head) == HEADER and path.stat().st_size == HEADER + FACET.itemsize * int.from_bytes(head[80:], "little")
+        head = stream.read(HEADER_BYTES)
+    promised = HEADER_BYTES + FACET.itemsize * int.from_bytes(head[80:], "little")
+    return len(head) == HEADER_BYTES and path.stat().st_size == promised
 
 
 def _read_binary_stl(path: Path) -> MeshData:
     # Without trimesh, whose import takes longer than most parts.
-    facets = np.fromfile(path, dtype=FACET, offset=HEADER)
+    facets = np.fromfile(path, dtype=FACET, offset=HEADER_BYTES)
     # A signalling NaN, as damage makes it, is one that is told as any other.
     with np.errstate(invalid="ignore"):
         corners = facets["corners"].reshape(-1, 3).astype(np.float64)

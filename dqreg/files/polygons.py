@@ -19,7 +19,7 @@ SAME_AREA = 1e-7
 MAX_CORNERS = 1_000
 MAX_SEARCHES = 3
 # About two seconds for any file, and as much again for each megabyte.
-SQUARES, SQUARES_A_BYTE = 10_000_000, 10
+BASE_SQUARES, SQUARES_PER_BYTE = 10_000_000, 10
 # Polygons that are looked at together: what that takes is a hundred times their bytes.
 AT_ONCE = 100_000
 
@@ -53,9 +53,9 @@ class _Budget:
     """Squares of corners that may be clipped in one file, which is what it costs."""
 
     def __init__(self, path: Path) -> None:
-        self._path, self._left = path, SQUARES
+        self._path, self._left = path, BASE_SQUARES
         with contextlib.suppress(OSError):
-            self._left += SQUARES_A_BYTE * path.stat().st_size
+            self._left += SQUARES_PER_BYTE * path.stat().st_size
 
     def spend(self, corners: int) -> None:
         """Count a polygon."""

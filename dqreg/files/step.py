@@ -24,26 +24,26 @@ from dqreg.files.units import METRES, UNIT_WORDS
 from dqreg.files.untrusted import max_faces, unreadable
 
 # Largest distance of a triangle from its surface, in sizes of the part: below the noise of any optical scanner.
-CHORD = 1e-5
+CHORD_DIAGONALS = 1e-5
 # Largest turn between the normals of neighbouring triangles, radians.
-TURN = 0.25
+MAX_TURN_RAD = 0.25
 # The size by the points of the file may be off by that factor before the triangles are made anew.
-GUESSED = 3.0
+MAX_GUESS_RATIO = 3.0
 # Statements of surfaces that curve both ways: their triangles are as many as the chord is short, and OpenCASCADE's time
 # for one torus or sphere grows with the third power of them (50,000: 1 s, 115,000: 16 s). They are cut coarsely first,
 # and then as finely as these numbers of triangles allow: on one such face, and on all that curve both ways.
 CURVED = re.compile(rb"(TOROIDAL|SPHERICAL|SPLINE|UNIFORM|BEZIER|OFFSET)_SURFACE|SURFACE_OF_REVOLUTION")
-FIRST = 2e-4
+FIRST_CHORD_DIAGONALS = 2e-4
 MOST_ON_ONE, MOST_ON_ALL = 50_000, 200_000
 # Cuts at most, and the share of those numbers above which no further cut is worth its time.
-CUTS, ENOUGH = 4, 0.5
+MAX_CUTS, ENOUGH_LOAD = 4, 0.5
 # Seconds and bytes that a file may take, and those for each of its bytes.
-SECONDS, SECONDS_EACH = 20.0, 20e-6
-MEMORY, MEMORY_EACH = 2 << 30, 300
+BASE_SECONDS, SECONDS_PER_BYTE = 20.0, 20e-6
+BASE_MEMORY_BYTES, MEMORY_PER_BYTE = 2 << 30, 300
 # Faces on one cylinder, cone, sphere or torus agree to that share of the part's size: CAD programs cut a hole in two.
 SAME_SURFACE = 1e-7
 # Bytes of a statement that is searched for, and statements of units that are looked at.
-STATEMENT, STATEMENTS = 2_000, 100
+STATEMENT_BYTES, MAX_STATEMENTS = 2_000, 100
 
 # At its start cascadio loads trimesh, three quarters of the time of a small file, and here nothing asks for it.
 TESSELLATE = """
@@ -73,14 +73,14 @@ def read_step(path: Path, chord: float | None = None) -> MeshData:
     if not data.lstrip(b"\xef\xbb\xbf \r\n\t").startswith(b"ISO-10303-21"):
         raise unreadable(path, "no line ISO-10303-21 at its beginning", "a STEP file")
     unit, size = _unit(data), _size(data)
-    wanted = chord if chord is not None else CHORD * size
-    kept = max(wanted, FIRST * size) if CURVED.search(data) else wanted
-    for _ in range(CUTS):
+    wanted = chord if chord is not None else CHORD_DIAGONALS * size
+    kept = max(wanted, FIRST_CHORD_DIAGONALS * size) if CURVED.search(data) else wanted
+    for _ in range(MAX_CUTS):
         mesh, load = _tessellated(path, kept, unit)
         true = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
-        if chord is None and not true / GUESSED < size < GUESSED * true:
-            size, kept, wanted = true, kept * true / size, CHORD * true
-        elif kept <= wanted or load > ENOUGH:
+        if chord is None and not true / MAX_GUESS_RATIO < size < MAX_GUESS_RATIO * true:
+            size, kept, wanted = true, kept * true / size, CHORD_DIAGONALS * true
+        elif kept <= wanted or load > ENOUGH_LOAD:
             break
         else:
             kept = max(wanted, kept * load)
@@ -111,8 +111,8 @@ def _load(labels: IntArray, surfaces: list[StepSurface]) -> float:
 
 def _run(path: Path, out: Path, chord_mm: float) -> None:
     size = path.stat().st_size
-    seconds, memory = SECONDS + SECONDS_EACH * size, MEMORY + MEMORY_EACH * size
-    done = run_limited(TESSELLATE, path.resolve(), out, chord_mm, TURN, seconds=seconds, memory=memory)
+    seconds, memory = BASE_SECONDS + SECONDS_PER_BYTE * size, BASE_MEMORY_BYTES + MEMORY_PER_BYTE * size
+    done = run_limited(TESSELLATE, path.resolve(), out, chord_mm, MAX_TURN_RAD, seconds=seconds, memory=memory)
     expected = "a whole STEP file; try to export it anew, or as STL"
     # Both say the same: the limit of processor time, or that of wall time.
     if done is None or -done.returncode in (getattr(signal, "SIGXCPU", None), getattr(signal, "SIGKILL", None)):
@@ -221,12 +221,12 @@ def _same_surfaces(faces: IntArray, labels: IntArray, surfaces: list[StepSurface
 def _unit(data: bytes) -> str:
     """The length unit that the file assigns to its shapes; millimetres where it names none that is known."""
     stated, begin = "mm", 0
-    for _ in range(STATEMENTS):
+    for _ in range(MAX_STATEMENTS):
         begin = data.find(b"LENGTH_UNIT", begin + 1)
         if begin < 0:
             break
-        low = max(data.rfind(b";", max(begin - STATEMENT, 0), begin), begin - STATEMENT)
-        words = data[low : data.find(b";", begin, begin + STATEMENT)].decode("latin-1")
+        low = max(data.rfind(b";", max(begin - STATEMENT_BYTES, 0), begin), begin - STATEMENT_BYTES)
+        words = data[low : data.find(b";", begin, begin + STATEMENT_BYTES)].decode("latin-1")
         named = re.search(r"CONVERSION_BASED_UNIT\s*\(\s*'(\w+)'", words)
         if named is not None:
             # The unit that it is converted to stands in a statement of its own: it is not that of the shapes.

@@ -20,7 +20,7 @@ Form = Literal["kitti", "tum", "g2o"]
 # What a reader does with poses that were not found: refuse the file, or keep them as NaN.
 Gaps = Literal["refuse", "keep"]
 # Farther from a rotation than this, nothing is one; nearer than that, it is one to the last digit and stays as it is.
-NO_ROTATION, ROTATION = 1e-2, 1e-14
+NO_ROTATION, ROTATION_ROUNDING = 1e-2, 1e-14
 
 
 def found_rows(poses: FloatArray) -> BoolArray:
@@ -114,7 +114,7 @@ def _rigid(numbers: FloatArray, path: str | Path) -> FloatArray:
         off = np.abs(R.transpose(0, 2, 1) @ R - np.eye(3)).max(axis=(1, 2))
     if not (off <= NO_ROTATION).all() or not (np.linalg.det(R) > 0.0).all():
         raise InputError(f"{path}: a rotation block departs from a rotation by {off.max():.3g}; expected rigid poses")
-    rounded = off > ROTATION
+    rounded = off > ROTATION_ROUNDING
     U, _, Vt = np.linalg.svd(R[rounded])
     poses[rounded, :3, :3] = U @ Vt
     return poses

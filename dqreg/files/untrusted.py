@@ -113,8 +113,8 @@ def _near_names(path: Path, wanted: str) -> str:
 
 # Real scans and parts compress to a tenth, seldom to a twentieth; deflate can reach a thousandth.
 MAX_COMPRESSION = 30
-# Faces or numbers, and bytes, that any file may expand to.
-ALLOWED = 1_000_000
+# Faces or numbers, bytes of points, and bytes of all, that any file may expand to.
+ALLOWED_COUNT, ALLOWED_POINT_BYTES = 1_000_000, 1_000_000
 ALLOWED_BYTES = 64 << 20
 # Levels of objects made of objects.
 MAX_DEPTH = 100
@@ -125,13 +125,13 @@ LONGEST_HEADER = 1 << 20
 def max_faces(path: Path) -> int:
     """Triangles that a scene of this file size may hold."""
     # The densest files, zipped 3MF, have a triangle in five bytes.
-    return max(ALLOWED, path.stat().st_size // 2)
+    return max(ALLOWED_COUNT, path.stat().st_size // 2)
 
 
 def require_proportion(path: Path, count: int, size: int) -> None:
     """Raise if a file promises more points, of so many bytes each, than it can hold."""
     held = path.stat().st_size
-    if not 0 <= count * size <= max(ALLOWED, MAX_COMPRESSION * held):
+    if not 0 <= count * size <= max(ALLOWED_POINT_BYTES, MAX_COMPRESSION * held):
         found = f"{held} bytes that promise {count} points"
         raise unreadable(path, found, f"at most {MAX_COMPRESSION} times as many bytes")
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
 from dqreg.errors import InputError
-from dqreg.files.step import CHORD, file_unit, read_step
+from dqreg.files.step import CHORD_DIAGONALS, file_unit, read_step
 from dqreg.files.units import factor
 from dqreg.files.untrusted import require_own_kind, require_readable
 from dqreg.geometry import Closest, CloudSurface, Mesh, MeshSurface, PointCloud, Surface, prepare_scan
@@ -261,7 +261,7 @@ def cut_for(target: Path, source: Any, source_units: str | None) -> tuple[Mesh, 
     unit, own = file_unit(path), source_units or scan.units
     scale = factor(own, unit) if own is not None else 1.0
     size = float(np.linalg.norm(np.ptp(points, axis=0))) * scale
-    wanted = min(OF_NOISE * found.noise, OF_SPACING * found.spacing) * scale or CHORD * size
+    wanted = min(OF_NOISE * found.noise, OF_SPACING * found.spacing) * scale or CHORD_DIAGONALS * size
     # The scan's size stands for the part's until that is known.
     chord = float(np.clip(wanted, FINEST * size, COARSEST * size))
     data = read_step(path, chord)

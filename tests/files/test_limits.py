@@ -104,8 +104,8 @@ def test_empty_elements_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 
 def test_concave_faces_of_many_corners_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("dqreg.files.polygons.SQUARES", 2_000)
-    monkeypatch.setattr("dqreg.files.polygons.SQUARES_A_BYTE", 1)
+    monkeypatch.setattr("dqreg.files.polygons.BASE_SQUARES", 2_000)
+    monkeypatch.setattr("dqreg.files.polygons.SQUARES_PER_BYTE", 1)
     angles, radii = np.arange(40) * np.pi / 20, np.tile([2.0, 1.0], 20)
     star = np.column_stack([radii * np.cos(angles), radii * np.sin(angles)])
     corners = "".join(f"v {x:.3f} {y:.3f} 0\n" for x, y in star)

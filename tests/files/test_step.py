@@ -46,7 +46,7 @@ def test_a_ring_is_a_torus_cut_as_finely_as_its_triangles_allow(
 ) -> None:
     # At the default chord OpenCASCADE needs minutes for its 260,000 triangles.
     monkeypatch.setattr(step, "MOST_ON_ONE", 8_000)
-    monkeypatch.setattr(step, "FIRST", 2e-3)
+    monkeypatch.setattr(step, "FIRST_CHORD_DIAGONALS", 2e-3)
     mesh = step.read_step(written(tmp_path, ring(12.0, 2.0)))
     assert 4_000 < len(mesh.faces) <= 8_000
     assert mesh.chord is not None
@@ -103,8 +103,8 @@ def test_a_file_that_crashes_hangs_or_takes_all_memory_is_an_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, child: str, words: str
 ) -> None:
     monkeypatch.setattr(step, "TESSELLATE", child)
-    monkeypatch.setattr(step, "SECONDS", 0.02 if "sleep" in child else 1.0)
-    monkeypatch.setattr(step, "MEMORY_EACH", 0)
+    monkeypatch.setattr(step, "BASE_SECONDS", 0.02 if "sleep" in child else 1.0)
+    monkeypatch.setattr(step, "MEMORY_PER_BYTE", 0)
     with pytest.raises(InputError, match=words):
         read_mesh(written(tmp_path, block_with_hole()))
 
