@@ -18,7 +18,7 @@ from dqreg.files.untrusted import read_record
 from dqreg.files.write import ply_bytes
 from dqreg.synth.case_contents import PART, RECIPE, TRUTH, json_text, stl_bytes
 from dqreg.synth.cases import require_replaceable, write_folder
-from dqreg.synth.many_views import LONGEST, ManyViews, room_stops, street_drive, turntable_views
+from dqreg.synth.many_views import MAX_DRIVE_M, ManyViews, room_stops, street_drive, turntable_views
 from dqreg.synth.recipe_keys import build, check_name, check_seed, get_table, get_text, require_known
 from dqreg.synth.recipe_tables import check_part, make_mesh
 
@@ -64,9 +64,9 @@ class Street:
 
     def __post_init__(self) -> None:
         _require_between(self, frames=(2, 500), step=(0.0, 5.0), noise=(0.0, 1.0), rings=(4, 500))
-        if self.frames * self.step > LONGEST:
+        if self.frames * self.step > MAX_DRIVE_M:
             raise InputError.of(
-                f"x step is the way along the street, at most {LONGEST:g}; got {self.frames * self.step:g}",
+                f"x step is the way along the street, at most {MAX_DRIVE_M:g}; got {self.frames * self.step:g}",
                 name="frames",
             )
 

@@ -17,12 +17,12 @@ from dqreg.synth.scanner import scan_mesh
 from dqreg.synth.street import HALF_LENGTH_M, street, swept, together, with_range_noise
 
 # Elevations of the rings of the LiDAR of a room and of that of a car, rad; its columns, for each ring and at all.
-ROOM, CAR = (-0.9, 0.7), (np.deg2rad(-24.8), np.deg2rad(2.0))
-FOR_EACH, COLUMNS = 12, 1_200
+ROOM_ELEVATIONS_RAD, CAR_ELEVATIONS_RAD = (-0.9, 0.7), (np.deg2rad(-24.8), np.deg2rad(2.0))
+COLUMNS_PER_RING, CAR_COLUMNS = 12, 1_200
 # A car's LiDAR stands so high, and sees no farther, m.
-HIGH, REACH = 1.75, 80.0
+CAR_HEIGHT_M, CAR_REACH_M = 1.75, 80.0
 # Longest way along a street, m: houses stand before and behind the car all the way.
-LONGEST = 2.0 * HALF_LENGTH_M - REACH
+MAX_DRIVE_M = 2.0 * HALF_LENGTH_M - CAR_REACH_M
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -83,8 +83,8 @@ def room_stops(stops: int = 8, *, noise: float = 0.005, rings: int = 48, rng: np
         angle = 2.0 * np.pi * k / stops
         T = pose.exp(np.r_[0.05 * rng.normal(size=2), angle + 0.5 * rng.normal(), 0.0, 0.0, 0.0])
         T[:3, 3] = [1.8 * np.cos(angle), 1.2 * np.sin(angle), 0.4 + 0.1 * rng.normal()]
-        azimuths = np.linspace(-np.pi, np.pi, FOR_EACH * rings, endpoint=False)
-        scans.append(with_range_noise(swept(room, T, np.linspace(*ROOM, rings), azimuths), noise, rng))
+        azimuths = np.linspace(-np.pi, np.pi, COLUMNS_PER_RING * rings, endpoint=False)
+        scans.append(with_range_noise(swept(room, T, np.linspace(*ROOM_ELEVATIONS_RAD, rings), azimuths), noise, rng))
         poses.append(T)
     return ManyViews(tuple(scans), np.stack(poses), np.zeros((stops, 3)))
 
@@ -97,15 +97,15 @@ def street_drive(
     The car goes about a step a frame, sways and follows bends of its own; each frame is seen from one place. With 64
     rings a frame has about 70,000 points.
     """
-    scene, azimuths = street(rng), np.linspace(0.0, 2.0 * np.pi, COLUMNS, endpoint=False)
+    scene, azimuths = street(rng), np.linspace(0.0, 2.0 * np.pi, CAR_COLUMNS, endpoint=False)
     place, heading, bend, tilt = np.array([-0.5 * step * frames, rng.uniform(-2.0, 2.0)]), 0.0, 0.0, np.zeros(2)
     scans, poses = [], []
     for _ in range(frames):
         T = pose.exp(np.r_[0.0, 0.0, heading, 0.0, 0.0, 0.0]) @ pose.exp(np.r_[tilt, 0.0, 0.0, 0.0, 0.0])
-        T[:3, 3] = [*place, HIGH + 0.02 * rng.normal()]
+        T[:3, 3] = [*place, CAR_HEIGHT_M + 0.02 * rng.normal()]
         turned = azimuths + rng.uniform(0.0, azimuths[1])
-        seen = with_range_noise(swept(scene, T, np.linspace(*CAR, rings), turned), noise, rng)
-        scans.append(seen[np.linalg.norm(seen, axis=1) < REACH])
+        seen = with_range_noise(swept(scene, T, np.linspace(*CAR_ELEVATIONS_RAD, rings), turned), noise, rng)
+        scans.append(seen[np.linalg.norm(seen, axis=1) < CAR_REACH_M])
         poses.append(T)
         # Along the street and to its middle, as a driver keeps to a lane; springs bring roll and pitch back.
         bend = 0.8 * bend - 0.1 * heading - 0.01 * place[1] + np.deg2rad(0.5) * rng.normal()

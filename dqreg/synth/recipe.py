@@ -48,7 +48,7 @@ _TOP = (
     *FAULTS,
 )
 # Farther than this, in diagonals of the part, an initial pose or a frame is a typing error.
-_FAR = 1e6
+_FAR_DIAGONALS = 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,9 +249,9 @@ def parse_recipe(text: str, folder: str | os.PathLike[str] = ".") -> Recipe:
         scanner=scanner,
         noise=make_noise(get_table(data, "noise", None), kind),
         motion=make_motion(get_table(data, "motion", None), kind),
-        frame_offset=get_number(frame, "frame.offset", 0.5, most=_FAR),
+        frame_offset=get_number(frame, "frame.offset", 0.5, most=_FAR_DIAGONALS),
         start_angle_rad=float(np.deg2rad(get_number(start, "start.angle_deg", 20.0, most=180.0))),
-        start_offset=get_number(start, "start.offset", 0.05, most=_FAR),
+        start_offset=get_number(start, "start.offset", 0.05, most=_FAR_DIAGONALS),
         text=text,
         folder=Path(folder),
         faults=read_faults(data, kind),

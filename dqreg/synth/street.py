@@ -15,7 +15,7 @@ HALF_LENGTH_M = 120.0
 # Kerbs are so far from its middle, and so high.
 KERB_DISTANCE_M, KERB_HEIGHT_M = 5.0, 0.15
 # Leaves of a tree, and their size.
-LEAVES, LEAF = 600, 0.12
+LEAVES_PER_TREE, LEAF_SIGMA_M = 600, 0.12
 
 
 def street(rng: np.random.Generator) -> Mesh:
@@ -98,8 +98,9 @@ def _car(x: float, y: float, rng: np.random.Generator) -> list[Mesh]:
 def _tree(x: float, y: float, rng: np.random.Generator) -> list[Mesh]:
     """A trunk, and leaves that fill a ball."""
     high, radius = rng.uniform(2.0, 4.0), rng.uniform(1.0, 2.5)
-    ways = rng.normal(size=(LEAVES, 3))
-    ways *= radius * np.cbrt(rng.uniform(size=(LEAVES, 1))) / np.linalg.norm(ways, axis=1, keepdims=True)
-    corners = (ways + np.array([x, y, high + radius]))[:, None] + LEAF * rng.normal(size=(LEAVES, 3, 3))
-    leaves = corners.reshape(-1, 3), np.arange(3 * LEAVES).reshape(-1, 3)
+    ways = rng.normal(size=(LEAVES_PER_TREE, 3))
+    ways *= radius * np.cbrt(rng.uniform(size=(LEAVES_PER_TREE, 1))) / np.linalg.norm(ways, axis=1, keepdims=True)
+    middles = ways + np.array([x, y, high + radius])
+    corners = middles[:, None] + LEAF_SIGMA_M * rng.normal(size=(LEAVES_PER_TREE, 3, 3))
+    leaves = corners.reshape(-1, 3), np.arange(3 * LEAVES_PER_TREE).reshape(-1, 3)
     return [_block((0.3, 0.3, high), (x, y, 0.5 * high)), leaves]

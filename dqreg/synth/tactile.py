@@ -19,11 +19,11 @@ from dqreg.synth.scan import Scan
 
 _ALL_SIDES = ((1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, -1.0))
 # Positions tried for each point, and the most points of a scan.
-_TRIES, _MOST = 50, 10_000
+_TRIES_PER_POINT, _MAX_POINTS = 50, 10_000
 # Length of the last, straight part of the way to the surface, in diagonals of the part.
-_STROKE = 1.0 / 32.0
+_STROKE_DIAGONALS = 1.0 / 32.0
 # How much nearer than its radius the ball's centre may seem to be to the part: rounding of a closest point.
-_TOUCH = 1e-9
+_TOUCH_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,8 @@ class TactileProbe:
     max_tilt_rad: float = float(np.deg2rad(75.0))
 
     def __post_init__(self) -> None:
-        if isinstance(self.points, bool) or not isinstance(self.points, int) or not 1 <= self.points <= _MOST:
-            raise InputError.of(f"must be a whole number from 1 to {_MOST}", name="points", given=self.points)
+        if isinstance(self.points, bool) or not isinstance(self.points, int) or not 1 <= self.points <= _MAX_POINTS:
+            raise InputError.of(f"must be a whole number from 1 to {_MAX_POINTS}", name="points", given=self.points)
         if not (self.probe_radius == 0.0 or is_within(self.probe_radius, 0.0, np.inf)):
             raise InputError.of("must be a length that is not negative", name="probe_radius", given=self.probe_radius)
         if not isinstance(self.compensated, bool):
@@ -132,8 +132,8 @@ def touch_mesh(
             "Is it in the unit of the part?",
             name="probe_radius",
         )
-    contacts, normals, face_index = sample_surface(*part, _TRIES * probe.points, rng)
-    stroke = _STROKE * diagonal
+    contacts, normals, face_index = sample_surface(*part, _TRIES_PER_POINT * probe.points, rng)
+    stroke = _STROKE_DIAGONALS * diagonal
     reached = np.flatnonzero(_is_reached(part, probe, contacts, normals, stroke))[: probe.points]
     if len(reached) < probe.points:
         raise InputError.of(
@@ -168,5 +168,5 @@ def _is_reached(part: Mesh, probe: TactileProbe, contacts: FloatArray, normals: 
     if probe.probe_radius:
         centres = contacts + probe.probe_radius * normals
         gaps = MeshSurface(Surface(*part)).closest(centres).distances
-        reached &= gaps >= (1.0 - _TOUCH) * probe.probe_radius
+        reached &= gaps >= (1.0 - _TOUCH_ROUNDING) * probe.probe_radius
     return reached

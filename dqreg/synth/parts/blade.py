@@ -10,7 +10,7 @@ from dqreg.synth.parts.patches import annulus, cap, fan, lift, loft, require_cou
 from dqreg.synth.parts.plain import Mesh, require_positive
 
 # Where along the chord the sections are stacked, and half the blunt trailing edge over the chord.
-_STACK, _TRAILING = 0.4, 0.01
+_STACK_CHORDS, _TRAILING_CHORDS = 0.4, 0.01
 
 
 def blade(
@@ -67,17 +67,17 @@ def blade(
 
 
 def _sides(thickness: float, camber: float, stations: int) -> tuple[FloatArray, FloatArray]:
-    """Upper and lower side of a section of chord 1 behind its nose, which lies at (-_STACK, 0)."""
+    """Upper and lower side of a section of chord 1 behind its nose, which lies at (-_STACK_CHORDS, 0)."""
     x = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, stations + 1)[1:])
     # Jacobs, Ward and Pinkerton (1933), with the last coefficient that closes the trailing edge, then blunted.
     half = 0.2969 * np.sqrt(x) - 0.1260 * x - 0.3516 * x**2 + 0.2843 * x**3 - 0.1036 * x**4
-    half, line = 5.0 * thickness * half + _TRAILING * x, 4.0 * camber * x * (1.0 - x)
-    return np.column_stack([x - _STACK, line + half]), np.column_stack([x - _STACK, line - half])
+    half, line = 5.0 * thickness * half + _TRAILING_CHORDS * x, 4.0 * camber * x * (1.0 - x)
+    return np.column_stack([x - _STACK_CHORDS, line + half]), np.column_stack([x - _STACK_CHORDS, line - half])
 
 
 def _loop(upper: FloatArray, lower: FloatArray, nose: FloatArray | None = None) -> FloatArray:
     """Nose, lower side to the back, upper side to the front: counter-clockwise."""
-    nose = np.array([-_STACK, 0.0]) if nose is None else nose
+    nose = np.array([-_STACK_CHORDS, 0.0]) if nose is None else nose
     return np.concatenate([nose[None], lower, upper[::-1]])
 
 

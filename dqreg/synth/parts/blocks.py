@@ -48,14 +48,14 @@ def block(size: Sequence[float] = (80.0, 50.0, 30.0), *, notch: float = 6.0) -> 
 # ends; taken apart, two such prisms have 32 vertices, 48 edges and 20 surfaces.
 FEEDER_SIZE = np.array([322.0, 84.0, 151.0])
 FEEDER_DIAGONAL, FEEDER_CENTRE = float(np.linalg.norm(FEEDER_SIZE)), 0.5 * FEEDER_SIZE
-_LOWER = np.array([[0, 0], [322, 0], [322, 52], [236, 52], [236, 84], [78, 84], [78, 52], [0, 52]]) / 1.0
-_UPPER = np.array([[34, 11], [255, 11], [255, 46], [201, 46], [201, 71], [109, 71], [109, 46], [34, 46]]) / 1.0
-_MIDDLE, _TOP = 88.0, 151.0
+_LOWER_XY = np.array([[0, 0], [322, 0], [322, 52], [236, 52], [236, 84], [78, 84], [78, 52], [0, 52]]) / 1.0
+_UPPER_XY = np.array([[34, 11], [255, 11], [255, 46], [201, 46], [201, 71], [109, 71], [109, 46], [34, 46]]) / 1.0
+_MIDDLE_Z, _TOP_Z = 88.0, 151.0
 
 
 def feeder_vertices() -> FloatArray:
     """Vertices of the feeder's stand-in, ring by ring from the lowest, (32, 3)."""
-    rings = ((_LOWER, 0.0), (_LOWER, _MIDDLE), (_UPPER, _MIDDLE), (_UPPER, _TOP))
+    rings = ((_LOWER_XY, 0.0), (_LOWER_XY, _MIDDLE_Z), (_UPPER_XY, _MIDDLE_Z), (_UPPER_XY, _TOP_Z))
     return np.concatenate([np.column_stack([outline, np.full(len(outline), height)]) for outline, height in rings])
 
 
@@ -65,7 +65,7 @@ def feeder(*, scale: float = 1.0) -> Mesh:
     Shapes: vertices (32, 3), faces (60, 3).
     """
     require_positive(scale=scale)
-    lower, upper, middle, top = scale * _LOWER, scale * _UPPER, scale * _MIDDLE, scale * _TOP
+    lower, upper, middle, top = scale * _LOWER_XY, scale * _UPPER_XY, scale * _MIDDLE_Z, scale * _TOP_Z
     return weld(
         [
             lift(_stepped(lower), 2, 0.0, outward=-1),

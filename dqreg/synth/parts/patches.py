@@ -17,11 +17,11 @@ from dqreg._arrays import FloatArray, IntArray
 from dqreg.errors import InputError
 
 # More facets than this in one circle are a typing error, not a part.
-MOST = 2_000
+MAX_FACETS = 2_000
 
 
 def require_count(
-    name: str, value: Any, least: int, *, most: int = MOST, multiple: int = 1, index: int | None = None
+    name: str, value: Any, least: int, *, most: int = MAX_FACETS, multiple: int = 1, index: int | None = None
 ) -> None:
     """Raise unless a count is a whole number within reason."""
     whole = isinstance(value, int) and not isinstance(value, bool)

@@ -11,7 +11,7 @@ from dqreg.synth.parts.patches import annulus, collar, ladder, lift, require_cou
 from dqreg.synth.parts.plain import Mesh, require_positive
 
 # Half width of the cell around a bolt hole, in diameters of the hole, and the least number of the cell's facets.
-_CELL, _CELL_FACETS = 0.75, 4
+_CELL_DIAMETERS, _CELL_FACETS = 0.75, 4
 
 
 def flange(
@@ -34,7 +34,7 @@ def flange(
     require_count("bolts", bolts, 3, most=200)
     require_count("segments", segments, 8, multiple=4)
     require_order(bore_diameter=bore_diameter, hub_diameter=hub_diameter, bolt_circle=bolt_circle, diameter=diameter)
-    w, r_bolt, step = _CELL * bolt_diameter, 0.5 * bolt_circle, 2.0 * np.pi / bolts
+    w, r_bolt, step = _CELL_DIAMETERS * bolt_diameter, 0.5 * bolt_circle, 2.0 * np.pi / bolts
     inside, outside = r_bolt - w, r_bolt + w
     if 2 * inside <= hub_diameter or 2 * outside >= diameter or w >= 0.9 * r_bolt * np.sin(step / 2):
         raise InputError.of(
