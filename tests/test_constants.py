@@ -9,8 +9,20 @@ from pathlib import Path
 import dqreg
 
 PACKAGE = Path(dqreg.__file__).parent
-# Rooms whose numbers have such names.
-ROOMS = ("files", "geometry", "icp", "inspection", "multiway", "odometry", "report", "search", "solvers")
+# Rooms, and files at the root, where a number may still have one word: this list only shrinks.
+OPEN = {
+    "_arrays",
+    "_records",
+    "errors",
+    "cli",
+    "compat",
+    "kernels",
+    "papers",
+    "registration",
+    "rigid",
+    "studio",
+    "trust",
+}
 # What one word tells beside the name of its module: flags, codes of a format, counts of one thing.
 CLEAR = {
     "files.gltf_guards": {"FLOAT32"},
@@ -65,10 +77,11 @@ def test_numbers_of_a_module_are_found() -> None:
 
 def test_a_number_has_a_name_of_two_words() -> None:
     found: dict[str, set[str]] = {}
-    for file in (file for room in ROOMS for file in sorted((PACKAGE / room).rglob("*.py"))):
+    for file in sorted(PACKAGE.rglob("*.py")):
         name = ".".join(file.relative_to(PACKAGE).with_suffix("").parts)
         for number in numbers_of(ast.parse(file.read_text(encoding="utf-8"))):
             if "_" not in number.strip("_"):
                 found.setdefault(name, set()).add(number)
-    # What is no longer there leaves the list.
-    assert found == CLEAR
+    # What is no longer there leaves the lists.
+    assert {name: numbers for name, numbers in found.items() if name.split(".")[0] not in OPEN} == CLEAR
+    assert {name.split(".")[0] for name in found} >= OPEN

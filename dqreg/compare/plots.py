@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 # With more engines than colours, line and marker change too, so that no two look alike.
 LINES, MARKERS = ("-", "--", ":", "-."), ("o", "s", "^", "D", "v", "P", "X")
-INCHES, DOTS = (8.4, 4.2), 150
+PLOT_INCHES, DOTS_PER_INCH = (8.4, 4.2), 150
 # What is drawn as zero on a logarithmic axis.
 LEAST_ERROR = 1e-9
 
@@ -196,8 +196,8 @@ def _styles(engines: Sequence[str]) -> dict[str, Style]:
 
 
 def _png(title: str, panels: Sequence[Callable[[Axes], None]]) -> bytes:
-    width, height = INCHES
-    figure, rows = stacked(panels, width, [height] * len(panels), DOTS)
+    width, height = PLOT_INCHES
+    figure, rows = stacked(panels, width, [height] * len(panels), DOTS_PER_INCH)
     figure.suptitle(title, fontsize="large", x=0.01, ha="left")
     named: dict[str, Any] = {}
     for axes in rows:

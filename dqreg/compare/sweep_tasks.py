@@ -17,9 +17,9 @@ from dqreg.rigid import pose
 from dqreg.synth import Noise, Scanner, disturbance, random_pose, scan_mesh
 from dqreg.synth.parts import KINDS, symmetry_of
 
-VIEWS = ((1.0, -0.8, 0.9), (0.9, 1.0, 0.7), (-0.45, 0.2, 1.0))
+VIEW_DIRECTIONS = ((1.0, -0.8, 0.9), (0.9, 1.0, 0.7), (-0.45, 0.2, 1.0))
 # About this fraction of the rays of a square image hits a part; points made at a time, for memory.
-HIT_FRACTION, CHUNK = 0.2, 300_000
+HIT_FRACTION, CHUNK_POINTS = 0.2, 300_000
 TARGET_POINTS = 50_000
 
 
@@ -109,10 +109,10 @@ def _scan(kind: str, points: int, noise: float, outliers: float, trial: int) -> 
     passes: list[FloatArray] = []
     missing = points
     while missing > 0:
-        wanted = min(missing, CHUNK)
-        pixels = int(np.ceil(np.sqrt(wanted / (HIT_FRACTION * len(VIEWS)))))
+        wanted = min(missing, CHUNK_POINTS)
+        pixels = int(np.ceil(np.sqrt(wanted / (HIT_FRACTION * len(VIEW_DIRECTIONS)))))
         # Each pass looks from a slightly different place, as a hand-held scanner does.
-        views = np.array(VIEWS) + 0.03 * len(passes) ** 0.5 * rng.normal(size=(len(VIEWS), 3))
+        views = np.array(VIEW_DIRECTIONS) + 0.03 * len(passes) ** 0.5 * rng.normal(size=(len(VIEW_DIRECTIONS), 3))
         scanner = Scanner(views=tuple(map(tuple, views.tolist())), pixels=pixels)
         found = scan_mesh(part.vertices, part.faces, scanner, error, rng=rng).points
         chosen = rng.permutation(len(found))[:wanted]

@@ -50,7 +50,7 @@ def block_on_half(rng: np.random.Generator) -> TrustTask:
     mesh, longer = Mesh(*box((80.0, *other))), Mesh(*box((160.0, *other)))
     shift = np.array([40.0 if rng.uniform() < 0.7 else 0.0, 0.0, 0.0])
     scan = scans.two_views(Mesh(longer.vertices + shift, longer.faces), rng)
-    return on_part(scan, mesh, rng, noise=scans.NOISE, start=(4.0, 0.02), right=False)
+    return on_part(scan, mesh, rng, noise=scans.NOISE_DIAGONALS, start=(4.0, 0.02), right=False)
 
 
 def flipped_ring(rng: np.random.Generator) -> TrustTask:
@@ -59,7 +59,7 @@ def flipped_ring(rng: np.random.Generator) -> TrustTask:
     angle = rng.uniform(0.0, np.pi)
     axis = np.array([np.cos(angle), np.sin(angle), 0.0])
     flip = pose.about(pose.exp(np.concatenate([np.pi * axis, np.zeros(3)])), mesh.centre)
-    return on_part(scans.two_views(mesh, rng), mesh, rng, noise=scans.NOISE, start=(3.0, 0.01), T_off=flip)
+    return on_part(scans.two_views(mesh, rng), mesh, rng, noise=scans.NOISE_DIAGONALS, start=(3.0, 0.01), T_off=flip)
 
 
 def moved_boss(rng: np.random.Generator) -> TrustTask:
@@ -69,7 +69,7 @@ def moved_boss(rng: np.random.Generator) -> TrustTask:
     away = 0.03 * mesh.diagonal / sizes["width"]
     other = Mesh(*bracket(**sizes, boss_position=0.45 + away * rng.choice([-1.0, 1.0])))
     start = (8.0, 0.05) if rng.uniform() < 0.7 else None
-    return on_part(scans.two_views(other, rng), mesh, rng, noise=scans.NOISE, start=start)
+    return on_part(scans.two_views(other, rng), mesh, rng, noise=scans.NOISE_DIAGONALS, start=start)
 
 
 def real_start(data: Path, degrees: float, share: float) -> Callable[[np.random.Generator], TrustTask]:
@@ -79,7 +79,7 @@ def real_start(data: Path, degrees: float, share: float) -> Callable[[np.random.
         mesh = open_geometry(data / "trimesh_cad" / CAD[rng.integers(len(CAD))], "part")
         assert isinstance(mesh, Mesh)
         scan = scans.two_views(mesh, rng) if rng.uniform() < 0.7 else scans.one_view(mesh, rng)
-        return on_part(scan, mesh, rng, noise=scans.NOISE, start=(degrees, share))
+        return on_part(scan, mesh, rng, noise=scans.NOISE_DIAGONALS, start=(degrees, share))
 
     return make
 
@@ -114,7 +114,7 @@ def moved_gear(seed: int) -> Trial:
         scanner = Lidar(((1.0, 0.3, 0.9), (-0.8, -0.6, 0.8)), rings=40, azimuths=90)
         noise = Noise(range_sigma=0.03, mixed_share=0.4, mixed_step=0.02)
         scan = scan_mesh(vertices, faces, scanner, noise, rng=rng, motion=motion)
-        task = on_part(scan.points, mesh, rng, noise=scans.NOISE, start=(3.0, 0.01))
+        task = on_part(scan.points, mesh, rng, noise=scans.NOISE_DIAGONALS, start=(3.0, 0.01))
         return dataclasses.replace(task, truths=about_z(18) @ task.truths[0])
 
     one = trial(Kind("moved gear", "reported", False, "", make), seed)
@@ -130,7 +130,7 @@ def beside_the_answer(*, started: bool) -> Callable[[int], Trial]:
             mesh = shapes.any_part(rng)
             scan = scans.one_view(mesh, rng)
             off = random_pose(rng, 0.0, mesh.centre)
-            task = on_part(scan, mesh, rng, noise=scans.NOISE, start=(0.0, 0.0), T_off=off)
+            task = on_part(scan, mesh, rng, noise=scans.NOISE_DIAGONALS, start=(0.0, 0.0), T_off=off)
         else:
             found = good._on_table(rng)
             off = random_pose(rng, 0.2 * found.size, found.probes.mean(axis=0))
@@ -146,7 +146,9 @@ def within_a_limit(seed: int) -> Trial:
     """A hole is a pose that is farther from the truth than the start was."""
     rng = np.random.default_rng([8, seed])
     mesh = shapes.any_part(rng)
-    task = on_part(scans.two_views(mesh, rng), mesh, rng, noise=scans.NOISE, start=(rng.uniform(1.0, 12.0), 0.03))
+    task = on_part(
+        scans.two_views(mesh, rng), mesh, rng, noise=scans.NOISE_DIAGONALS, start=(rng.uniform(1.0, 12.0), 0.03)
+    )
     limit = float(10.0 ** rng.uniform(-6.0, -0.7))
     task = dataclasses.replace(task, options={"time_limit": limit})
     begun = is_right(np.eye(4), task)[1]

@@ -21,12 +21,12 @@ from dqreg.errors import load_package
 
 # MappingConfig: max_range / 100. We let the size of the task stand for the range; of 1/100, 1/50, 1/30, 1/20 and 1/10
 # it is the best on a bracket.
-VOXEL = 1.0 / 100.0
+VOXEL_SHARE = 1.0 / 100.0
 # AdaptiveThresholdConfig: 2.0 m with voxels of 1.0 m.
-SIGMA = 2.0
+SIGMA_VOXELS = 2.0
 # RegistrationConfig: 1e-4, of a sum of a rotation in radians and a translation in metres, with voxels of 1.0 m.
-CONVERGENCE = 1e-4
-ITERATIONS = 500
+CONVERGENCE_VOXELS = 1e-4
+MAX_ITERATIONS = 500
 POINTS_PER_VOXEL = 20
 
 
@@ -86,16 +86,16 @@ def limits(task: Task) -> dict[str, Any]:
     """Every number of a run."""
     size = task_size(task)
     # The pipeline downsamples a frame to half a voxel for the map, and that to one and a half for the registration.
-    voxel = VOXEL * size
+    voxel = VOXEL_SHARE * size
     return {
         "voxel_size": voxel,
         "map_downsampling": 0.5 * voxel,
         "source_downsampling": 1.5 * voxel,
         "max_points_per_voxel": POINTS_PER_VOXEL,
         "map_max_distance": size,
-        "max_correspondence_distance": 3.0 * SIGMA * voxel,
-        "kernel": SIGMA * voxel,
-        "max_num_iterations": ITERATIONS,
-        "convergence_criterion": CONVERGENCE * voxel,
+        "max_correspondence_distance": 3.0 * SIGMA_VOXELS * voxel,
+        "kernel": SIGMA_VOXELS * voxel,
+        "max_num_iterations": MAX_ITERATIONS,
+        "convergence_criterion": CONVERGENCE_VOXELS * voxel,
         "max_num_threads": task.threads,
     }

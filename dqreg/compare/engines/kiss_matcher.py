@@ -21,7 +21,7 @@ from dqreg.errors import load_package
 
 # As a fraction of the size. On a bracket, 1/100 found the basin of 4 of 4 poses; 1/150 (closer, where it succeeded),
 # 1/70, 1/50 and 1/30 found fewer.
-VOXEL = 1.0 / 100.0
+VOXEL_SHARE = 1.0 / 100.0
 # The default, with the defaults that follow from it.
 DEFAULTS: dict[str, Any] = {
     "voxel_size": 0.3,
@@ -60,8 +60,8 @@ class KissMatcher:
     ) -> EngineOutput:
         # A unit of length in which the voxel is the default one: what it cuts off in metres then means the same for
         # every part. The pose comes back in the task's own unit.
-        unit = VOXEL * task_size(task) / DEFAULTS["voxel_size"]
-        settings.update(DEFAULTS, start="not used", unit=unit, voxel_size_in_task_unit=VOXEL * task_size(task))
+        unit = VOXEL_SHARE * task_size(task) / DEFAULTS["voxel_size"]
+        settings.update(DEFAULTS, start="not used", unit=unit, voxel_size_in_task_unit=VOXEL_SHARE * task_size(task))
         settings["threads_of_matcher"] = "its own choice: the Python interface takes no number"
         with silent():
             with clock.preparing():

@@ -15,12 +15,12 @@ from dqreg._arrays import FloatArray
 from dqreg._open3d import load_open3d
 from dqreg.compare.engines.clouds import open3d_cloud, source_cloud, target_cloud, task_size, with_normals
 from dqreg.compare.engines.harness import RunClock, no_pose, timed
-from dqreg.compare.engines.open3d_icp import RELATIVE_FITNESS, RELATIVE_RMSE, ROOM, fitness_words
+from dqreg.compare.engines.open3d_icp import RELATIVE_FITNESS, RELATIVE_RMSE, ROOM_SIZE_M, fitness_words
 from dqreg.compare.engines.protocol import EngineOutput, Setting, Task
 
 # As a fraction of the size. On a bracket, 1/90 found 4 of 4 poses with RANSAC and 2 of 4 with FGR; 1/50 and 1/30 found
 # 4 and fewer.
-VOXEL = 0.05 / ROOM
+VOXEL_SHARE = 0.05 / ROOM_SIZE_M
 FGR_NAMES = (
     "maximum_correspondence_distance",
     "division_factor",
@@ -51,7 +51,7 @@ class Open3dGlobal:
     def _work(self, task: Task, clock: RunClock, settings: dict[str, Any]) -> EngineOutput:
         open3d = load_open3d()
         size = task_size(task)
-        settings.update(start="not used", voxel_size=VOXEL * size, seed=task.seed)
+        settings.update(start="not used", voxel_size=VOXEL_SHARE * size, seed=task.seed)
         with clock.preparing():
             target = open3d_cloud(target_cloud(task, settings))
             target_down, target_features = features(target, settings, None)

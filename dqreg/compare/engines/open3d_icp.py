@@ -21,10 +21,10 @@ from dqreg.errors import MissingDependencyError
 
 Method = Literal["point-to-point", "point-to-plane", "symmetric", "generalized"]
 
-ROOM = 4.5
+ROOM_SIZE_M = 4.5
 # Default of ICPConvergenceCriteria; both are compared with absolute differences, the second with a length.
 RELATIVE_FITNESS = 1e-6
-RELATIVE_RMSE = 1e-6 / ROOM
+RELATIVE_RMSE = 1e-6 / ROOM_SIZE_M
 # Default of ICPConvergenceCriteria, enough for every method with normals. For point-to-point the tutorial raises it to
 # 2000 ("can be changed to allow more computation time and to improve the results further").
 ITERATIONS: dict[str, int] = {"point-to-point": 2000, "point-to-plane": 30, "symmetric": 30, "generalized": 30}
@@ -117,7 +117,7 @@ class Open3dNdt:
         # The tutorial downsamples the source to 0.04 m and uses voxels of 0.5 m, a ninth of its room. On a bracket,
         # 8 degrees off, voxels half as large did best among 1/8, 1/16, 1/32 and 1/64 of the size: one run of two
         # converged to the true pose.
-        settings["source_voxel_size"] = 0.04 / ROOM * size
+        settings["source_voxel_size"] = 0.04 / ROOM_SIZE_M * size
         source = open3d_cloud(source_cloud(task)).voxel_down_sample(settings["source_voxel_size"])
         options = {
             "voxel_size": size / 16.0,

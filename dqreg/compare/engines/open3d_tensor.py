@@ -14,17 +14,17 @@ import numpy as np
 from dqreg._open3d import load_open3d
 from dqreg.compare.engines.clouds import MAX_DISTANCE, open3d_cloud, source_cloud, target_cloud, task_size, with_normals
 from dqreg.compare.engines.harness import SAME_LOOP_TOLERANCE, RunClock, initial_pose, no_pose, timed
-from dqreg.compare.engines.open3d_icp import ROOM, fitness_words
+from dqreg.compare.engines.open3d_icp import ROOM_SIZE_M, fitness_words
 from dqreg.compare.engines.protocol import EngineOutput, Setting, Step, Task
 
 # The tutorial's 0.1, 0.05 and 0.025 m are 1/45 and on of its room. 1/60 and on is more exact on a bracket (8e-6 of the
 # size instead of 3e-5) in the same time; 1/90 is no better.
-VOXELS = (1.0 / 60.0, 1.0 / 120.0, 1.0 / 240.0)
+VOXEL_SHARES = (1.0 / 60.0, 1.0 / 120.0, 1.0 / 240.0)
 # 0.3, 0.14 and 0.07 m with those voxels. "We may have a higher value [...] for the first coarse scale".
-DISTANCES = (MAX_DISTANCE, 2.8 * VOXELS[1], 2.8 * VOXELS[2])
+DISTANCE_SHARES = (MAX_DISTANCE, 2.8 * VOXEL_SHARES[1], 2.8 * VOXEL_SHARES[2])
 # Both of the tutorial's criteria; the second is compared with a length, of a room of 4.5 m.
-CHANGES = (1e-4, 1e-5, 1e-6)
-ITERATIONS = (20, 15, 10)
+RELATIVE_CHANGES = (1e-4, 1e-5, 1e-6)
+MAX_ITERATIONS = (20, 15, 10)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,12 +87,12 @@ def scales(task: Task) -> dict[str, Any]:
             "max_correspondence_distances": [float(task.max_distance or MAX_DISTANCE * size)],
             "relative_fitness": [SAME_LOOP_TOLERANCE],
             "relative_rmse": [SAME_LOOP_TOLERANCE * size],
-            "max_iteration": [int(task.max_iterations or ITERATIONS[0])],
+            "max_iteration": [int(task.max_iterations or MAX_ITERATIONS[0])],
         }
     return {
-        "voxel_sizes": [share * size for share in VOXELS],
-        "max_correspondence_distances": [share * size for share in DISTANCES],
-        "relative_fitness": list(CHANGES),
-        "relative_rmse": [change / ROOM * size for change in CHANGES],
-        "max_iteration": list(ITERATIONS),
+        "voxel_sizes": [share * size for share in VOXEL_SHARES],
+        "max_correspondence_distances": [share * size for share in DISTANCE_SHARES],
+        "relative_fitness": list(RELATIVE_CHANGES),
+        "relative_rmse": [change / ROOM_SIZE_M * size for change in RELATIVE_CHANGES],
+        "max_iteration": list(MAX_ITERATIONS),
     }

@@ -20,16 +20,16 @@ from dqreg.errors import load_package
 
 # As a fraction of the size. On a bracket, 1/200 has an eighth to a half of the error of 1/100 for twice the time; 1/400
 # has a quarter to two thirds of that for another two and a half times.
-DOWNSAMPLING = 1.0 / 200.0
+DOWNSAMPLING_SHARE = 1.0 / 200.0
 # The manual's voxels are four downsampling lengths (1.0 and 0.25); of 0.02, 0.05 and 0.1 of the size, 0.02 is best.
-VOXELS = 4.0 * DOWNSAMPLING
+VOXEL_SHARE = 4.0 * DOWNSAMPLING_SHARE
 # The manual's stopping rule: 0.1 degrees, and 1e-3 m with downsampling to 0.25 m. Finer ones gained nothing.
 ROTATION_EPSILON = np.deg2rad(0.1)
-TRANSLATION_EPSILON = DOWNSAMPLING * 1e-3 / 0.25
+TRANSLATION_EPSILON = DOWNSAMPLING_SHARE * 1e-3 / 0.25
 # The default is 20; "ICP" needs more on parts, the others stop long before.
-ITERATIONS = 100
+MAX_ITERATIONS = 100
 # Default of `preprocess_points`.
-NEIGHBOURS = 10
+NORMAL_NEIGHBOURS = 10
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,16 +80,16 @@ def limits(task: Task, method: str) -> dict[str, Any]:
     same = task.setting == "same-loop"
     chosen: dict[str, Any] = {
         "registration_type": method,
-        "downsampling_resolution": None if same else DOWNSAMPLING * size,
-        "num_neighbors": NEIGHBOURS,
+        "downsampling_resolution": None if same else DOWNSAMPLING_SHARE * size,
+        "num_neighbors": NORMAL_NEIGHBOURS,
         "num_threads": task.threads,
         "max_correspondence_distance": float(task.max_distance or 0.0) if same else MAX_DISTANCE * size,
-        "max_iterations": int(task.max_iterations or 0) if same else ITERATIONS,
+        "max_iterations": int(task.max_iterations or 0) if same else MAX_ITERATIONS,
         "rotation_epsilon": SAME_LOOP_TOLERANCE if same else float(ROTATION_EPSILON),
         "translation_epsilon": (SAME_LOOP_TOLERANCE if same else TRANSLATION_EPSILON) * size,
     }
     if method == "VGICP":
-        chosen["voxel_resolution"] = VOXELS * size
+        chosen["voxel_resolution"] = VOXEL_SHARE * size
     return chosen
 
 

@@ -22,12 +22,12 @@ from dqreg.geometry import Mesh
 SHIPPED_THRESHOLD, SHIPPED_ITERATIONS = 1e-5, 20
 # With scale and reflection off, the two open numbers are chosen in icp's favour: a threshold that does not depend on
 # the unit, and iterations to reach it.
-THRESHOLD, ITERATIONS = 1e-12, 100
+THRESHOLD_SQUARED_SHARE, MAX_ITERATIONS = 1e-12, 100
 # What icp is given: its error after so many iterations is far above what more points would gain.
 SOURCE_POINTS = 20_000
 # `mesh_other` runs icp from eight poses; its own default is 500 points.
 OTHER_POINTS, SHIPPED_OTHER_POINTS = 1_000, 500
-FIRST, FINAL = 10, 50
+FIRST_ITERATIONS, FINAL_ITERATIONS = 10, 50
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,10 +49,10 @@ class TrimeshIcp:
         with clock.preparing():
             target = target_cloud(task, settings).points
         source = source_cloud(task).points
-        threshold = SHIPPED_THRESHOLD if self.shipped else THRESHOLD * task_size(task) ** 2
-        iterations = SHIPPED_ITERATIONS if self.shipped else ITERATIONS
+        threshold = SHIPPED_THRESHOLD if self.shipped else THRESHOLD_SQUARED_SHARE * task_size(task) ** 2
+        iterations = SHIPPED_ITERATIONS if self.shipped else MAX_ITERATIONS
         if task.setting == "same-loop":
-            threshold, iterations = THRESHOLD * task_size(task) ** 2, int(task.max_iterations or 0)
+            threshold, iterations = THRESHOLD_SQUARED_SHARE * task_size(task) ** 2, int(task.max_iterations or 0)
             settings["max_distance"] = "not supported: every correspondence counts, at any distance"
         else:
             settings.update(source_points=min(SOURCE_POINTS, len(source)), seed=task.seed)
@@ -109,9 +109,9 @@ class TrimeshMeshOther:
         used: dict[str, Any] = {
             "scale": False,
             "reflection": self.shipped,
-            "icp_first": FIRST,
-            "icp_final": FINAL,
-            "threshold": SHIPPED_THRESHOLD if self.shipped else THRESHOLD * task_size(task) ** 2,
+            "icp_first": FIRST_ITERATIONS,
+            "icp_final": FINAL_ITERATIONS,
+            "threshold": SHIPPED_THRESHOLD if self.shipped else THRESHOLD_SQUARED_SHARE * task_size(task) ** 2,
         }
         settings.update(used, start="not used", source_points=len(points), seed=task.seed)
         with silent():

@@ -17,7 +17,7 @@ from dqreg.report.table import Column, Table
 from dqreg.trust.confidence import NAMES, OFFSET, WEIGHTS
 
 # Bins of equal width.
-BINS = 10
+BIN_COUNT = 10
 # Trials without which a fit is a guess; penalty of squared weights, in trials.
 MIN_TRIALS, PENALTY_TRIALS = 150, 1.0
 # Figures that never speak against a pose, and those that may speak either way; all others never speak for it. Without
@@ -57,15 +57,16 @@ def calibration_of(trials: Sequence[Trial]) -> Calibration:
     """Reliability of the trials that have a confidence."""
     known = [one for one in trials if math.isfinite(one.confidence)]
     p, right = np.array([one.confidence for one in known]), np.array([one.right for one in known], dtype=np.float64)
-    at = np.minimum((p * BINS).astype(np.int64), BINS - 1) if len(known) else np.zeros(0, dtype=np.int64)
+    at = np.minimum((p * BIN_COUNT).astype(np.int64), BIN_COUNT - 1) if len(known) else np.zeros(0, dtype=np.int64)
     made, error, chance = [], 0.0, 0.0
-    for index in range(BINS):
+    for index in range(BIN_COUNT):
         here = at == index
         count = int(here.sum())
         if not count:
             continue
         mean, share = float(p[here].mean()), float(right[here].mean())
-        made.append(Bin(index / BINS, (index + 1) / BINS, count, mean, share, *interval(round(share * count), count)))
+        low, high = index / BIN_COUNT, (index + 1) / BIN_COUNT
+        made.append(Bin(low, high, count, mean, share, *interval(round(share * count), count)))
         error += count * abs(mean - share) / len(known)
         # Mean absolute deviation of a binomial share, by the normal law.
         chance += count * math.sqrt(2.0 / math.pi * float((p[here] * (1.0 - p[here])).sum())) / count / len(known)

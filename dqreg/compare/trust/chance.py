@@ -21,7 +21,13 @@ def unrelated(source: FloatArray, target: Mesh | PointCloud, rng: np.random.Gene
     points = target.vertices if isinstance(target, Mesh) else target.points
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
     return TrustTask(
-        source, target, None if rng.uniform() < 0.5 else "identity", NONE_RIGHT, points, size, scans.NOISE * size
+        source,
+        target,
+        None if rng.uniform() < 0.5 else "identity",
+        NONE_RIGHT,
+        points,
+        size,
+        scans.NOISE_DIAGONALS * size,
     )
 
 
@@ -107,7 +113,7 @@ def _flat_patch(rng: np.random.Generator) -> TrustTask:
     half = 0.2 * np.ptp(mesh.vertices, axis=0).min()
     flat = rng.uniform(-half, half, (int(rng.integers(200, 2000)), 2))
     points = np.column_stack([flat, np.full(len(flat), mesh.vertices[:, 2].max())])
-    points += scans.NOISE * mesh.diagonal * rng.normal(size=points.shape)
+    points += scans.NOISE_DIAGONALS * mesh.diagonal * rng.normal(size=points.shape)
     T = disturbance(rng, np.deg2rad(2.0), 0.005 * mesh.diagonal, mesh.centre)
     return unrelated(pose.apply(T, points), mesh, rng)
 

@@ -30,7 +30,7 @@ MIN_CHANGE_SIZES = 5e-4
 # Noise that neighbours share, in that from point to point: measured pairs have several times as much.
 SHARED_NOISE_RATIOS = (0.3, 1.0)
 # Rings of the LiDAR of a room, and its noise.
-RINGS, ROOM_NOISE = (32, 48, 64), 0.005
+ROOM_RINGS, ROOM_NOISE = (32, 48, 64), 0.005
 
 
 def cloud_task(
@@ -50,7 +50,13 @@ def cloud_task(
     begun = None if start is None else "identity"
     truths = T[None] if right else NONE_RIGHT
     return TrustTask(
-        pose.apply(pose.inverse(T), source), PointCloud(target), begun, truths, mesh.vertices, size, scans.NOISE * size
+        pose.apply(pose.inverse(T), source),
+        PointCloud(target),
+        begun,
+        truths,
+        mesh.vertices,
+        size,
+        scans.NOISE_DIAGONALS * size,
     )
 
 
@@ -83,7 +89,7 @@ def views_apart(
             if not determined or _is_determined(source, target, mesh):
                 break
         if shared is not None:
-            sigmas = scans.NOISE * mesh.diagonal * rng.uniform(*shared, 2)
+            sigmas = scans.NOISE_DIAGONALS * mesh.diagonal * rng.uniform(*shared, 2)
             source = scans.shared_noise(source, one, sigmas[0], rng)
             target = scans.shared_noise(target, other, sigmas[1], rng)
         return cloud_task(source, target, mesh, rng, begun)
@@ -195,7 +201,7 @@ def _slid_plates(rng: np.random.Generator) -> TrustTask:
 
 def _room(rng: np.random.Generator) -> TrustTask:
     """Two of three stops of a LiDAR in a furnished room, each in its frame: from nothing, or from five degrees off."""
-    made = room_stops(3, rings=int(rng.choice(RINGS)), rng=rng)
+    made = room_stops(3, rings=int(rng.choice(ROOM_RINGS)), rng=rng)
     i, j = rng.choice(3, 2, replace=False)
     source, target = made.scans[j], made.scans[i]
     T = pose.inverse(made.T_world_scan[i]) @ made.T_world_scan[j]

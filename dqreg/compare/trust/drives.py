@@ -12,8 +12,8 @@ from dqreg.rigid import pose
 from dqreg.synth.parts import box
 from dqreg.synth.street import swept, with_range_noise
 
-FRAMES = 8
-RINGS, COLUMNS = 32, 450
+DRIVE_FRAMES = 8
+LIDAR_RINGS, LIDAR_COLUMNS = 32, 450
 MAX_RANGE, RANGE_SIGMA = 25.0, 0.01
 
 
@@ -26,8 +26,8 @@ def block(low: tuple[float, float, float], high: tuple[float, float, float]) -> 
 
 def frame(scene: Mesh, T: FloatArray, rng: np.random.Generator) -> FloatArray:
     """What a spinning LiDAR sees from a pose, in its own frame."""
-    azimuths = np.arange(COLUMNS) * 2 * np.pi / COLUMNS + rng.uniform(0, 2 * np.pi / COLUMNS)
-    seen = swept((scene.vertices, scene.faces), T, np.deg2rad(np.linspace(-22, 22, RINGS)), azimuths)
+    azimuths = np.arange(LIDAR_COLUMNS) * 2 * np.pi / LIDAR_COLUMNS + rng.uniform(0, 2 * np.pi / LIDAR_COLUMNS)
+    seen = swept((scene.vertices, scene.faces), T, np.deg2rad(np.linspace(-22, 22, LIDAR_RINGS)), azimuths)
     kept: FloatArray = with_range_noise(seen, RANGE_SIGMA, rng)[np.linalg.norm(seen, axis=1) < MAX_RANGE]
     return kept
 
@@ -41,7 +41,7 @@ def drive(scene: Mesh, poses: FloatArray, rng: np.random.Generator) -> Drive:
 def straight(step: float, rng: np.random.Generator) -> FloatArray:
     """Poses along x with a little sway."""
     poses = []
-    for k in range(FRAMES):
+    for k in range(DRIVE_FRAMES):
         turn = np.deg2rad(2.0) * rng.normal(size=3) * [0.1, 0.1, 1.0]
         T = pose.exp(np.concatenate([turn, np.zeros(3)]))
         T[:3, 3] = [k * step, 0.02 * rng.normal(), 1.2]
@@ -86,7 +86,7 @@ def _jump(rng: np.random.Generator) -> Drive:
     ]  # fmt: skip
     floor = [block((-80, -half - 9, -0.1), (80, half + 9, 0.0)), block((-80, -half - 9, 4.0), (80, half + 9, 4.1))]
     poses = straight(0.3, rng)
-    poses[FRAMES // 2 :, 0, 3] += pitch
+    poses[DRIVE_FRAMES // 2 :, 0, 3] += pitch
     return drive(joined(*floor, *columns), poses, rng)
 
 

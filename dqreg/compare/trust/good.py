@@ -16,7 +16,7 @@ from dqreg.synth import Scene
 Scan = Callable[[Mesh, np.random.Generator], FloatArray]
 
 
-def of(scan: Scan, noise: float = scans.NOISE, family: shapes.Family | None = None, **options: Any) -> Make:
+def of(scan: Scan, noise: float = scans.NOISE_DIAGONALS, family: shapes.Family | None = None, **options: Any) -> Make:
     """Task of a scan of any part."""
 
     def make(rng: np.random.Generator) -> TrustTask:
@@ -48,7 +48,7 @@ def _on_table(rng: np.random.Generator) -> TrustTask:
     )
     towards = np.array([rng.normal(), rng.normal(), rng.uniform(0.6, 1.5)])
     scan = scans.in_scene(mesh, around, np.stack([towards, towards * [-1.0, -1.0, 1.0]]), rng)
-    return on_part(scan, mesh, rng, noise=scans.NOISE, start=(5.0, 0.02))
+    return on_part(scan, mesh, rng, noise=scans.NOISE_DIAGONALS, start=(5.0, 0.02))
 
 
 def _far_away(rng: np.random.Generator) -> TrustTask:

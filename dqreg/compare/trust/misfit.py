@@ -25,7 +25,9 @@ def changed(change: Change, start: tuple[float, float] | None = (8.0, 0.03)) -> 
         fine = shapes.finer(mesh)
         other = Mesh(mesh.centre + half * change((fine.vertices - mesh.centre) / half, rng), fine.faces)
         from_start = start if rng.uniform() < 0.7 else None
-        return on_part(scans.two_views(other, rng), mesh, rng, noise=scans.NOISE, start=from_start, right=False)
+        return on_part(
+            scans.two_views(other, rng), mesh, rng, noise=scans.NOISE_DIAGONALS, start=from_start, right=False
+        )
 
     return make
 
@@ -76,7 +78,7 @@ def _mirrored(rng: np.random.Generator) -> TrustTask:
     flip[rng.integers(3)] = -1.0
     other = Mesh(mesh.centre + flip * (mesh.vertices - mesh.centre), mesh.faces[:, ::-1])
     start = (8.0, 0.03) if rng.uniform() < 0.5 else None
-    return on_part(scans.two_views(other, rng), mesh, rng, noise=scans.NOISE, start=start, right=False)
+    return on_part(scans.two_views(other, rng), mesh, rng, noise=scans.NOISE_DIAGONALS, start=start, right=False)
 
 
 def _another(rng: np.random.Generator, *, same_family: bool = False, points: int | None = None) -> TrustTask:
@@ -89,14 +91,14 @@ def _another(rng: np.random.Generator, *, same_family: bool = False, points: int
     other = Mesh((other.vertices - other.centre) * (mesh.diagonal / other.diagonal) + mesh.centre, other.faces)
     scan = scans.two_views(other, rng) if points is None else scans.sampled(other, points, rng)
     start = (8.0, 0.03) if rng.uniform() < 0.5 else None
-    return on_part(scan, mesh, rng, noise=scans.NOISE, start=start, right=False)
+    return on_part(scan, mesh, rng, noise=scans.NOISE_DIAGONALS, start=start, right=False)
 
 
 def _smaller(rng: np.random.Generator) -> TrustTask:
     """The same part much smaller, from nothing: it can hide inside a corner."""
     mesh = shapes.any_part(rng)
     other = Mesh((mesh.vertices - mesh.centre) * rng.uniform(0.5, 0.9) + mesh.centre, mesh.faces)
-    return on_part(scans.two_views(other, rng), mesh, rng, noise=scans.NOISE, start=None, right=False)
+    return on_part(scans.two_views(other, rng), mesh, rng, noise=scans.NOISE_DIAGONALS, start=None, right=False)
 
 
 def _hull(rng: np.random.Generator) -> TrustTask:
@@ -104,7 +106,7 @@ def _hull(rng: np.random.Generator) -> TrustTask:
     mesh = shapes.any_part(rng)
     vertices, faces = box(tuple(np.ptp(mesh.vertices, axis=0)))
     other = Mesh(vertices + mesh.centre, faces)
-    return on_part(scans.two_views(other, rng), mesh, rng, noise=scans.NOISE, right=False)
+    return on_part(scans.two_views(other, rng), mesh, rng, noise=scans.NOISE_DIAGONALS, right=False)
 
 
 def _longer_block(rng: np.random.Generator) -> TrustTask:
@@ -118,7 +120,7 @@ def _longer_block(rng: np.random.Generator) -> TrustTask:
     offset = np.zeros(3)
     offset[axis] = 0.5 * (longer - size)[axis] if rng.uniform() < 0.7 else 0.0
     scan = scans.two_views(Mesh(vertices + offset, faces), rng)
-    return on_part(scan, mesh, rng, noise=scans.NOISE, start=(4.0, 0.02), right=False)
+    return on_part(scan, mesh, rng, noise=scans.NOISE_DIAGONALS, start=(4.0, 0.02), right=False)
 
 
 def _doubled(rng: np.random.Generator) -> TrustTask:
@@ -128,7 +130,7 @@ def _doubled(rng: np.random.Generator) -> TrustTask:
                            rng.uniform(0.02, 0.06) * mesh.diagonal * scans.directions(1, rng)[0]])  # fmt: skip
     T = pose.about(pose.exp(step), mesh.centre)
     scan = np.concatenate([scans.two_views(mesh, rng), pose.apply(T, scans.two_views(mesh, rng))])
-    return on_part(scan, mesh, rng, noise=scans.NOISE, start=(4.0, 0.02), right=False)
+    return on_part(scan, mesh, rng, noise=scans.NOISE_DIAGONALS, start=(4.0, 0.02), right=False)
 
 
 def _during_motion(rng: np.random.Generator) -> TrustTask:
@@ -142,8 +144,8 @@ def _during_motion(rng: np.random.Generator) -> TrustTask:
     scan = np.concatenate(
         [pose.apply(pose.about(pose.exp((k / 39 - 0.5) * twist), mesh.centre), s) for k, s in enumerate(steps)]
     )
-    scan += scans.NOISE * mesh.diagonal * rng.normal(size=scan.shape)
-    return on_part(scan, mesh, rng, noise=scans.NOISE, start=(3.0, 0.01), right=False)
+    scan += scans.NOISE_DIAGONALS * mesh.diagonal * rng.normal(size=scan.shape)
+    return on_part(scan, mesh, rng, noise=scans.NOISE_DIAGONALS, start=(3.0, 0.01), right=False)
 
 
 KINDS: tuple[Kind, ...] = kinds_of(

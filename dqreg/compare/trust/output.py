@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dqreg.compare.output import Goals, to_html
-from dqreg.compare.plots import Plot
+from dqreg.compare.plots import DOTS_PER_INCH, Plot
 from dqreg.compare.trust.calibration import Calibration, calibration_of, calibration_table
 from dqreg.compare.trust.rates import Rate, rates, tables
 from dqreg.compare.trust.sweep import FORMAT, TrustSweep
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 TITLE = "how far the verdict can be trusted"
-# Of the reliability diagram.
-INCHES, DOTS = 5.0, 150
+# Width of the reliability diagram.
+DIAGRAM_INCHES = 5.0
 
 
 def to_json(sweep: TrustSweep) -> str:
@@ -102,6 +102,6 @@ def reliability_plot(found: Calibration) -> Plot:
         axes.set_xlabel("confidence of the verdict")
         axes.set_ylabel("tasks")
 
-    figure, _ = stacked((diagram, counts), INCHES, (4.0, 1.4), DOTS)
+    figure, _ = stacked((diagram, counts), DIAGRAM_INCHES, (4.0, 1.4), DOTS_PER_INCH)
     title = "Reliability: how often poses of a given confidence are right"
     return Plot("reliability", title, encode(figure))

@@ -25,7 +25,9 @@ def one_off(family: Family) -> Make:
         period = np.linalg.matrix_power(part.period, int(rng.choice([-2, -1, 1, 2])))
         size = part.mesh.diagonal
         start = (1.0, 0.1 * part.cell / size)
-        return on_part(scans.two_views(part.mesh, rng), part.mesh, rng, noise=scans.NOISE, start=start, T_off=period)
+        return on_part(
+            scans.two_views(part.mesh, rng), part.mesh, rng, noise=scans.NOISE_DIAGONALS, start=start, T_off=period
+        )
 
     return make
 
@@ -45,7 +47,7 @@ def middle_of(family: Family) -> Make:
         scan = scans.thinned(scan[away < 1.2 * part.cell], rng, 300, 2500)
         start = (1.0, 0.1 * part.cell / part.mesh.diagonal)
         rivals = np.stack([part.period, pose.inverse(part.period)])
-        return on_part(scan, part.mesh, rng, noise=scans.NOISE, start=start, right=False, rivals=rivals)
+        return on_part(scan, part.mesh, rng, noise=scans.NOISE_DIAGONALS, start=start, right=False, rivals=rivals)
 
     return make
 
@@ -60,7 +62,7 @@ def _tooth_off(rng: np.random.Generator) -> TrustTask:
     mesh = shapes.joined(flange, block)
     step = 2 * np.pi / int(rng.integers(4, 10)) * rng.choice([-1.0, 1.0])
     turn = pose.exp(np.array([0.0, 0.0, step, 0.0, 0.0, 0.0]))
-    return on_part(scans.two_views(mesh, rng), mesh, rng, noise=scans.NOISE, start=(1.0, 0.005), T_off=turn)
+    return on_part(scans.two_views(mesh, rng), mesh, rng, noise=scans.NOISE_DIAGONALS, start=(1.0, 0.005), T_off=turn)
 
 
 def _flipped(rng: np.random.Generator) -> TrustTask:
@@ -68,7 +70,7 @@ def _flipped(rng: np.random.Generator) -> TrustTask:
     mesh = shapes.draw(shapes.plate, rng) if rng.uniform() < 0.5 else _notched(rng)
     axis = np.eye(3)[rng.integers(3)] if rng.uniform() < 0.7 else scans.directions(1, rng)[0]
     flip = pose.about(pose.exp(np.concatenate([np.pi * axis, np.zeros(3)])), mesh.centre)
-    return on_part(scans.two_views(mesh, rng), mesh, rng, noise=scans.NOISE, start=(3.0, 0.01), T_off=flip)
+    return on_part(scans.two_views(mesh, rng), mesh, rng, noise=scans.NOISE_DIAGONALS, start=(3.0, 0.01), T_off=flip)
 
 
 def _notched(rng: np.random.Generator) -> Mesh:
@@ -91,8 +93,8 @@ def _notch_unseen(rng: np.random.Generator) -> TrustTask:
     for turn in half_turns:
         turned = pose.apply(turn, scan)
         seen &= np.linalg.norm((turned - high) / (high - low), axis=1) > 0.45
-        seen &= surface.closest(turned).distances <= 4.0 * scans.NOISE * mesh.diagonal
-    return on_part(scan[seen], mesh, rng, noise=scans.NOISE, right=False, rivals=np.stack(half_turns))
+        seen &= surface.closest(turned).distances <= 4.0 * scans.NOISE_DIAGONALS * mesh.diagonal
+    return on_part(scan[seen], mesh, rng, noise=scans.NOISE_DIAGONALS, right=False, rivals=np.stack(half_turns))
 
 
 def _corner_of_box(rng: np.random.Generator) -> TrustTask:
@@ -106,7 +108,7 @@ def _corner_of_box(rng: np.random.Generator) -> TrustTask:
     half, out = 0.5 * np.ptp(mesh.vertices, axis=0), np.ones(3)
     turns = [R for R in cube_rotations() if not np.allclose(R, np.eye(3))]
     rivals = np.stack([pose.from_parts(R, mesh.centre + half * (R @ out) - R @ corner) for R in turns])
-    return on_part(scan, mesh, rng, noise=scans.NOISE, start=(3.0, 0.01), right=False, rivals=rivals)
+    return on_part(scan, mesh, rng, noise=scans.NOISE_DIAGONALS, start=(3.0, 0.01), right=False, rivals=rivals)
 
 
 def _corner_of_cloud(rng: np.random.Generator) -> TrustTask:
@@ -124,9 +126,9 @@ def _fewer_steps(rng: np.random.Generator) -> TrustTask:
     seen = np.abs((scan - part.middle) @ along) < 1.3 * part.cell
     surface, rivals = MeshSurface(part.mesh), np.stack([part.period, pose.inverse(part.period)])
     for T in rivals:
-        seen &= surface.closest(pose.apply(T, scan)).distances <= 4.0 * scans.NOISE * part.mesh.diagonal
+        seen &= surface.closest(pose.apply(T, scan)).distances <= 4.0 * scans.NOISE_DIAGONALS * part.mesh.diagonal
     start = (1.0, 0.005)
-    return on_part(scan[seen], part.mesh, rng, noise=scans.NOISE, start=start, right=False, rivals=rivals)
+    return on_part(scan[seen], part.mesh, rng, noise=scans.NOISE_DIAGONALS, start=start, right=False, rivals=rivals)
 
 
 KINDS: tuple[Kind, ...] = kinds_of(

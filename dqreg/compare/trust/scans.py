@@ -10,10 +10,10 @@ from dqreg.synth import Lidar, Noise, Scanner, StructuredLight, scan_mesh
 from dqreg.synth.parts import box
 
 # Range noise of a usual scanner, in diagonals of the part.
-NOISE = 3e-4
-PIXELS = 120
+NOISE_DIAGONALS = 3e-4
+VIEW_PIXELS = 120
 # Neighbours that share noise; bells about the points in reach of each other, that make it.
-SHARING, BELLS = (100, 500), 8
+SHARING_NEIGHBOURS, BELLS_PER_REACH = (100, 500), 8
 
 
 def directions(count: int, rng: np.random.Generator) -> FloatArray:
@@ -39,14 +39,14 @@ def thinned(points: FloatArray, rng: np.random.Generator, low: int = 500, high: 
     return points[np.sort(rng.choice(len(points), count, replace=False))]
 
 
-def views(mesh: Mesh, rng: np.random.Generator, towards: FloatArray, noise: float = NOISE) -> FloatArray:
+def views(mesh: Mesh, rng: np.random.Generator, towards: FloatArray, noise: float = NOISE_DIAGONALS) -> FloatArray:
     """Camera views from given directions."""
-    scanner = Scanner(rows_of(towards), pixels=PIXELS)
+    scanner = Scanner(rows_of(towards), pixels=VIEW_PIXELS)
     error = Noise(range_sigma=noise * mesh.diagonal)
     return thinned(scan_mesh(mesh.vertices, mesh.faces, scanner, error, rng=rng).points, rng)
 
 
-def two_views(mesh: Mesh, rng: np.random.Generator, noise: float = NOISE) -> FloatArray:
+def two_views(mesh: Mesh, rng: np.random.Generator, noise: float = NOISE_DIAGONALS) -> FloatArray:
     """Views from two opposite corners, roughly."""
     towards = oblique(rng)
     return views(mesh, rng, np.stack([towards, -towards * rng.uniform(0.5, 1.5, 3)]), noise)
@@ -54,7 +54,7 @@ def two_views(mesh: Mesh, rng: np.random.Generator, noise: float = NOISE) -> Flo
 
 def one_view(mesh: Mesh, rng: np.random.Generator) -> FloatArray:
     """A view from one corner."""
-    return views(mesh, rng, oblique(rng)[None], NOISE)
+    return views(mesh, rng, oblique(rng)[None], NOISE_DIAGONALS)
 
 
 def depth_camera(mesh: Mesh, rng: np.random.Generator) -> FloatArray:
@@ -69,15 +69,15 @@ def depth_camera(mesh: Mesh, rng: np.random.Generator) -> FloatArray:
         quantisation=1e-3 * scale,
     )
     towards = oblique(rng)
-    scanner = Scanner(rows_of(towards, -towards), pixels=PIXELS)
+    scanner = Scanner(rows_of(towards, -towards), pixels=VIEW_PIXELS)
     return thinned(scan_mesh(mesh.vertices, mesh.faces, scanner, error, rng=rng).points, rng)
 
 
 def light_stripes(mesh: Mesh, rng: np.random.Generator) -> FloatArray:
     """Views of a structured-light scanner, which shadows itself."""
     towards = oblique(rng)
-    scanner = StructuredLight(rows_of(towards, -towards), pixels=PIXELS, baseline=0.3)
-    error = Noise(range_sigma=NOISE * mesh.diagonal)
+    scanner = StructuredLight(rows_of(towards, -towards), pixels=VIEW_PIXELS, baseline=0.3)
+    error = Noise(range_sigma=NOISE_DIAGONALS * mesh.diagonal)
     return thinned(scan_mesh(mesh.vertices, mesh.faces, scanner, error, rng=rng).points, rng)
 
 
@@ -95,8 +95,8 @@ def shared_noise(points: FloatArray, along: FloatArray, sigma: float, rng: np.ra
     Lenses, the flatness of a mirror, warmth and surfaces that shine err by as much for neighbours. The noise is that of
     a random field: a sum of bells with random heights about random points.
     """
-    count = min(int(rng.integers(*SHARING)), len(points) // 2)
-    tops = points[rng.choice(len(points), min(BELLS * len(points) // count, len(points)), replace=False)]
+    count = min(int(rng.integers(*SHARING_NEIGHBOURS)), len(points) // 2)
+    tops = points[rng.choice(len(points), min(BELLS_PER_REACH * len(points) // count, len(points)), replace=False)]
     apart = np.linalg.norm(points[:, None] - tops, axis=2)
     width = 0.5 * float(np.median(np.partition(apart, count, axis=0)[count]))
     bells = np.exp(-0.5 * (apart / width) ** 2)
@@ -105,7 +105,7 @@ def shared_noise(points: FloatArray, along: FloatArray, sigma: float, rng: np.ra
     return moved
 
 
-def sampled(mesh: Mesh, count: int, rng: np.random.Generator, noise: float = NOISE) -> FloatArray:
+def sampled(mesh: Mesh, count: int, rng: np.random.Generator, noise: float = NOISE_DIAGONALS) -> FloatArray:
     """Points all over the surface."""
     points = sample_mesh(mesh, count, rng).points
     return points + noise * mesh.diagonal * rng.normal(size=points.shape)
@@ -123,8 +123,8 @@ def in_scene(
     mesh: Mesh, around: tuple[FloatArray, IntArray] | None, towards: FloatArray, rng: np.random.Generator
 ) -> FloatArray:
     """Camera views of a part and what stands around it."""
-    scanner = Scanner(rows_of(towards), pixels=PIXELS)
-    error = Noise(range_sigma=NOISE * mesh.diagonal)
+    scanner = Scanner(rows_of(towards), pixels=VIEW_PIXELS)
+    error = Noise(range_sigma=NOISE_DIAGONALS * mesh.diagonal)
     points = scan_mesh(mesh.vertices, mesh.faces, scanner, error, rng=rng, surroundings=around).points
     return thinned(points, rng, 1500, 4000)
 
@@ -137,6 +137,6 @@ def block_at(middle: FloatArray, edge: float) -> Mesh:
 
 def dense_view(mesh: Mesh, rng: np.random.Generator, towards: FloatArray) -> FloatArray:
     """A camera view of 1,500 to 4,000 points."""
-    scanner = Scanner(rows_of(towards), pixels=PIXELS)
-    error = Noise(range_sigma=NOISE * mesh.diagonal)
+    scanner = Scanner(rows_of(towards), pixels=VIEW_PIXELS)
+    error = Noise(range_sigma=NOISE_DIAGONALS * mesh.diagonal)
     return thinned(scan_mesh(mesh.vertices, mesh.faces, scanner, error, rng=rng).points, rng, 1500, 4000)

@@ -14,7 +14,7 @@ from dqreg.synth.parts.blocks import cells
 from dqreg.synth.parts.patches import weld
 
 # Draws of dimensions that do not fit each other before a part is given up.
-DRAWS = 100
+MAX_DRAWS = 100
 
 Family = Callable[[np.random.Generator], Mesh]
 
@@ -164,7 +164,7 @@ def any_part(rng: np.random.Generator) -> Mesh:
 
 def draw(family: Family, rng: np.random.Generator) -> Mesh:
     """A part of a family: dimensions that do not fit each other are drawn again."""
-    for _ in range(DRAWS):
+    for _ in range(MAX_DRAWS):
         try:
             return family(rng)
         except InputError as error:

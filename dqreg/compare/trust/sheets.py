@@ -12,7 +12,7 @@ from dqreg.compare.trust.task import Kind, Make, TrustTask, Walls, kinds_of, on_
 from dqreg.geometry import Mesh, sample_mesh
 
 # Turns of the profile at its folds: an angle, a channel, a Z and a hat.
-PROFILES = ((1.0,), (1.0, 1.0), (1.0, -1.0), (1.0, -1.0, -1.0, 1.0))
+PROFILE_TURNS = ((1.0,), (1.0, 1.0), (1.0, -1.0), (1.0, -1.0, -1.0, 1.0))
 FOLDS_DEG = (60.0, 90.0)
 THICKNESS_SIZES, NOISE_THICKNESSES = (0.003, 0.02), (0.05, 0.2)
 # Points of a whole sheet, and the share of a side that is scanned.
@@ -33,7 +33,7 @@ class Sheet:
 def folded(rng: np.random.Generator) -> Sheet:
     """A sheet folded once, twice or four times about parallel axes."""
     fold = FOLDS_DEG[1] if rng.uniform() < 0.5 else rng.uniform(*FOLDS_DEG)
-    turns = np.array(PROFILES[rng.integers(len(PROFILES))]) * np.deg2rad(fold)
+    turns = np.array(PROFILE_TURNS[rng.integers(len(PROFILE_TURNS))]) * np.deg2rad(fold)
     angles = np.concatenate([[0.0], np.cumsum(turns)])
     legs = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     line = np.concatenate([np.zeros((1, 2)), np.cumsum(legs * rng.uniform(25, 100, (len(legs), 1)), axis=0)])

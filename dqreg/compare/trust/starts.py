@@ -20,7 +20,7 @@ def from_far(low: float, high: float, shift: float, *, search: bool = True, stra
         # A named method never searches: the answer of the loop itself is judged.
         options = {} if search else {"method": "plane"}
         start = (rng.uniform(low, high), shift)
-        return on_part(scan, mesh, rng, noise=scans.NOISE, start=start, options=options)
+        return on_part(scan, mesh, rng, noise=scans.NOISE_DIAGONALS, start=start, options=options)
 
     return make
 
@@ -28,7 +28,7 @@ def from_far(low: float, high: float, shift: float, *, search: bool = True, stra
 def _shifted(rng: np.random.Generator) -> TrustTask:
     mesh = shapes.any_part(rng)
     return on_part(
-        scans.two_views(mesh, rng), mesh, rng, noise=scans.NOISE, start=(5.0, rng.uniform(0.2, 0.6)),
+        scans.two_views(mesh, rng), mesh, rng, noise=scans.NOISE_DIAGONALS, start=(5.0, rng.uniform(0.2, 0.6)),
         options={"method": "plane"},
     )  # fmt: skip
 
@@ -38,7 +38,13 @@ def _half_turn(rng: np.random.Generator) -> TrustTask:
     flip = pose.about(pose.exp(np.concatenate([np.pi * np.eye(3)[rng.integers(3)], np.zeros(3)])), mesh.centre)
     options = {"method": "plane"} if rng.uniform() < 0.5 else {}
     return on_part(
-        scans.two_views(mesh, rng), mesh, rng, noise=scans.NOISE, start=(5.0, 0.02), T_off=flip, options=options
+        scans.two_views(mesh, rng),
+        mesh,
+        rng,
+        noise=scans.NOISE_DIAGONALS,
+        start=(5.0, 0.02),
+        T_off=flip,
+        options=options,
     )
 
 
@@ -46,7 +52,7 @@ def _with_distance(rng: np.random.Generator) -> TrustTask:
     mesh = shapes.any_part(rng)
     reach = mesh.diagonal * rng.choice([0.01, 0.02, 0.05])
     return on_part(
-        scans.one_view(mesh, rng), mesh, rng, noise=scans.NOISE, start=(rng.uniform(30, 180), 0.1),
+        scans.one_view(mesh, rng), mesh, rng, noise=scans.NOISE_DIAGONALS, start=(rng.uniform(30, 180), 0.1),
         options={"max_distance": float(reach)},
     )  # fmt: skip
 
@@ -54,7 +60,9 @@ def _with_distance(rng: np.random.Generator) -> TrustTask:
 def _few_touched(rng: np.random.Generator) -> TrustTask:
     mesh = shapes.any_part(rng)
     count = int(rng.integers(8, 25))
-    return on_part(scans.sampled(mesh, count, rng), mesh, rng, noise=scans.NOISE, start=(rng.uniform(20, 60), 0.1))
+    return on_part(
+        scans.sampled(mesh, count, rng), mesh, rng, noise=scans.NOISE_DIAGONALS, start=(rng.uniform(20, 60), 0.1)
+    )
 
 
 def _one_sided(rng: np.random.Generator) -> TrustTask:
@@ -65,7 +73,9 @@ def _one_sided(rng: np.random.Generator) -> TrustTask:
     flat, rest = floor[floor[:, 2] < bottom], floor[floor[:, 2] >= bottom]
     scan = np.concatenate([flat[: int(rng.integers(600, 1500))], rest[: int(rng.integers(10, 40))]])
     slide = pose.exp(np.concatenate([np.zeros(3), rng.normal(size=2) * 0.08 * mesh.diagonal, [0.0]]))
-    return on_part(scan, mesh, rng, noise=scans.NOISE, start=(1.0, 0.005), T_off=slide, options={"method": "plane"})
+    return on_part(
+        scan, mesh, rng, noise=scans.NOISE_DIAGONALS, start=(1.0, 0.005), T_off=slide, options={"method": "plane"}
+    )
 
 
 KINDS: tuple[Kind, ...] = kinds_of(
