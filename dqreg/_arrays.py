@@ -22,30 +22,30 @@ BoolArray = NDArray[np.bool_]
 # A rotation read from a text file with seven digits is good to about 1e-6.
 RIGID_TOLERANCE = 1e-5
 # Rotations that people round to two or three digits depart from orthonormal by up to this, a scale of 1 % by twice it.
-ROUNDED = 1e-2
+MAX_ROTATION_GAP = 1e-2
 # Lengths within this of zero, and sizes above its inverse, can be squared and squared again in float64.
-LARGEST = 1e60
+MAX_LENGTH = 1e60
 # How classes of poses give their matrix.
 MATRICES = ("as_matrix", "matrix", "homogeneous", "T_target_source", "transformation")
 # Points that stand side by side where three numbers a row are too few for NumPy to be quick about.
-WIDE = 256
+WIDE_POINTS = 256
 # Points that are few: a copy of their columns is made sooner.
-FEW = 2_048
+FEW_POINTS = 2_048
 # Multiplications of one product that BLAS leaves to one thread.
-PIECE = 2**18
+PIECE_PRODUCTS = 2**18
 # Numbers of one dot product that it leaves to one thread.
-ALONE = 8_192
+PIECE_NUMBERS = 8_192
 
 
 def bounds(points: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Lowest and highest coordinates of points, each (3,). Along rows of three NumPy takes ten times as long."""
-    whole = len(points) - len(points) % WIDE if len(points) > FEW else 0
+    whole = len(points) - len(points) % WIDE_POINTS if len(points) > FEW_POINTS else 0
     rest = np.ascontiguousarray(points[whole:].T)
     if not whole:
         return rest.min(axis=1), rest.max(axis=1)
     # Many points side by side are one long row, and along those it is quick without a copy.
-    rows = np.ascontiguousarray(points[:whole]).reshape(-1, 3 * WIDE)
-    lows, highs = rows.min(axis=0).reshape(WIDE, 3), rows.max(axis=0).reshape(WIDE, 3)
+    rows = np.ascontiguousarray(points[:whole]).reshape(-1, 3 * WIDE_POINTS)
+    lows, highs = rows.min(axis=0).reshape(WIDE_POINTS, 3), rows.max(axis=0).reshape(WIDE_POINTS, 3)
     low, high = lows.min(axis=0), highs.max(axis=0)
     return (np.minimum(low, rest.min(axis=1)), np.maximum(high, rest.max(axis=1))) if rest.size else (low, high)
 
@@ -79,9 +79,9 @@ def quantile(values: FloatArray, share: float) -> float:
 def shifted(points: FloatArray, offset: FloatArray) -> FloatArray:
     """Points moved by one offset: ``points + offset``, three times as fast."""
     moved = np.zeros((len(points), 3))
-    whole = len(points) - len(points) % WIDE
-    rows = np.ascontiguousarray(points[:whole]).reshape(-1, 3 * WIDE)
-    np.add(rows, np.tile(offset, WIDE), out=moved[:whole].reshape(-1, 3 * WIDE))
+    whole = len(points) - len(points) % WIDE_POINTS
+    rows = np.ascontiguousarray(points[:whole]).reshape(-1, 3 * WIDE_POINTS)
+    np.add(rows, np.tile(offset, WIDE_POINTS), out=moved[:whole].reshape(-1, 3 * WIDE_POINTS))
     np.add(points[whole:], offset, out=moved[whole:])
     return moved
 
@@ -89,7 +89,7 @@ def shifted(points: FloatArray, offset: FloatArray) -> FloatArray:
 def product(left: FloatArray, right: FloatArray) -> FloatArray:
     """``left @ right`` in pieces so small that BLAS wakes no threads, which spin for 30 ms; nor do bits follow them."""
     (m, k), n = left.shape, right.shape[1]
-    step = max(PIECE * max(m, k, n) // max(m * k * n, 1), 1)
+    step = max(PIECE_PRODUCTS * max(m, k, n) // max(m * k * n, 1), 1)
     if max(m, k, n) <= step:
         return np.asarray(left @ right)
     pieces = range(0, max(m, k, n), step)
@@ -104,7 +104,7 @@ def product(left: FloatArray, right: FloatArray) -> FloatArray:
 
 def dot(left: FloatArray, right: FloatArray) -> float:
     """``left @ right`` of vectors, (n,), without the threads of BLAS, which more than a piece would wake."""
-    return float(np.dot(left, right) if len(left) <= ALONE else np.einsum("i,i", left, right))
+    return float(np.dot(left, right) if len(left) <= PIECE_NUMBERS else np.einsum("i,i", left, right))
 
 
 def share_of(mask: BoolArray) -> float:
@@ -176,7 +176,7 @@ def as_weights(value: Any, name: str, count: int) -> FloatArray:
     return array
 
 
-def as_pose(value: Any, name: str, limit: float = ROUNDED) -> FloatArray:
+def as_pose(value: Any, name: str, limit: float = MAX_ROTATION_GAP) -> FloatArray:
     """Rigid 4x4 pose, of numbers (4x4 or 3x4) or an object that writes itself as a matrix.
 
     The rotation is the one nearest to what was given: rounded numbers are no rotation.
@@ -202,8 +202,8 @@ def as_pose(value: Any, name: str, limit: float = ROUNDED) -> FloatArray:
         off = f"its rotation block departs from orthonormal by {gap:.3g} (allowed {limit:g})"
         raise InputError(f"{name} is not rigid: {off}. Remove any scale or shear first")
     far = np.abs(T[:3, 3]).max()
-    if far > LARGEST:
-        raise InputError(f"{name} moves by {far:.3g}; lengths beyond {LARGEST:g} cannot be worked with")
+    if far > MAX_LENGTH:
+        raise InputError(f"{name} moves by {far:.3g}; lengths beyond {MAX_LENGTH:g} cannot be worked with")
     U, _, Vt = np.linalg.svd(R)
     pose = T.copy()
     pose[:3, :3] = U @ Vt
@@ -271,12 +271,12 @@ def require_workable(points: FloatArray, name: str) -> tuple[FloatArray, FloatAr
 def require_workable_ends(low: FloatArray, high: FloatArray, name: str) -> None:
     """The same, where the lowest and highest coordinates, (3,), are known."""
     far = float(max(-low.min(), high.max()))
-    if far > LARGEST:
-        wanted = f"hold coordinates up to {far:.3g}, and lengths beyond {LARGEST:g} cannot be worked with; remove "
+    if far > MAX_LENGTH:
+        wanted = f"hold coordinates up to {far:.3g}, and lengths beyond {MAX_LENGTH:g} cannot be worked with; remove "
         remedy = "those rows (is it a mark for a missing measurement?), or use a larger unit"
         raise InputError.of(wanted + remedy, name=name)
     extent = float((high - low).max())
-    if 0.0 < extent < 1.0 / LARGEST:
+    if 0.0 < extent < 1.0 / MAX_LENGTH:
         wanted = f"differ by {extent:.3g} at most, too little to work with; give them in a finer unit"
         raise InputError.of(wanted, name=name)
 

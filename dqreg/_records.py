@@ -20,7 +20,7 @@ Array = TypeVar("Array", bound="np.ndarray[Any, Any]")
 __all__ = ["lock", "one_line", "read_only", "replaced"]
 
 # Numbers of an array that a line shows.
-SHOWN = 6
+SHOWN_NUMBERS = 6
 
 
 def one_line(value: Any) -> str:
@@ -38,7 +38,7 @@ def _brief(value: Any) -> str:
     if isinstance(value, (float, np.floating)):
         return f"{value:.4g}"
     if isinstance(value, np.ndarray):
-        if value.size > SHOWN:
+        if value.size > SHOWN_NUMBERS:
             return f"<{' x '.join(map(str, value.shape))}>"
         return np.array2string(value, precision=4, separator=", ", max_line_width=1000).replace("\n", "")
     if isinstance(value, (tuple, list, dict)) and len(value) > 3:

@@ -79,7 +79,7 @@ def moved_name(room: str, name: str) -> object:
 
 
 # Share of letters that a typing error leaves in their order: "diamter" is near diameter, "flatness" not straightness.
-TYPED = 0.7
+TYPED_SHARE = 0.7
 
 
 def did_you_mean(word: str, known: Iterable[str], prefix: str = "") -> str:
@@ -88,7 +88,7 @@ def did_you_mean(word: str, known: Iterable[str], prefix: str = "") -> str:
     >>> did_you_mean("nose", ["noise", "points"]), did_you_mean("x", ["noise"])
     ('; did you mean noise?', '')
     """
-    found = nearest(word, known, like=TYPED)
+    found = nearest(word, known, like=TYPED_SHARE)
     return f"; did you mean {prefix}{found[0]}?" if found else ""
 
 

@@ -15,8 +15,8 @@ from hypothesis.extra import numpy as hnp
 from scipy.spatial.transform import Rotation
 
 from dqreg._arrays import (
+    MAX_ROTATION_GAP,
     RIGID_TOLERANCE,
-    ROUNDED,
     as_float,
     as_pose,
     as_vectors,
@@ -212,7 +212,7 @@ def pose(**parts: Any) -> np.ndarray:
         (pose(R=np.diag([1, 1, -1])), "a mirror image .determinant -1"),
         (pose(R=2 * np.eye(3)), "not rigid: .* Remove any scale"),
         (pose(R=[[1, 0.1, 0], [0, 1, 0], [0, 0, 1]]), "not rigid"),
-        (pose(R=(1 + ROUNDED) * np.eye(3)), "not rigid: .* by 0.0201"),
+        (pose(R=(1 + MAX_ROTATION_GAP) * np.eye(3)), "not rigid: .* by 0.0201"),
         (pose(R=np.zeros((3, 3))), "not rigid"),
         (pose(R=1e200 * np.eye(3)), "not rigid"),
         # Without fused multiply-add the overflow leaves NaN here, which no comparison finds too large.

@@ -19,7 +19,7 @@ from dqreg.solvers.robust import Huber, Tukey
 # A pose has six unknowns: fewer pairs than this fix none, whatever the step.
 FEWEST_PAIRS = 3
 # Below this, a kernel without a limit would weigh a residual of zero infinitely.
-LEAST = 1e-300
+MIN_RESIDUAL = 1e-300
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,7 +70,7 @@ def kernel_weights(kernel: Any, residuals: FloatArray) -> FloatArray:
     if kernel is None or name == "L2Loss":
         return np.ones(len(r))
     if name == "L1Loss":
-        return np.asarray(1.0 / np.maximum(r, LEAST))
+        return np.asarray(1.0 / np.maximum(r, MIN_RESIDUAL))
     k = float(getattr(kernel, "k", np.nan))
     if name == "HuberLoss":
         return Huber(k).weight(r)

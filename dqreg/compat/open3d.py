@@ -30,7 +30,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import RIGID_TOLERANCE, ROUNDED, FloatArray, IntArray, as_float, as_pose, pose_of, with_last_row
+from dqreg._arrays import (
+    MAX_ROTATION_GAP,
+    RIGID_TOLERANCE,
+    FloatArray,
+    IntArray,
+    as_float,
+    as_pose,
+    pose_of,
+    with_last_row,
+)
 from dqreg._open3d import load_open3d
 from dqreg.compat.estimation import (
     FEWEST_PAIRS,
@@ -57,7 +66,7 @@ __all__ = [
 ]
 
 # So many times what its columns are off a rotation in shape is their common length off 1: that is a scale.
-SCALED = 10.0
+SCALED_RATIO = 10.0
 
 
 def __getattr__(name: str) -> Any:
@@ -181,7 +190,7 @@ def _is_scaled(value: ArrayLike, name: str) -> bool:
     square = T[:3, :3].T @ T[:3, :3]
     scale = float(np.trace(square) / 3.0)
     off = float(np.abs(square / scale - np.eye(3)).max())
-    return off <= ROUNDED and abs(scale - 1.0) > max(SCALED * off, RIGID_TOLERANCE)
+    return off <= MAX_ROTATION_GAP and abs(scale - 1.0) > max(SCALED_RATIO * off, RIGID_TOLERANCE)
 
 
 def _handed_on(name: str, undone: str, source: Any, target: Any, reach: Any, **options: Any) -> Any:

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from dqreg._arrays import LARGEST, BoolArray, FloatArray, IntArray, dot, require_finite, require_workable
+from dqreg._arrays import MAX_LENGTH, BoolArray, FloatArray, IntArray, dot, require_finite, require_workable
 from dqreg.errors import InputError
 from dqreg.geometry.boundary import CloudBoundary
 from dqreg.geometry.cloud import PointCloud
@@ -262,7 +262,7 @@ def _require_near(queries: FloatArray) -> None:
     flat = queries.ravel()
     with np.errstate(over="ignore", invalid="ignore"):
         squares = dot(flat, flat)
-    if not squares <= LARGEST**2:
+    if not squares <= MAX_LENGTH**2:
         require_finite(queries, "points")
         require_workable(queries, "points")
 

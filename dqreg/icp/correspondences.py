@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dqreg._arrays import PIECE, FloatArray, IntArray, product
+from dqreg._arrays import PIECE_PRODUCTS, FloatArray, IntArray, product
 from dqreg.geometry.scan import Scan
 from dqreg.geometry.surface import Closest, Surface
 from dqreg.geometry.vector_rows import row_dots
@@ -17,7 +17,7 @@ from dqreg.rigid import single_pose
 # Rows that are slid in one go.
 CHUNK_ROWS = 16_384
 # Points that are moved together: what `product` takes in one go, so that the bits are those of all at once.
-CHUNK_POINTS = PIECE // 9
+CHUNK_POINTS = PIECE_PRODUCTS // 9
 # Normals farther apart than 125 degrees look the other way.
 OPPOSED_COS = -math.cos(math.radians(55.0))
 

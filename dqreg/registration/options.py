@@ -11,7 +11,7 @@ from typing import Any, Literal, TypedDict
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import LARGEST
+from dqreg._arrays import MAX_LENGTH
 from dqreg.errors import InputError
 from dqreg.icp import COARSE_POINTS, ESTIMATORS, Estimator, IcpSettings, Stopping
 from dqreg.icp.estimators import cells_to_cells
@@ -168,7 +168,7 @@ class Options:
             object.__setattr__(self, name, None if value is None else _as_float(value))
         object.__setattr__(self, "time_limit", read_time_limit(self.time_limit))
         for name in LENGTHS:
-            if (value := getattr(self, name)) is not None and not 0.0 < value <= LARGEST:
+            if (value := getattr(self, name)) is not None and not 0.0 < value <= MAX_LENGTH:
                 raise InputError(f"{name} must be a length above 0 in target units; got {value!r}")
         if not 0.0 < self.max_angle_deg <= 90.0:
             raise InputError(f"max_angle_deg must be above 0 and at most 90; got {self.max_angle_deg!r}")
@@ -292,7 +292,7 @@ def _require_scale(scale: object) -> None:
     if (
         isinstance(scale, (bool, str))
         or not isinstance(scale, numbers.Real)
-        or not 1.0 / LARGEST < float(scale) < LARGEST
+        or not 1.0 / MAX_LENGTH < float(scale) < MAX_LENGTH
     ):
         raise InputError(
             f'scale must be a number above 0 that source lengths are multiplied with, or "solve"; got {scale!r:.60}'

@@ -20,7 +20,7 @@ Parts = tuple[FloatArray, FloatArray]
 # Far above the rounding of one operation, far below anything a careless caller gives.
 UNIT_TOLERANCE = 1e-9
 # Below it floating point has no relative precision to hold anyone to.
-SMALLEST = float(np.finfo(np.float64).tiny)
+SMALLEST_NUMBER = float(np.finfo(np.float64).tiny)
 # Half-angles below four rounding steps are noise of the real part, not a rotation.
 _NO_TURN = 4.0 * float(np.finfo(np.float64).eps)
 # (a cos(a) - sin(a)) / a^3 as a series in a^2, exact to rounding below the limit.
@@ -217,7 +217,7 @@ def _sinc_slope(angle: FloatArray) -> FloatArray:
 
 def _allowed(dual: FloatArray) -> FloatArray:
     # The largest component, as a norm would square numbers of 1e-160 away.
-    return np.asarray(UNIT_TOLERANCE * np.max(np.abs(dual), axis=-1) + SMALLEST)
+    return np.asarray(UNIT_TOLERANCE * np.max(np.abs(dual), axis=-1) + SMALLEST_NUMBER)
 
 
 def _worst(residual: FloatArray) -> float:

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dqreg._arrays import (
+    MAX_ROTATION_GAP,
     RIGID_TOLERANCE,
-    ROUNDED,
     BoolArray,
     FloatArray,
     as_float,
@@ -21,7 +21,9 @@ from dqreg._arrays import (
 from dqreg.errors import InputError
 
 # What a product of a few rotations departs from orthonormal.
-ROUNDING = 1e-14
+ROTATION_ROUNDING = 1e-14
+# Sine of the angle below which two directions are parallel to rounding.
+PARALLEL_SIN = 1e-14
 
 
 def as_quaternions(value: ArrayLike, name: str) -> FloatArray:
@@ -96,10 +98,10 @@ def _require_rotations(R: FloatArray, name: str) -> FloatArray:
     for j, k in ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0)):
         one, two = columns[j], columns[k]
         gap = np.maximum(gap, np.abs(one[0] * two[0] + one[1] * two[1] + one[2] * two[2] - (j == k)))
-    if not np.all(gap <= ROUNDED):
+    if not np.all(gap <= MAX_ROTATION_GAP):
         raise InputError(
             f"{name} must be a rotation; it departs from orthonormal by {np.max(gap):.3g} "
-            f"(allowed {ROUNDED:g}). Remove any scale or shear first"
+            f"(allowed {MAX_ROTATION_GAP:g}). Remove any scale or shear first"
         )
     (a, b, c), (d, e, f), (g, h, i) = columns
     if np.any(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) < 0.0):
@@ -129,7 +131,7 @@ def as_rigid_poses(value: ArrayLike, name: str) -> FloatArray:
     R = T[..., :3, :3]
     gap = _require_rotations(R, name)
     poses = T.copy()
-    poses[..., :3, :3] = _nearest(R, gap > ROUNDING)
+    poses[..., :3, :3] = _nearest(R, gap > ROTATION_ROUNDING)
     poses[..., 3, :] = [0.0, 0.0, 0.0, 1.0]
     return poses
 

@@ -13,11 +13,8 @@ from numpy.typing import ArrayLike
 from dqreg._arrays import FloatArray, as_float
 from dqreg.errors import InputError
 from dqreg.rigid._algebra import canonical, conjugate, multiply
-from dqreg.rigid._operands import as_directions, as_triples, as_unit_quaternions
+from dqreg.rigid._operands import PARALLEL_SIN, as_directions, as_triples, as_unit_quaternions
 from dqreg.rigid._powers import from_axis_angle, polar, power
-
-# Where |u1 x u2| is rounding, its direction is not that of the plane of the two axes.
-_PARALLEL = 1e-14
 
 
 def rotate(q: ArrayLike, v: ArrayLike) -> FloatArray:
@@ -267,7 +264,8 @@ def interpolate_axis(u1: ArrayLike, u2: ArrayLike, fraction: ArrayLike) -> Float
     sine = np.linalg.norm(normal, axis=-1, keepdims=True)
     # Eq. 31 by atan2: the arc cosine loses half of the digits near 0 and pi.
     phi_rad = np.arctan2(sine, np.sum(u1 * u2, axis=-1, keepdims=True))
-    parallel = sine < _PARALLEL
+    # Where |u1 x u2| is rounding, its direction is not that of the plane of the two axes.
+    parallel = sine < PARALLEL_SIN
     on_z = np.hypot(u1[..., :1], u1[..., 1:2]) == 0.0
     vertical = np.concatenate([-u1[..., 1:2], u1[..., :1], np.zeros_like(sine)], axis=-1)
     normal = np.where(parallel, np.where(on_z, [1.0, 0.0, 0.0], vertical), normal)

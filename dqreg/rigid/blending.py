@@ -14,7 +14,7 @@ from dqreg.rigid._mean import shares
 from dqreg.rigid.dual_quaternion import DualQuaternion
 
 # Iterations of the blend by screws, which gains some digits with each; and the step at which it ends.
-_MOST, _STEP = 100, 1e-13
+_MAX_STEPS, _CONVERGED_STEP = 100, 1e-13
 
 
 def blend(
@@ -73,11 +73,12 @@ def _linear(motions: DualQuaternion, w: FloatArray) -> DualQuaternion:
 
 def _by_screws(motions: DualQuaternion, w: FloatArray, start: DualQuaternion) -> DualQuaternion:
     found = start
-    for _ in range(_MOST):
+    for _ in range(_MAX_STEPS):
         here = found[..., np.newaxis] if found.shape else found
         step = np.einsum("...n,...ni->...i", w, (here.inverse() * motions).log())
         found = found * DualQuaternion.exp(step)
-        lengths = np.maximum(np.abs(motions.dual).max(axis=(-2, -1)), _dual_parts.SMALLEST)
-        if np.all(np.abs(step[..., :3]) <= _STEP) and np.all(np.abs(step[..., 3:]) <= _STEP * lengths[..., np.newaxis]):
+        lengths = np.maximum(np.abs(motions.dual).max(axis=(-2, -1)), _dual_parts.SMALLEST_NUMBER)
+        limits = _CONVERGED_STEP * lengths[..., np.newaxis]
+        if np.all(np.abs(step[..., :3]) <= _CONVERGED_STEP) and np.all(np.abs(step[..., 3:]) <= limits):
             return found
     raise DegenerateGeometryError("the rotations are too far apart for a blend by screws. Blend fewer, nearer ones")

@@ -11,14 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray
-from dqreg.rigid._operands import as_directions, as_lines, as_triples
+from dqreg.rigid._operands import PARALLEL_SIN, as_directions, as_lines, as_triples
 from dqreg.rigid.dual_quaternion import DualQuaternion
 from dqreg.rigid.screw import DualNumber
 
 __all__ = ["common_perpendicular", "dual_angle", "joining", "nearest_point", "screw_between", "through"]
-
-# Sine of the angle below which two directions are parallel to rounding.
-_PARALLEL = 1e-14
 
 
 def through(point: ArrayLike, direction: ArrayLike) -> FloatArray:
@@ -214,7 +211,7 @@ def _meeting(a: ArrayLike, b: ArrayLike) -> tuple[FloatArray, FloatArray, DualNu
     n1, m1, n2, m2 = np.broadcast_arrays(n1, m1, n2, m2)
     cross = np.cross(n1, n2)
     sine = np.linalg.norm(cross, axis=-1, keepdims=True)
-    parallel = sine < _PARALLEL
+    parallel = sine < PARALLEL_SIN
     p1, p2 = np.cross(n1, m1), np.cross(n2, m2)
     apart = p2 - p1
     gap = np.linalg.norm(apart, axis=-1, keepdims=True)

@@ -17,11 +17,11 @@ from dqreg.rigid._operands import as_rigid_poses
 from dqreg.rigid.twist import adjoint, exp, left_jacobian_inverse, log
 
 # Iterations at most, and the step at which they end: a few times rounding, in radians and in the translations' size.
-_MOST, _STEP = 100, 1e-13
+_MAX_STEPS, _CONVERGED_STEP = 100, 1e-13
 # The same for fused poses, in sigmas of the answer.
 _STEP_SIGMAS = 1e-10
 # Smallest eigenvalue of correlations that is no rounding.
-_SINGULAR = 1e-15
+_MIN_EIGENVALUE = 1e-15
 
 
 class PoseMean(NamedTuple):
@@ -130,13 +130,13 @@ def _karcher(poses: FloatArray, w: FloatArray) -> tuple[FloatArray, FloatArray]:
     T[:3, :3] = to_matrix(mean_rotation(from_matrix(poses[:, :3, :3]), w))
     T[:3, 3] = w @ poses[:, :3, 3]
     back = np.eye(4)
-    for _ in range(_MOST):
+    for _ in range(_MAX_STEPS):
         back[:3, :3] = T[:3, :3].T
         back[:3, 3] = -T[:3, :3].T @ T[:3, 3]
         twists = log(back @ poses)
         step = w @ twists
         length = np.abs(twists[:, 3:]).max() + np.abs(T[:3, 3]).max()
-        if np.abs(step[:3]).max() <= _STEP and np.abs(step[3:]).max() <= _STEP * length:
+        if np.abs(step[:3]).max() <= _CONVERGED_STEP and np.abs(step[3:]).max() <= _CONVERGED_STEP * length:
             return T, twists
         T = T @ exp(step)
     raise DegenerateGeometryError("the rotations lie too far apart to have a mean pose. Use fewer, nearer ones")
@@ -145,7 +145,7 @@ def _karcher(poses: FloatArray, w: FloatArray) -> tuple[FloatArray, FloatArray]:
 def _fused(poses: FloatArray, T: FloatArray, information: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Most likely pose and its covariance, by Gauss-Newton on left increments."""
     back = np.stack([_inverse(each) for each in poses])
-    for _ in range(_MOST):
+    for _ in range(_MAX_STEPS):
         residuals = log(T @ back)
         J = left_jacobian_inverse(residuals)
         JI = np.swapaxes(J, -1, -2) @ information
@@ -183,12 +183,12 @@ def _inverse_of(C: FloatArray) -> FloatArray:
     variances = np.diagonal(C, axis1=-2, axis2=-1)
     size = np.sqrt(np.where(variances > 0.0, variances, 1.0))
     values, vectors = np.linalg.eigh(C / size[..., :, None] / size[..., None, :])
-    if not (variances > 0.0).all() or not (values > _SINGULAR).all():
+    if not (variances > 0.0).all() or not (values > _MIN_EIGENVALUE).all():
         raise InputError(
             f"covariances must be positive definite; the smallest variance is {variances.min():.3g}, and the smallest "
-            f"eigenvalue of correlations {values.min():.3g}, where more than {_SINGULAR:g} is no rounding. What is not "
-            "known has a large variance; about an origin far from the poses turns and shifts are one but for rounding: "
-            "give covariances about a point near the poses, and that point as centre="
+            f"eigenvalue of correlations {values.min():.3g}, where more than {_MIN_EIGENVALUE:g} is no rounding. "
+            "What is not known has a large variance; about an origin far from the poses turns and shifts are one but "
+            "for rounding: give covariances about a point near the poses, and that point as centre="
         )
     half = vectors / np.sqrt(values)[..., None, :] / size[..., :, None]
     return np.asarray(half @ np.swapaxes(half, -1, -2))
