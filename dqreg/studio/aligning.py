@@ -26,10 +26,10 @@ from dqreg.studio.visit import PROGRESS, START, Visit
 from dqreg.studio.worker_cache import Place, cached, mirrored, remember
 
 # Points and seconds that tell a mirror image.
-FEW, SECONDS = 5_000, 20.0
+FEW_POINTS, MIRROR_SECONDS = 5_000, 20.0
 # Yaw and pitch in degrees from which the part may be looked at; the first unless another shows so many times as much.
 SIDES = [(35.0 + 45.0 * k, pitch) for pitch in (30.0, -30.0) for k in range(8)]
-CLEARLY = 1.1
+CLEARLY_RATIO = 1.1
 RESULT, ASKED = "result.json", "result_of.json"
 
 
@@ -75,7 +75,7 @@ def mirror_question(place: Place) -> dict[str, Any]:
         return {"mirrored": False}
     options = register_options(dataclasses.replace(place.visit, start="none"))
     points = scan_cloud(place.scan())
-    few = points._taken(np.random.default_rng(0).permutation(len(points))[:FEW])
+    few = points._taken(np.random.default_rng(0).permutation(len(points))[:FEW_POINTS])
     found = _of_few(place, few, options).verdict
     if found.level == "accepted":
         return {"mirrored": False}
@@ -83,7 +83,7 @@ def mirror_question(place: Place) -> dict[str, Any]:
 
 
 def _of_few(place: Place, points: PointCloud | Mesh, options: dict[str, Any]) -> Registration:
-    return register(points, _target(place), time_limit=SECONDS, keep_inputs=False, **options)
+    return register(points, _target(place), time_limit=MIRROR_SECONDS, keep_inputs=False, **options)
 
 
 def result_of(place: Place) -> Registration:
@@ -157,13 +157,13 @@ def scanned_side(result: Registration) -> list[float] | None:
     if inputs is None or not isinstance(inputs.target.geometry, Mesh):
         return None
     points = inputs.placed(result.T_target_source)
-    found = inputs.target.surface.closest(points[:: max(1, len(points) // FEW)])
+    found = inputs.target.surface.closest(points[:: max(1, len(points) // FEW_POINTS)])
     near = found.distances <= result.settings["reach"]
     yaw, pitch = np.radians(SIDES).T
     towards = np.column_stack([np.cos(pitch) * np.sin(yaw), -np.cos(pitch) * np.cos(yaw), np.sin(pitch)])
     seen = np.maximum(found.normals[near] @ towards.T, 0.0).sum(axis=0)
     best = int(np.argmax(seen))
-    return list(SIDES[best if seen[best] > CLEARLY * seen[0] else 0])
+    return list(SIDES[best if seen[best] > CLEARLY_RATIO * seen[0] else 0])
 
 
 def align_pairs(place: Place) -> dict[str, Any]:

@@ -12,7 +12,9 @@ from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.geometry import Mesh
 from dqreg.inspection import Deviations, Face
+from dqreg.inspection.places import PLACE_POINTS
 from dqreg.inspection.plan.file import plan_of
+from dqreg.inspection.plan.suggested_datums import PERPENDICULAR_COS
 from dqreg.inspection.regions import cut_of, regions_of
 from dqreg.registration.inspected import Inspected, inspect_registration
 from dqreg.studio.aligning import result_of
@@ -21,10 +23,8 @@ from dqreg.studio.reading import faces_of_part, measure
 from dqreg.studio.visit import PLAN, Visit
 from dqreg.studio.worker_cache import Place, cached
 
-# Normals of datums turn from each other by more than this cosine.
-SQUARE = 0.1
-# A place of the part is measured by the median of so many points; farther off than that many spacings it was not.
-AROUND, SPACINGS = 25, 12.0
+# A place of the part that is farther than that many spacings from the points around it was not measured.
+REACH_SPACINGS = 12.0
 
 
 def deviations_of(place: Place) -> Deviations:
@@ -81,7 +81,7 @@ def suggest_datums(place: Place) -> dict[str, Any]:
     for face in sorted(faces_of_part(place), key=lambda face: -face.area):
         if len(chosen) < 3 and face.number in scanned and face.kind == "plane" and face.feature is not None:
             axes = [other.feature.axis for other in chosen if other.feature is not None]
-            if all(abs(float(axis @ face.feature.axis)) < SQUARE for axis in axes):
+            if all(abs(float(axis @ face.feature.axis)) < PERPENDICULAR_COS for axis in axes):
                 chosen.append(face)
     return {"datums": [face.number for face in chosen]}
 
@@ -99,9 +99,9 @@ def measured_at(place: Place, found: Deviations, points: FloatArray) -> FloatArr
         return np.full(len(points), np.nan)
     from scipy.spatial import cKDTree
 
-    count = min(AROUND, len(rows))
+    count = min(PLACE_POINTS, len(rows))
     near, around = cKDTree(found.closest[rows] - found.origin).query(points - found.origin, k=[*range(1, count + 1)])
-    far = SPACINGS * measure(place).spacing * place.scale()
+    far = REACH_SPACINGS * measure(place).spacing * place.scale()
     values = np.where(np.asarray(near) < far, found.values[rows][np.asarray(around)], np.nan)
     medians = np.full(len(points), np.nan)
     seen = np.isfinite(values).any(axis=1)

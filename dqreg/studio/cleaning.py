@@ -25,9 +25,9 @@ PLANE_POINTS, PLANE_DRAWS = 40_000, 600
 # Share of the points that makes a plane worth a question.
 MIN_PLANE_SHARE = 0.08
 # Half the thickness of a plane: that many noises or spacings, whichever is more.
-NOISES, SPACINGS = 4.0, 0.75
+PLANE_SIGMAS, PLANE_SPACINGS = 4.0, 0.75
 # A plane leaves the part where that share of its points extends that much farther than the part is large.
-NEARLY, LARGER = 0.98, 1.05
+WIDTH_QUANTILE, LARGER_RATIO = 0.98, 1.05
 
 
 def scan_cloud(scan: PointCloud | Mesh) -> PointCloud:
@@ -98,7 +98,7 @@ def leaving_plane(place: Place, spacing: float, noise: float) -> tuple[Cut, int]
     """A plane of the scan that extends beyond the part, and its points; None where there is none worth a question."""
     points = scan_points(place.scan())
     points = points[kept_rows(points, place.visit.cuts)]
-    half = max(NOISES * noise, SPACINGS * spacing)
+    half = max(PLANE_SIGMAS * noise, PLANE_SPACINGS * spacing)
     if len(points) < 100 or half <= 0.0:
         return None
     middle = np.median(points, axis=0)
@@ -109,7 +109,7 @@ def leaving_plane(place: Place, spacing: float, noise: float) -> tuple[Cut, int]
     part = place.part()
     size = float(np.linalg.norm(np.ptp(part.vertices if isinstance(part, Mesh) else part.points, axis=0)))
     extent = _width(points[on]) * place.scale()
-    if np.count_nonzero(on) < MIN_PLANE_SHARE * len(points) or extent < LARGER * size:
+    if np.count_nonzero(on) < MIN_PLANE_SHARE * len(points) or extent < LARGER_RATIO * size:
         return None
     return cut, int(np.count_nonzero(on))
 
@@ -118,7 +118,7 @@ def _width(points: FloatArray) -> float:
     """Diameter of nearly all points about their middle, whichever way they are turned."""
     if not len(points):
         return 0.0
-    return 2.0 * float(np.quantile(np.linalg.norm(points - np.median(points, axis=0), axis=1), NEARLY))
+    return 2.0 * float(np.quantile(np.linalg.norm(points - np.median(points, axis=0), axis=1), WIDTH_QUANTILE))
 
 
 def _largest_plane(points: FloatArray, half: float) -> Cut:

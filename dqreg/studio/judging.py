@@ -25,7 +25,7 @@ from dqreg.studio.visit import PLAN, START
 from dqreg.studio.worker_cache import Place
 
 # Worst places that are listed, and the share of the points that the colours reach where no tolerance is given.
-WORST, SHOWN = 8, 0.98
+WORST_PLACES, COLOUR_QUANTILE = 8, 0.98
 REPORT, PDF, REACH = "report.html", "report.pdf", "reach.bin"
 
 
@@ -54,7 +54,8 @@ def judge(place: Place) -> dict[str, Any]:
             for name, cut in (inspected.sheet.sections if inspected.sheet else ())
         ],
         "worst": [
-            {"value": each.value, "at": each.position.tolist(), "points": each.points} for each in found.worst(WORST)
+            {"value": each.value, "at": each.position.tolist(), "points": each.points}
+            for each in found.worst(WORST_PLACES)
         ],
     }
     if decision is None:
@@ -138,7 +139,7 @@ def _drawing(place: Place, found: Deviations, limit: float | None) -> dict[str, 
     words, data = cloud_payload(found.points, frame, rows)
     sizes = np.abs(found.values[on])
     if limit is None:
-        limit = nice_above(float(np.quantile(sizes, SHOWN))) if len(sizes) else 1.0
+        limit = nice_above(float(np.quantile(sizes, COLOUR_QUANTILE))) if len(sizes) else 1.0
     scale = Scale(limit, found.signed)
     allowed = None if found.allowed is None else found.allowed.of(rows[0])
     values, step = found.values[rows[0]], found.reach / 32767.0 if np.isfinite(found.reach) else limit / 1000.0

@@ -18,9 +18,9 @@ from dqreg.studio.drawing import DrawnFrame
 MAX_POINTS, MAX_POINTS_OFF_PART = 200_000, 40_000
 MAX_TRIANGLES = 120_000
 # Triangles of the surfaces that stand for the part while the view moves, each where there are more than twice as many.
-MOVING = (12_000, 3_000)
+MOVING_TRIANGLES = (12_000, 3_000)
 # Points that a normal is estimated of for the light, and where that comes from.
-NEIGHBOURS, LIGHT = 12, np.array([0.36, -0.48, 0.8])
+LIGHT_NEIGHBOURS, LIGHT_DIRECTION = 12, np.array([0.36, -0.48, 0.8])
 
 
 def rows_to_draw(points: FloatArray, on: BoolArray) -> tuple[IntArray, IntArray]:
@@ -38,13 +38,13 @@ def cloud_payload(
 
 def shades(points: FloatArray) -> bytes:
     """How bright each point is under a fixed light, a byte each: a scan without light is a silhouette."""
-    if len(points) < NEIGHBOURS:
+    if len(points) < LIGHT_NEIGHBOURS:
         return b"\xff" * len(points)
     open3d = load_open3d()
     cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points - points.mean(axis=0)))
-    cloud.estimate_normals(open3d.geometry.KDTreeSearchParamKNN(NEIGHBOURS), fast_normal_computation=True)
+    cloud.estimate_normals(open3d.geometry.KDTreeSearchParamKNN(LIGHT_NEIGHBOURS), fast_normal_computation=True)
     # From both sides alike: the normals have no sign.
-    normals = np.abs(np.asarray(cloud.normals) @ LIGHT)
+    normals = np.abs(np.asarray(cloud.normals) @ LIGHT_DIRECTION)
     return _as_bytes(np.rint(1 + 253 * np.clip(normals, 0.0, 1.0)), "<u1")
 
 
@@ -87,7 +87,7 @@ def part_payload(part: PointCloud | Mesh, frame: DrawnFrame, labels: IntArray | 
     assert labels is not None
     vertices, faces = fewer_triangles(frame.to_drawn(part.vertices), part.faces, MAX_TRIANGLES)
     surfaces = [(vertices, faces)]
-    for most in MOVING:
+    for most in MOVING_TRIANGLES:
         if len(surfaces[-1][1]) > 2 * most:
             surfaces.append(fewer_triangles(*surfaces[-1], most))
     about: list[MeshSurface] = []

@@ -22,8 +22,8 @@ MIN_SURFACE_POINTS, MIN_SHARE_OF_MOST = 3, 0.15
 # How deep it may lie, in radii of what is near.
 MAX_DEPTH_RADII = 2.0
 # Points nearest to the pointer, of which the one of middle depth is meant.
-AMONG = 5
-STAND = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+POINTER_POINTS = 5
+STANDING_MOTION = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Look:
     @staticmethod
     def of(values: dict[str, Any]) -> Look:
         """From what the page sends."""
-        motion = as_float(values.get("motion") or STAND, "motion")
+        motion = as_float(values.get("motion") or STANDING_MOTION, "motion")
         axes = as_vectors(values.get("axes"), "axes")
         at = as_float(values.get("at") or [0.0, 0.0, 0.0], "at")
         radius = float(as_float(values.get("radius") or 0.01, "radius").reshape(-1)[0])
@@ -107,7 +107,7 @@ def _nearest(points: FloatArray, axes: FloatArray, shift: FloatArray, look: Look
     middle = np.median(depth[(depth <= front) & (depth >= front - window)])
     surface = near[np.abs(seen[near, 2] - middle) <= window]
     # Of the few that are nearest to the pointer the one in the middle: a stray close to the surface is none either.
-    nearest = surface[np.argsort(off[surface])[:AMONG]]
+    nearest = surface[np.argsort(off[surface])[:POINTER_POINTS]]
     found: list[float] = points[nearest[np.argsort(seen[nearest, 2])[len(nearest) // 2]]].tolist()
     return found
 

@@ -19,13 +19,13 @@ from dqreg.studio.payloads import cloud_payload, part_payload, rows_to_draw, sha
 from dqreg.studio.worker_cache import Place, cached
 
 # Points that spacing and noise are measured on.
-MEASURED = 20_000
+MEASURED_POINTS = 20_000
 # Gap between the two where they are drawn beside each other, in sizes of the part.
-GAP = 0.15
+GAP_DIAGONALS = 0.15
 # Parts whose numbers are all smaller are rather in metres than in millimetres.
-UNITY = 1.5
+MAX_METRES = 1.5
 # Coordinates of faces below this many sizes are zero.
-LEAST = 1e-7
+ZERO_DIAGONALS = 1e-7
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,7 +42,7 @@ def measure(place: Place) -> Measure:
     def make() -> Measure:
         scan = place.scan()
         cloud = scan if isinstance(scan, PointCloud) else PointCloud(scan_points(scan))
-        found = prepare_scan(cloud, MEASURED)
+        found = prepare_scan(cloud, MEASURED_POINTS)
         return Measure(found.spacing, found.noise)
 
     return cached("measure", place.scan_key, make)
@@ -98,7 +98,7 @@ def compare_sides(place: Place) -> dict[str, Any]:
 
 def _likely(part: PointCloud | Mesh) -> str:
     """The unit that a part without one is most often in, by its numbers alone: only a suggestion."""
-    return "mm" if float(_extent(part).max()) > UNITY else "m"
+    return "mm" if float(_extent(part).max()) > MAX_METRES else "m"
 
 
 def _look_swapped(scan: PointCloud | Mesh, part: PointCloud | Mesh) -> str:
@@ -171,7 +171,7 @@ def _faces(place: Place) -> list[dict[str, Any]]:
                 "hole": face.is_hole,
                 "area": face.area,
                 # What rounding leaves of a zero is one.
-                "centre": np.where(np.abs(face.centre) < LEAST * size, 0.0, face.centre).tolist(),
+                "centre": np.where(np.abs(face.centre) < ZERO_DIAGONALS * size, 0.0, face.centre).tolist(),
                 "axis": axis,
                 "diameter": None if radius is None else 2.0 * radius,
                 "radii": None if face.torus is None else [face.torus.major_radius, face.torus.minor_radius],
@@ -184,7 +184,7 @@ def _poses(place: Place) -> dict[str, list[float]]:
     scan, part = frame_of(place.scan()), frame_of(place.part())
     scale = place.scale()
     beside = np.eye(4)
-    width = 0.5 * (_extent(place.part())[0] + scale * _extent(place.scan())[0]) + GAP * part.size
+    width = 0.5 * (_extent(place.part())[0] + scale * _extent(place.scan())[0]) + GAP_DIAGONALS * part.size
     beside[:3, 3] = part.middle - np.array([width, 0.0, 0.0]) - scale * scan.middle
     return {"as_scanned": drawn_pose(np.eye(4), scale, scan, part), "beside": drawn_pose(beside, scale, scan, part)}
 

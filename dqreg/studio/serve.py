@@ -17,7 +17,7 @@ from dqreg.studio.sessions import Sessions
 if TYPE_CHECKING:
     from dqreg.studio.travel import Drive, Travel
 
-BACKLOG = 128
+MAX_BACKLOG = 128
 NEEDED = "the studio needs {}; run: pip install 'dqreg[studio]'"
 
 
@@ -112,7 +112,7 @@ def _socket(port: int) -> Iterator[socket.socket]:
         try:
             listening.bind(("127.0.0.1", port))
             # From now on: a browser that is faster than the server waits for it, and is not refused.
-            listening.listen(BACKLOG)
+            listening.listen(MAX_BACKLOG)
         except OSError as error:
             raise InputError(f"port {port} is taken ({error.strerror}); leave --port out to take a free one") from error
         yield listening

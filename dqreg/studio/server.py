@@ -36,7 +36,7 @@ FILES = (
 )
 DRAWN = re.compile(r"(map|frame)-\d{1,9}\.bin")
 # Bytes of a request that is no file, and how often progress is looked at.
-MOST_WORDS, POLL = 1 << 20, 0.08
+MAX_WORDS_BYTES, POLL_SECONDS = 1 << 20, 0.08
 BROKEN = (
     "The calculation ended before it was done ({}). Nothing that you chose is lost: press the button again, and if it "
     "ends again, try fewer points."
@@ -223,8 +223,8 @@ async def _values(request: Request) -> dict[str, Any]:
     body = b""
     async for chunk in request.stream():
         body += chunk
-        if len(body) > MOST_WORDS:
-            raise InputError(f"a request holds {MOST_WORDS} bytes at most")
+        if len(body) > MAX_WORDS_BYTES:
+            raise InputError(f"a request holds {MAX_WORDS_BYTES} bytes at most")
     try:
         found = json.loads(body or b"{}")
         # Half of a letter can be written in JSON, and in no file.
@@ -249,7 +249,7 @@ async def _lines(session: Session, request: Request) -> AsyncIterator[bytes]:
                 at += len(whole) + 1 if whole else 0
                 for line in whole.splitlines():
                     yield b"data: " + line + b"\n\n"
-        await asyncio.sleep(POLL)
+        await asyncio.sleep(POLL_SECONDS)
 
 
 def _json(value: Any, status: int = 200) -> Response:

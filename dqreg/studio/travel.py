@@ -28,9 +28,9 @@ FRAME_POINTS, MAP_POINTS = 20_000, 100_000
 # Edge of the map's cells over the median range of the first frame.
 CELL_RANGES = 0.01
 # Drawings that are kept: the page may be one frame behind.
-KEPT = 3
+KEPT_DRAWINGS = 3
 # Ranges of the first frame that the drawing takes for its size.
-WIDE = 4.0
+DRAWN_RANGES = 4.0
 # Runs an odometry of scans, and tells a `Story` in a folder; the command line has it, which knows every room.
 Drive = Callable[[Path, Path], None]
 BEFORE: dict[str, Any] = {"frames": 0, "of": None, "levels": [], "path": [], "over": False, "error": None}
@@ -96,8 +96,8 @@ class Story:
         if np.isfinite(found).all() and len(frame):
             if not self._cell:
                 far = float(np.median(np.linalg.norm(frame, axis=1)))
-                self._cell, self._frame = CELL_RANGES * far, DrawnFrame(np.zeros(3), WIDE * far)
-                state["size"] = WIDE * far
+                self._cell, self._frame = CELL_RANGES * far, DrawnFrame(np.zeros(3), DRAWN_RANGES * far)
+                state["size"] = DRAWN_RANGES * far
             state["T"] = drawn_pose(found, 1.0, self._frame, self._frame)
             state["path"].append(self._frame.to_drawn(found[:3, 3]).tolist())
             state["frame"] = self._drawn("frame", frame[:: max(1, len(frame) // FRAME_POINTS)], lit=True)
@@ -129,5 +129,5 @@ class Story:
         points = np.random.default_rng(0).permutation(points)
         words, data = cloud_payload(points, self._frame, (np.arange(len(points)), np.arange(0)))
         write_atomically(self._folder / f"{name}-{number}.bin", data + (shades(points) if lit else b""))
-        (self._folder / f"{name}-{number - KEPT}.bin").unlink(missing_ok=True)
+        (self._folder / f"{name}-{number - KEPT_DRAWINGS}.bin").unlink(missing_ok=True)
         return words | {"file": f"{name}-{number}.bin"}

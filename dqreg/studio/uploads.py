@@ -13,8 +13,8 @@ from dqreg.files.formats import FOREIGN, READERS
 from dqreg.studio.visit import Side
 
 # Bytes of one file, and what must stay free on the disk.
-MOST, FREE = 8 << 30, 1 << 30
-LONGEST = 150
+MAX_FILE_BYTES, MIN_FREE_BYTES = 8 << 30, 1 << 30
+MAX_NAME_LETTERS = 150
 
 
 def safe_name(name: str) -> str:
@@ -26,7 +26,7 @@ def safe_name(name: str) -> str:
     last = unicodedata.normalize("NFC", name).replace("\\", "/").rpartition("/")[2]
     clean = "".join(c for c in last if c.isprintable() and c not in '<>:"|?*').strip().lstrip(".")
     ending = Path(clean).suffix.lower()
-    stem = Path(clean).stem[: LONGEST - len(ending)].rstrip()
+    stem = Path(clean).stem[: MAX_NAME_LETTERS - len(ending)].rstrip()
     named = bool(stem and ending)
     if not named:
         raise InputError(f"{last or name!r:.60} is no name of a scan or part: expected one that ends in {_known()}")
@@ -40,7 +40,7 @@ def safe_name(name: str) -> str:
 async def receive(folder: Path, which: str, name: str, length: int | None, chunks: AsyncIterator[bytes]) -> Side:
     """Write what is sent, whole or not at all."""
     clean = safe_name(name)
-    room = min(MOST, shutil.disk_usage(folder).free - FREE)
+    room = min(MAX_FILE_BYTES, shutil.disk_usage(folder).free - MIN_FREE_BYTES)
     if length is not None and length > room:
         raise InputError(f"{clean} has {_size(length)}; there is room for {_size(max(room, 0))}")
     # A folder for this file alone: a file that names others finds none, and the one before it can be brought back.

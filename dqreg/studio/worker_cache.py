@@ -21,7 +21,7 @@ from dqreg.studio.visit import Side, Visit
 
 Value = TypeVar("Value")
 # Values remembered; the oldest goes first.
-MOST = 12
+MAX_VALUES = 12
 MIRROR = np.array([-1.0, 1.0, 1.0])
 _VALUES: OrderedDict[str, Any] = OrderedDict()
 
@@ -38,7 +38,7 @@ def cached(name: str, key: Any, make: Callable[[], Value]) -> Value:
 
 def remember(name: str, key: Any, value: Any) -> None:
     """Have a value at hand for `cached`."""
-    while len(_VALUES) >= MOST:
+    while len(_VALUES) >= MAX_VALUES:
         _VALUES.popitem(last=False)
     _VALUES[_word(name, key)] = value
 

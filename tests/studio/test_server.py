@@ -106,7 +106,7 @@ def test_a_name_that_is_none_is_refused(client, name):
 
 
 def test_uploads_are_bounded(client, sessions, monkeypatch):
-    monkeypatch.setattr(uploads, "MOST", 1000)
+    monkeypatch.setattr(uploads, "MAX_FILE_BYTES", 1000)
     visit = opened(client)
 
     def endless():
