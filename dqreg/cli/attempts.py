@@ -19,11 +19,11 @@ if TYPE_CHECKING:
     Target = Path | Mesh | PointCloud
 
 # Points that tell how much of a scan lies at its target under a pose.
-FEW = 2_000
+FEW_POINTS = 2_000
 # Another pose is tried where so many times as many points lie at the target as under the one that was given.
-CLEARLY = 2.0
+CLEARLY_RATIO = 2.0
 # Two poses are the same to a person within this rotation, and this fraction of the target's size.
-SAME_DEG, SAME = 20.0, 0.2
+SAME_DEG, SAME_DIAGONALS = 20.0, 0.2
 INVERTED = "the initial pose is inverted (it maps the target to the scan)"
 
 
@@ -57,7 +57,7 @@ def _with_inverse(
         say(console, f"{INVERTED}: a search found this pose")
         return result
     is_copy = accepted and any(_alike(result, T, inverse) for T in found)
-    if is_copy or (not accepted and _share_near(result, inverse) > CLEARLY * _share_near(result, start)):
+    if is_copy or (not accepted and _share_near(result, inverse) > CLEARLY_RATIO * _share_near(result, start)):
         other = register(scan, target, inverse, **options)
         # What lies nearer by chance leads elsewhere.
         if other.verdict.level == "accepted" and _alike(other, other.T_target_source, inverse):
@@ -92,7 +92,7 @@ def _alike(result: Registration, a: FloatArray, b: FloatArray) -> bool:
     if result.inputs is None or not (np.isfinite(a).all() and np.isfinite(b).all()):
         return True
     angle, shift = _apart(result, a, b)
-    return angle < SAME_DEG and shift < SAME * float(result.settings["diagonal"])
+    return angle < SAME_DEG and shift < SAME_DIAGONALS * float(result.settings["diagonal"])
 
 
 def _share_near(result: Registration, T: FloatArray) -> float:
@@ -100,7 +100,7 @@ def _share_near(result: Registration, T: FloatArray) -> float:
 
     assert result.inputs is not None
     points = result.inputs.placed(T)
-    points = points[:: max(1, len(points) // FEW)]
+    points = points[:: max(1, len(points) // FEW_POINTS)]
     found = result.inputs.target.surface.closest(points)
     return float(np.mean(np.linalg.norm(found.points - points, axis=1) <= result.settings["max_distance"]))
 

@@ -11,7 +11,7 @@ import click
 
 from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, read_head, say
 from dqreg.cli.overwriting import require_apart
-from dqreg.cli.signals import PoliteSignals
+from dqreg.cli.signals import SIGNAL_CODE, PoliteSignals
 from dqreg.cli.values import FILE, UNITS, ToleranceType
 from dqreg.errors import printable
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from dqreg.report.work_bar import WorkBar
 
 # Rows that are named one by one on the screen; all of them are in the summary.
-NAMED = 20
+NAMED_ROWS = 20
 # Options of `dqreg.register` that the command line offers for all rows; a manifest may say each for its own.
 SHARED = ("method", "effort", "max_distance", "max_angle_deg", "source_units", "target_units", "seed")
 PICTURE_WIDTH, PICTURE_HEIGHT = 240, 180
@@ -131,7 +131,7 @@ def batch(manifest: Path, target: Path | None, out: Path | None, as_json: bool, 
         click.echo(
             f"dqreg: stopped; the rows done so far are in {printable(str(place))}: resume with --resume", err=True
         )
-        return 128 + stop.number
+        return SIGNAL_CODE + stop.number
     if not found.accepted:
         return 1
     return 0 if found.passed else 3
@@ -208,13 +208,13 @@ def _show(console: Console, found: Batch) -> None:
     from dqreg.registration.batch.trends import trends_of
 
     bad = [line for line in found.lines if line.verdict not in ("accepted", "not run")]
-    for line in bad[:NAMED]:
+    for line in bad[:NAMED_ROWS]:
         say(console, f"  {line.row.shown}: {line.verdict.upper()}: {'; '.join(line.reasons)}")
-    if len(bad) > NAMED:
-        say(console, f"  and {len(bad) - NAMED} more: see the summary")
+    if len(bad) > NAMED_ROWS:
+        say(console, f"  and {len(bad) - NAMED_ROWS} more: see the summary")
     say(console, ", ".join(f"{count} {verdict}" for verdict, count in counts(found.lines).items()))
     missed = [line for line in found.lines if line.inspection and line.inspection.get("error")]
-    for line in missed[:NAMED]:
+    for line in missed[:NAMED_ROWS]:
         say(console, f"  {line.row.shown}: part undecided: {(line.inspection or {})['error']}")
     parts = part_counts(found.lines)
     if parts:

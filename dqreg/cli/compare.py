@@ -12,6 +12,7 @@ import click
 
 from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, say
 from dqreg.cli.overwriting import require_apart
+from dqreg.cli.signals import STOPPED_CODE
 from dqreg.cli.values import FILE
 from dqreg.errors import InputError, printable
 
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 
 # A pipe has no width of its own; the tables need more than the usual 80.
 PIPE_WIDTH = 200
-STOPPED = 130
 OF_TRUST = ("kinds", "seeds", "first_seed", "workers", "fit_confidence")
 NOT_OF_TRUST = ("engines", "files", "start", "truth", "source_units", "target_units", "timeout", "plots")
 
@@ -116,7 +116,7 @@ def _trust(
         list_kinds(console)
         return 0
     done = run_trust_sweep(console, shown, options, _command(), as_json=as_json)
-    return STOPPED if done is None else done
+    return STOPPED_CODE if done is None else done
 
 
 def _run(console: Console, shown: Console, inputs: tuple[Path, ...], options: dict[str, Any], *, as_json: bool) -> int:
@@ -152,7 +152,7 @@ def _run(console: Console, shown: Console, inputs: tuple[Path, ...], options: di
     except KeyboardInterrupt:
         kept = f"; the runs so far are in {goals.lines}: the same command resumes from there" if goals.lines else ""
         click.echo(f"dqreg: stopped by the user{printable(kept)}", err=True)
-        return STOPPED
+        return STOPPED_CODE
     made, note = tables(found), footer(found, protocol.success_threshold)
     print_tables(console, made)
     console.print()

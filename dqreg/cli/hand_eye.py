@@ -24,9 +24,9 @@ PAIR = (float, float)
 # Rotation that the sensor's noise does not explain, degrees: then the other conventions are looked at.
 DOUBTFUL_DEG = 2.0
 # A convention that fits this much better is named.
-BETTER = 5.0
+BETTER_RATIO = 5.0
 # Conventions that fit within this factor of the best fit alike.
-ALIKE, ROUNDING = 1.5, 1e-7
+ALIKE_RATIO, ROUNDING_RAD = 1.5, 1e-7
 # The choices of each option.
 OTHER = {
     "eye_poses": {"target": "sensor", "sensor": "target"},
@@ -177,10 +177,10 @@ def _other_convention(hand: FloatArray, sensor: FloatArray, options: dict[str, A
         except DegenerateGeometryError:
             continue
     best = min(found.values(), default=math.inf)
-    if not (BETTER * best < now and math.degrees(best) < DOUBTFUL_DEG):
+    if not (BETTER_RATIO * best < now and math.degrees(best) < DOUBTFUL_DEG):
         return None
     # A sensor on the hand that tells its own pose is, in numbers, one beside the robot that sees the hand.
-    return " or ".join(words for words, residual in found.items() if residual < max(ALIKE * best, ROUNDING))
+    return " or ".join(words for words, residual in found.items() if residual < max(ALIKE_RATIO * best, ROUNDING_RAD))
 
 
 def _rms(values: FloatArray) -> float:

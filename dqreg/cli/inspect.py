@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from dqreg.registration.result import Registration
 
 # Columns of a pipe, so that tables are not broken.
-WIDTH = 160
+PIPE_COLUMNS = 160
 GOALS = ("report", "pdf", "table", "out", "deviations", "sections", "as_json")
 SECTIONS = {
     "Plan": ("plan", "suggest", "tolerance", "required"),
@@ -162,7 +162,7 @@ def inspect_command(
     expected = expected_deviation_of(planned, allowed, unit.units)
     options["expected_deviation"] = options["expected_deviation"] or expected
     to_screen = goals["as_json"] == Path("-")
-    console, shown = consoles(quiet=quiet, as_json=to_screen, apart=True, width=WIDTH)
+    console, shown = consoles(quiet=quiet, as_json=to_screen, apart=True, width=PIPE_COLUMNS)
     result = unit.named(_registered(scan, unit, shown, options), part)
     refuse_swapped(result, scan, part)
     if result.verdict.level == "failed":

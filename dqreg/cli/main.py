@@ -8,15 +8,12 @@ import sys
 import threading
 import warnings
 
-from dqreg.cli.signals import Signals, leave, leave_at_once, listen, say
+from dqreg.cli.signals import SIGNAL_CODE, STOPPED_CODE, Signals, leave, leave_at_once, listen, say
 from dqreg.errors import DqregError, printable
 
 BAD_INPUT, UNEXPECTED_ERROR = 2, 4
-STOPPED = 130
 # What is wrong with a path itself, wherever it is first used.
 UNUSABLE = (errno.ENAMETOOLONG, errno.ELOOP)
-# Codes above it say which signal ended the program.
-SIGNALLED = 128
 
 
 def console() -> None:
@@ -33,7 +30,7 @@ def console() -> None:
         # After a signal all is tidied up by now. Python's own end would wait for threads that nobody needs any more,
         # and libraries that are taken down in the middle of their work have changed the code and written to the
         # standard output. So it is where an error ends the work while another thread prepares the target.
-        if isinstance(end.code, int) and (end.code > SIGNALLED or threading.active_count() > 1):
+        if isinstance(end.code, int) and (end.code > SIGNAL_CODE or threading.active_count() > 1):
             leave(end.code)
         raise
 
@@ -64,7 +61,7 @@ def main(arguments: list[str] | None = None) -> None:
         code = 0 if signals.number else _tell(error)
     if signals.number:
         say(signals.number)
-        code = SIGNALLED + signals.number
+        code = SIGNAL_CODE + signals.number
     sys.exit(code if isinstance(code, int) else 0)
 
 
@@ -76,8 +73,8 @@ def _tell(error: BaseException) -> int:
         return _bad(error.format_message())
     if isinstance(error, click.Abort):
         # A Ctrl-C where nobody listens to signals.
-        say(STOPPED - SIGNALLED)
-        return STOPPED
+        say(STOPPED_CODE - SIGNAL_CODE)
+        return STOPPED_CODE
     if isinstance(error, DqregError):
         return _bad(str(error))
     if isinstance(error, FileNotFoundError) and error.filename is None:

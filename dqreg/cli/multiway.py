@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 ORDERS = ("any", "sequence", "turntable")
 EDGES = ("auto", "chain", "ring")
 # Columns of the tables in a pipe.
-WIDTH = 120
+PIPE_COLUMNS = 120
 SECTIONS = {
     "Output": ("out", "fused", "report", "graph", "voxel", "as_json"),
     "What is known": ("order", "edges", "target", "starts", "viewpoint", "anchor"),
@@ -87,7 +87,7 @@ def multiway_command(scans: tuple[str, ...], quiet: bool, as_json: bool, **optio
     _check(files, options)
     # After all that can be refused: it removes the pairs of an earlier run.
     folder = _folder(options["out"], resume=options["resume"])
-    console, shown = consoles(quiet=quiet, as_json=as_json, width=WIDTH, apart=True)
+    console, shown = consoles(quiet=quiet, as_json=as_json, width=PIPE_COLUMNS, apart=True)
     names = ("target", "edges", "order", "anchor", "effort", "seed", "workers", "time_limit")
     with _kept(folder), WorkBar(shown) as bar:
         load_open3d()

@@ -10,7 +10,7 @@ import click
 
 from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, say
 from dqreg.cli.overwriting import require_apart, require_ending
-from dqreg.cli.signals import PoliteSignals, write
+from dqreg.cli.signals import SIGNAL_CODE, PoliteSignals, write
 from dqreg.cli.values import FILE
 from dqreg.errors import InputError, MissingDependencyError
 
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from dqreg.odometry.scans import Scans
 
 # Frames that are named one by one on the screen; all of them are in --frames.
-NAMED = 20
+NAMED_FRAMES = 20
 # Columns of the table in a pipe.
-WIDTH = 120
+PIPE_COLUMNS = 120
 # What no engine but ours has; KISS-ICP gets the lengths and the motion compensation.
 OURS = {
     "view": "shows our engine",
@@ -97,7 +97,7 @@ def odometry_command(scans: Path, **options: Any) -> int:
     settings = OdometrySettings(**{name: options[name] for name in names})
     _require_goals(scans, options)
     # A table squeezed into a pipe's 80 columns cannot be read.
-    console, shown = consoles(quiet=options["quiet"], as_json=options["as_json"], width=WIDTH)
+    console, shown = consoles(quiet=options["quiet"], as_json=options["as_json"], width=PIPE_COLUMNS)
     data = _first(
         open_scans(scans, options["times"], options["loader"], options["sequence"], options["topic"]), options["first"]
     )
@@ -114,7 +114,7 @@ def odometry_command(scans: Path, **options: Any) -> int:
         done = len(trips[-1].poses)
         write(f"stopped after {done} of {len(data)} frames; the answer is of these")
         if not done:
-            return 128 + asked.number
+            return SIGNAL_CODE + asked.number
         data, truth, trips = _first(data, done), None if truth is None else truth[:done], trips[-1:]
     _show(console, trips, truth)
     main = trips[-1]
@@ -124,7 +124,7 @@ def odometry_command(scans: Path, **options: Any) -> int:
 
         print_json({"engine": main.name, "frames": to_records(main, data)})
     if asked.number:
-        return 128 + asked.number
+        return SIGNAL_CODE + asked.number
     if view is not None:
         from dqreg.report.live_server import wait
 
@@ -267,10 +267,10 @@ def _show(console: Console, trips: list[TrajectoryRun], truth: FloatArray | None
     levels = [result.verdict.level for result in results]
     say(console, ", ".join(f"{levels.count(level)} {level}" for level in ("accepted", "suspect", "failed")))
     bad = [(number, result) for number, result in enumerate(results) if result.verdict.level != "accepted"]
-    for number, result in bad[:NAMED]:
+    for number, result in bad[:NAMED_FRAMES]:
         say(console, f"  frame {number}: {result.verdict.level.upper()}: {'; '.join(result.verdict.reasons)}")
-    if len(bad) > NAMED:
-        say(console, f"  and {len(bad) - NAMED} more: see --frames FILE")
+    if len(bad) > NAMED_FRAMES:
+        say(console, f"  and {len(bad) - NAMED_FRAMES} more: see --frames FILE")
 
 
 def _write(

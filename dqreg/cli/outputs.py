@@ -27,7 +27,7 @@ quiet_option = click.option("--quiet", is_flag=True, help="Print nothing but err
 # Endings of a result's name; one without is JSON.
 RESULT_ENDINGS = ("", ".json", ".txt")
 # Places of deviations that are worth a line on the screen; the file holds them all.
-PLACES = 5
+SHOWN_PLACES = 5
 
 
 def consoles(*, quiet: bool, as_json: bool, width: int | None = None, apart: bool = False) -> tuple[Console, Console]:
@@ -228,7 +228,7 @@ def deviation_lines(deviations: Deviations) -> list[tuple[str, str]]:
         within = f"{100 * bands.within:.2f}" if bands.within in (1.0, min(bands.within, 0.99995)) else "> 99.99"
         shares = f"{within} % within, {below}{100 * bands.above:.2f} % above"
         lines.append(("tolerance", f"{mark}{bands.tolerance:g}{unit}: {shares}"))
-    for place in deviations.worst(PLACES):
+    for place in deviations.worst(SHOWN_PLACES):
         where = ", ".join(f"{x:.7g}" for x in place.position)
         lines.append(("worst", f"{place.value:{sign}.4g}{unit} at ({where}){unit}, {place.points} points around it"))
     return lines
@@ -260,7 +260,7 @@ def deviation_record(
         "reach": deviations.reach,
         "summary": dataclasses.asdict(deviations.summary()),
         "bands": None if deviations.tolerance is None else dataclasses.asdict(deviations.bands()),
-        "worst": [dataclasses.asdict(place) for place in deviations.worst(PLACES)],
+        "worst": [dataclasses.asdict(place) for place in deviations.worst(SHOWN_PLACES)],
         "counts": dataclasses.asdict(deviations.counts),
         "decision": decision and decision_record(decision, deviations.origin) | {"alignment_trusted": trusted},
     }

@@ -24,6 +24,8 @@ WORDS = {
     signal.SIGTERM: "error: ended by a signal (SIGTERM); no file is left half-written",
     HANGUP: "error: the terminal was closed (SIGHUP); no file is left half-written",
 }
+# Exit codes above it tell which signal ended the program; that of Ctrl-C.
+SIGNAL_CODE, STOPPED_CODE = 128, 130
 # Files of the compiler, which calls back while it loads what it has compiled.
 COMPILER = f"{os.sep}llvmlite{os.sep}"
 # Seconds after which a signal that came at a bad moment is sent again.
@@ -59,7 +61,7 @@ class Signals:
         """Raise what a signal stands for."""
         self.number = number
         if not self._put_off(number, frame):
-            raise KeyboardInterrupt if number == signal.SIGINT else SystemExit(128 + number)
+            raise KeyboardInterrupt if number == signal.SIGINT else SystemExit(SIGNAL_CODE + number)
 
     def _put_off(self, number: int, frame: FrameType | None) -> bool:
         """Whether this is a bad moment to raise anything; then the signal will come again."""
@@ -97,7 +99,7 @@ class PoliteSignals(Signals):
         elif not self._put_off(number, frame):
             write("stopped at once" if self.number else "stopped; nothing was written")
             self.number = number
-            raise SystemExit(128 + number)
+            raise SystemExit(SIGNAL_CODE + number)
 
 
 def listen(handler: Any) -> dict[int, Any]:
@@ -117,7 +119,7 @@ def listen(handler: Any) -> dict[int, Any]:
 def leave_at_once(number: int, frame: FrameType | None) -> NoReturn:
     """Write the line of a signal and end the process, without tidying up."""
     say(number)
-    os._exit(128 + number)
+    os._exit(SIGNAL_CODE + number)
 
 
 def leave(code: int) -> NoReturn:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from dqreg.compare.trust import TrustProgress, TrustSweep
     from dqreg.report.work_bar import WorkBar
 
-SEEDS = 10
+DEFAULT_SEEDS = 10
 DEFAULT_OUT = "dqreg-compare-trust.json"
 
 
@@ -31,7 +31,7 @@ def run_trust_sweep(
     from dqreg.report.work_bar import WorkBar
 
     kinds = [name for names in options["kinds"] for name in names.split(",") if name]
-    seeds = options["seeds"] or SEEDS
+    seeds = options["seeds"] or DEFAULT_SEEDS
     # A single task is looked at, and carried out anew each time.
     alone = len(kinds) == 1 and seeds == 1
     out = options["out"] if alone or options["out"] is not None else Path(DEFAULT_OUT)
