@@ -10,7 +10,7 @@ import dqreg
 
 PACKAGE = Path(dqreg.__file__).parent
 # Rooms where a number may still have one word: this list only shrinks.
-OPEN = {"cli", "kernels", "papers", "registration", "trust"}
+OPEN = {"kernels", "registration", "trust"}
 # What one word tells beside the name of its module: flags, codes of a format, counts of one thing.
 CLEAR = {
     "files.gltf_guards": {"FLOAT32"},

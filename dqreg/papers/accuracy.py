@@ -25,7 +25,7 @@ METHODS: dict[str, Callable[[FloatArray, FloatArray], Fit]] = {
     "svd": svd,
     "horn": horn,
 }
-POINTS = 20
+POINT_COUNT = 20
 # Errors of a rotation are some ten roundings of a coordinate; this many are none of the input's.
 NEAR_FLOOR = 100.0
 DISTANCES = {
@@ -34,8 +34,8 @@ DISTANCES = {
     "a million sizes away": 1e6,
     "a billion sizes away": 1e9,
 }
-WIDTHS = (1e-1, 1e-3, 1e-5, 1e-6, 1e-7, 1e-9, 0.0)
-SIZES = (1e-12, 1e12)
+STRIP_WIDTHS = (1e-1, 1e-3, 1e-5, 1e-6, 1e-7, 1e-9, 0.0)
+PART_SIZES = (1e-12, 1e12)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,14 +55,15 @@ def measure_accuracy(rng: np.random.Generator, trials: int = 50) -> tuple[Outcom
     eps = float(np.finfo(np.float64).eps)
     outcomes = [_try(rng, name, trials, eps * max(d, 1.0), away=d) for name, d in DISTANCES.items()]
     for aligned in (True, False):
-        for width in WIDTHS:
+        for width in STRIP_WIDTHS:
             name = (
                 f"{_place(aligned)}, {f'width {short_number(width)} of the length' if width else 'exactly on a line'}"
             )
             floor = eps / width if width else np.inf
             outcomes.append(_try(rng, name, trials, floor, stretch=(1.0, width, width), aligned=aligned))
     outcomes.append(_try(rng, "in a plane", trials, eps, stretch=(1.0, 1.0, 0.0)))
-    outcomes += [_try(rng, f"size {short_number(size)}", trials, eps, stretch=(size, size, size)) for size in SIZES]
+    names = {f"size {short_number(size)}": (size, size, size) for size in PART_SIZES}
+    outcomes += [_try(rng, name, trials, eps, stretch=stretch) for name, stretch in names.items()]
     outcomes.append(_try(rng, "one point, repeated", trials, np.inf, stretch=(0.0, 0.0, 0.0), away=1.0))
     return tuple(outcomes)
 
@@ -94,7 +95,7 @@ def _layout(
     rng: np.random.Generator, stretch: tuple[float, float, float], away: float, aligned: bool = False
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     # Shape and turn are exact up to rounding; only then do both sides go far away, each its own way.
-    shape = rng.uniform(-0.5, 0.5, size=(POINTS, 3)) * stretch
+    shape = rng.uniform(-0.5, 0.5, size=(POINT_COUNT, 3)) * stretch
     T_shape, T = pose.random(rng), pose.random(rng)
     part = shape if aligned else shape @ T_shape[:3, :3].T
     there, here = away * np.array([pose.random(rng)[:3, 0], pose.random(rng)[:3, 0]])
@@ -123,9 +124,9 @@ def accuracy_section(outcomes: tuple[Outcome, ...]) -> Section:
         "Far origins and nearly degenerate parts",
         _finding(outcomes),
         (
-            f"{POINTS} points of size 1, largest error of {outcomes[0].trials} random parts and turns, in the spirit "
-            "of Eggert, Lorusso and Fisher (1997). Source and target go equally far away, each its own way. Strips lie "
-            "along the axes, as CAD parts do, or in general position.",
+            f"{POINT_COUNT} points of size 1, largest error of {outcomes[0].trials} random parts and turns, in the "
+            "spirit of Eggert, Lorusso and Fisher (1997). Source and target go equally far away, each its own way. "
+            "Strips lie along the axes, as CAD parts do, or in general position.",
             _narrow_words(outcomes),
         ),
         (table,),

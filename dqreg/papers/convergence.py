@@ -15,11 +15,11 @@ from dqreg.report.table import Column, Table, short_number
 from dqreg.rigid import pose, quaternion
 from dqreg.solvers import Fit, horn
 
-NOISE = 1e-3
+NOISE_SHARE = 1e-3
 # An error of this is the noise's, far below the start's.
-ARRIVED = 5.0 * NOISE
+ARRIVED_SHARE = 5.0 * NOISE_SHARE
 START_DEG, START_SHARE = 10.0, 0.05
-SHOWN = (1, 2, 3, 5, 10, 20, 30, 50, 100)
+SHOWN_ITERATIONS = (1, 2, 3, 5, 10, 20, 30, 50, 100)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,7 +42,7 @@ def measure_convergence(
     chosen = target[rng.choice(target_points, source_points, replace=False)]
     size = float(np.linalg.norm(np.ptp(target, axis=0)))
     T_truth = pose.random(rng, reach=1.0)
-    noisy = chosen + rng.normal(scale=NOISE * size, size=chosen.shape)
+    noisy = chosen + rng.normal(scale=NOISE_SHARE * size, size=chosen.shape)
     scan = prepare_scan(PointCloud(pose.apply(pose.inverse(T_truth), noisy)))
     turn = quaternion.to_matrix(quaternion.from_axis_angle([1.0, 2.0, 2.0], np.deg2rad(START_DEG)))
     away = pose.from_parts(turn, START_SHARE * size * np.array([2.0, -1.0, 2.0]) / 3.0)
@@ -105,9 +105,9 @@ def convergence_section(paths: tuple[Path, ...]) -> Section:
         "Section 5: ICP, where the correspondences are unknown",
         _finding(plain, (points, normals)),
         (
-            f"The target is a bumpy sheet of size 1; the source holds some of its points with noise {NOISE:g} of the "
-            f"size on each coordinate, and starts {START_DEG:g} degrees and {100 * START_SHARE:g} % of the size off. A "
-            "run stops where a plain step moves the points by less than 1e-6 of the size. Plain: Horn on the "
+            f"The target is a bumpy sheet of size 1; the source holds some of its points with noise {NOISE_SHARE:g} of "
+            f"the size on each coordinate, and starts {START_DEG:g} degrees and {100 * START_SHARE:g} % of the size "
+            "off. A run stops where a plain step moves the points by less than 1e-6 of the size. Plain: Horn on the "
             "correspondences, as in the notes. Extrapolated: "
             "the same cost with Anderson acceleration. With normals: the closed form of "
             "1991 on points and on normals fitted to the same clouds, extrapolated as well.",
@@ -126,7 +126,7 @@ def _finding(plain: Path, others: tuple[Path, Path]) -> str:
 
 
 def _ended(path: Path) -> str:
-    arrived = path.errors[-1] <= ARRIVED
+    arrived = path.errors[-1] <= ARRIVED_SHARE
     near = f"{short_number(path.errors[-1], '.1e')} of the size"
     how = f"ends within {near} of the truth" if arrived else f"stops {near} away from the truth"
     return f"{how} after {len(path.errors)} iterations ({path.status})"
@@ -134,7 +134,7 @@ def _ended(path: Path) -> str:
 
 def _table(paths: tuple[Path, ...]) -> Table:
     longest = max(len(path.errors) for path in paths)
-    numbers = sorted({n for n in SHOWN if n < longest} | {len(path.errors) for path in paths})
+    numbers = sorted({n for n in SHOWN_ITERATIONS if n < longest} | {len(path.errors) for path in paths})
     columns = [Column("iteration"), *(Column(f"error: {path.name}") for path in paths)]
     return Table(
         "icp",

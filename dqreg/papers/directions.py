@@ -14,10 +14,10 @@ from dqreg.report.table import Column, Estimate, Table
 from dqreg.solvers import likelihood_weights
 from dqreg.synth.parts.blocks import FEEDER_DIAGONAL
 
-POINTS = (1, 3, 5)
-DIRECTIONS = (0, 1, 2, 5, 10)
+POINT_COUNTS = (1, 3, 5)
+DIRECTION_COUNTS = (0, 1, 2, 5, 10)
 # Noise of a direction times the diagonal of the part over the noise of a point.
-RATIOS = (0.1, 1.0, 10.0)
+SIGMA_RATIOS = (0.1, 1.0, 10.0)
 # The paper sets alpha = beta = 1, and its beta weighs a quarter of the squared distance (eq. 26).
 # A rotation error that is none of the noise's.
 LARGE_DEG = 10.0
@@ -41,13 +41,13 @@ class Gain:
 def measure_directions(rng: np.random.Generator, choices: int = 20, trials: int = 400) -> tuple[Gain, ...]:
     """Simulate all numbers of points and directions."""
     gains = []
-    for points in POINTS:
-        full = SetUp.draw(rng, (points, max(DIRECTIONS)), choices, trials)
-        for directions in DIRECTIONS:
+    for points in POINT_COUNTS:
+        full = SetUp.draw(rng, (points, max(DIRECTION_COUNTS)), choices, trials)
+        for directions in DIRECTION_COUNTS:
             if points < 3 and directions < 2:
                 continue  # the pose is free
             part = full.first_directions(directions)
-            for ratio in RATIOS:
+            for ratio in SIGMA_RATIOS:
                 sigmas = (SIGMA, ratio * SIGMA / FEEDER_DIAGONAL)
                 weights = likelihood_weights(sigmas[0], sigmas[1] ** 2)
                 likely = part.simulate(sigmas, (float(weights[0]), float(weights[1])))
@@ -101,11 +101,11 @@ def directions_section(gains: tuple[Gain, ...]) -> Section:
 
 def _table(gains: Gains, kind: str) -> Table:
     unit, title = ("deg", "Rotation error") if kind == "turn" else ("units", "Position error of the part's centre")
-    heads = [Column(f"ratio {ratio:g}: {name}", unit) for ratio in RATIOS for name in ("ML", "equal", "bound")]
+    heads = [Column(f"ratio {ratio:g}: {name}", unit) for ratio in SIGMA_RATIOS for name in ("ML", "equal", "bound")]
     rows = []
     for points, directions in dict.fromkeys((p, m) for p, m, _ in gains):
         cells: list[Estimate | float] = []
-        for ratio in RATIOS:
+        for ratio in SIGMA_RATIOS:
             gain = gains[points, directions, ratio]
             if kind == "turn":
                 cells += [gain.likely.turn_deg, gain.equal.turn_deg, gain.bound[0]]
@@ -124,9 +124,9 @@ def _table(gains: Gains, kind: str) -> Table:
 
 def _figure(gains: Gains) -> Figure:
     panels = []
-    for points in POINTS:
+    for points in POINT_COUNTS:
         curves = []
-        for colour, ratio in enumerate(RATIOS):
+        for colour, ratio in enumerate(SIGMA_RATIOS):
             row = [gain for gain in gains.values() if gain.points == points and gain.ratio == ratio]
             for name, line, marker in (("likely", "-", "o"), ("equal", "--", "x")):
                 found = [getattr(gain, name).turn_deg for gain in row]

@@ -13,9 +13,8 @@ from dqreg.papers.printed import JIA
 from dqreg.report.table import Column, Table
 from dqreg.rigid import quaternion
 
-# Angles of example 3, which the notes leave as letters.
 # Results that agree do so to this.
-ROUNDING = 1e-12
+AGREEMENT_TOLERANCE = 1e-12
 LAST_LINE = "turned i, as the last line prints it"
 BEARING_RAD, ELEVATION_RAD = float(np.deg2rad(40.0)), float(np.deg2rad(25.0))
 
@@ -93,7 +92,7 @@ def examples_section(examples: tuple[Example, ...]) -> Section:
 
 
 def _finding(examples: tuple[Example, ...]) -> str:
-    wrong = [e for e in examples if not e.difference < ROUNDING]
+    wrong = [e for e in examples if not e.difference < AGREEMENT_TOLERANCE]
     words = [f"{len(examples) - len(wrong)} of {len(examples)} printed results agree to rounding."]
     if others := [e for e in wrong if e.quantity != LAST_LINE]:
         named = "; ".join(f"{e.name}, {e.quantity} (off by {e.difference:.1e})" for e in others)

@@ -17,10 +17,10 @@ METHODS: dict[Literal["euler", "rk4"], tuple[str, int]] = {
     "rk4": ("Runge-Kutta-Munthe-Kaas", 4),
 }
 # A measured order this near to a whole number is that number.
-NEAR = 0.2
-DURATION = 2.0
-STEPS = (16, 32, 64, 128, 256, 512)
-START = (0.5, 0.5, -0.5, 0.5)
+NEAR_ORDER = 0.2
+DURATION_S = 2.0
+STEP_COUNTS = (16, 32, 64, 128, 256, 512)
+START_QUATERNION = (0.5, 0.5, -0.5, 0.5)
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,11 +45,11 @@ def measure_orders() -> tuple[Order, ...]:
     orders = []
     for method, (name, expected) in METHODS.items():
         errors = []
-        for count in STEPS:
-            times = np.linspace(0.0, DURATION, count + 1)
-            last = quaternion.integrate(START, wobble, times, method=method)[-1]
+        for count in STEP_COUNTS:
+            times = np.linspace(0.0, DURATION_S, count + 1)
+            last = quaternion.integrate(START_QUATERNION, wobble, times, method=method)[-1]
             errors.append(float(2.0 * np.arcsin(min(1.0, float(np.linalg.norm(last - exact)) / 2.0))) * 2.0)
-        lengths = DURATION / np.array(STEPS)
+        lengths = DURATION_S / np.array(STEP_COUNTS)
         slope = float(np.polyfit(np.log(lengths), np.log(errors), 1)[0])
         orders.append(Order(name, expected, slope, floats(lengths), tuple(errors)))
     return tuple(orders)
@@ -61,7 +61,8 @@ def _reference() -> FloatArray:
     def rate(t: float, q: FloatArray) -> FloatArray:
         return np.asarray(quaternion.multiply([0.0, *wobble(t)], q) / 2.0)  # eq. 22
 
-    end = solve_ivp(rate, (0.0, DURATION), np.array(START), method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
+    start = np.array(START_QUATERNION)
+    end = solve_ivp(rate, (0.0, DURATION_S), start, method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
     return np.asarray(end / np.linalg.norm(end))
 
 
@@ -85,8 +86,8 @@ def integration_section(orders: tuple[Order, ...]) -> Section:
         "Appendix B: integration",
         _finding(orders),
         (
-            f"A wobbling angular velocity over {DURATION:g} s; the truth is equation 22 solved by SciPy's DOP853 to 13 "
-            "digits.",
+            f"A wobbling angular velocity over {DURATION_S:g} s; the truth is equation 22 solved by SciPy's DOP853 to "
+            "13 digits.",
         ),
         (slopes, table),
         (_figure(orders),),
@@ -98,7 +99,7 @@ def _finding(orders: tuple[Order, ...]) -> str:
         f"Measured orders: {orders[0].slope:.2f} for the Euler step of the notes, {orders[1].slope:.2f} for the "
         "Runge-Kutta method that they recommend in general terms"
     )
-    off = [order for order in orders if not abs(order.slope - order.expected) <= NEAR]
+    off = [order for order in orders if not abs(order.slope - order.expected) <= NEAR_ORDER]
     if off:
         theory = ", ".join(f"{order.expected} for {order.name}" for order in off)
         return f"{measured}; by theory {theory}, which this run does not show."

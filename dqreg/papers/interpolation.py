@@ -11,10 +11,10 @@ from dqreg.papers.document import Curve, Figure, Panel, Section, floats
 from dqreg.report.table import Column, Table
 from dqreg.rigid import quaternion
 
-FIRST = ((1.0, 0.0, 0.2), 40.0)
-LAST = ((0.0, 1.0, 1.0), 160.0)
+FIRST_TURN = ((1.0, 0.0, 0.2), 40.0)
+LAST_TURN = ((0.0, 1.0, 1.0), 160.0)
 # Speeds that differ by less than this are one: what the differences leave.
-EVEN = 0.01
+EVEN_SHARE = 0.01
 NAMES = ("eq. 33, constant rates", "eq. 34, slerp")
 
 
@@ -37,7 +37,7 @@ class Between:
 
 def measure_interpolation(steps: int = 400) -> tuple[Between, Between]:
     """Follow both formulas from 40 degrees about one axis to 160 degrees about another."""
-    r1, r2 = (quaternion.from_axis_angle(axis, np.deg2rad(angle)) for axis, angle in (FIRST, LAST))
+    r1, r2 = (quaternion.from_axis_angle(axis, np.deg2rad(angle)) for axis, angle in (FIRST_TURN, LAST_TURN))
     tau = np.linspace(0.0, 1.0, steps + 1)
     paths = (quaternion.interpolate_axis_angle(r1, r2, tau), quaternion.slerp(r1, r2, tau, shorter_turn=False))
     return _between(NAMES[0], tau, paths[0]), _between(NAMES[1], tau, paths[1])
@@ -79,7 +79,10 @@ def interpolation_section(paths: tuple[Between, Between]) -> Section:
         "interpolation",
         "Appendix C: interpolation",
         _finding(rates, slerp),
-        (f"From {FIRST[1]:g} degrees about {FIRST[0]} to {LAST[1]:g} degrees about {LAST[0]}; tau runs from 0 to 1.",),
+        (
+            f"From {FIRST_TURN[1]:g} degrees about {FIRST_TURN[0]} to {LAST_TURN[1]:g} degrees about {LAST_TURN[0]}; "
+            "tau runs from 0 to 1.",
+        ),
         (table,),
         (_figure(paths),),
     )
@@ -89,7 +92,7 @@ def _finding(rates: Between, slerp: Between) -> str:
     words = []
     for name, path in (("Equation 33", rates), ("Slerp", slerp)):
         low, high = path.speed_deg.min(), path.speed_deg.max()
-        how = "turns the body evenly" if high - low <= EVEN * high else "does not turn the body evenly"
+        how = "turns the body evenly" if high - low <= EVEN_SHARE * high else "does not turn the body evenly"
         words.append(
             f"{name} {how}: its speed runs from {low:.0f} to {high:.0f} degrees per unit of tau, and it sweeps "
             f"{path.swept_deg:.1f} degrees"

@@ -12,9 +12,9 @@ from dqreg.papers.document import Section
 from dqreg.report.table import Column, Table, short_number
 from dqreg.rigid import quaternion as quat
 
-STEP = 1e-5
+UNIT_STEP = 1e-5
 # Errors above it are none of the rounding of the differences, some 1e-11 times the size of the numbers.
-ROUNDING = 1e-9
+DIFFERENCE_ROUNDING = 1e-9
 
 Vectors = tuple[FloatArray, FloatArray, FloatArray]
 Function = Callable[[FloatArray], FloatArray]
@@ -80,8 +80,9 @@ def _place(rng: np.random.Generator) -> Vectors:
 
 
 def _error(matrix: FloatArray, function: Function, at: FloatArray) -> float:
-    # Polynomials of degree two at most: central differences have no truncation error, only rounding over STEP.
-    columns = [(function(at + STEP * e) - function(at - STEP * e)) / (2.0 * STEP) for e in np.eye(at.size)]
+    # Polynomials of degree two at most: central differences have no truncation error, only rounding over the step.
+    steps = UNIT_STEP * np.eye(at.size)
+    columns = [(function(at + step) - function(at - step)) / (2.0 * UNIT_STEP) for step in steps]
     return float(np.abs(matrix - np.stack(columns, axis=-1)).max())
 
 
@@ -92,7 +93,8 @@ def jacobians_section(jacobians: tuple[Jacobian, ...]) -> Section:
         "Jacobians against central differences",
         (Column("equation"), Column("derivative of"), Column("function"), Column("largest error", spec=".1e")),
         tuple((j.equation, j.says, f"quaternion.{j.symbol}", j.error) for j in jacobians),
-        f"Rounding in the differences alone leaves about 1e-16 / {short_number(STEP)} = 1e-11 for numbers of size one.",
+        f"Rounding in the differences alone leaves about 1e-16 / {short_number(UNIT_STEP)} = 1e-11 for numbers of size "
+        "one.",
     )
     return Section(
         "jacobians",
@@ -104,7 +106,7 @@ def jacobians_section(jacobians: tuple[Jacobian, ...]) -> Section:
 
 
 def _finding(jacobians: tuple[Jacobian, ...]) -> str:
-    wrong = [j for j in jacobians if not j.error <= ROUNDING]
+    wrong = [j for j in jacobians if not j.error <= DIFFERENCE_ROUNDING]
     if wrong:
         named, most = ", ".join(j.equation for j in wrong), max(j.error for j in wrong)
         return f"Not right by finite differences: {named}. They are off by up to {most:.1e}, far more than rounding."

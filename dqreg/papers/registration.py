@@ -13,10 +13,10 @@ from dqreg.rigid import pose
 from dqreg.solvers import horn
 from dqreg.solvers.cramer_rao import cramer_rao, rms_of
 
-NOISES = (0.0, 1e-4, 1e-3, 1e-2)
-POINTS = 50
+NOISE_SIGMAS = (0.0, 1e-4, 1e-3, 1e-2)
+POINT_COUNT = 50
 # Nearness to the bound, beside chance.
-CLOSE = 1.01
+CLOSE_RATIO = 1.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,11 +32,11 @@ class HornRow:
 
 def measure_registration(rng: np.random.Generator, trials: int = 2000) -> tuple[HornRow, ...]:
     """Run Horn on matched points with noise."""
-    return tuple(_horn_row(rng, noise, trials) for noise in NOISES)
+    return tuple(_horn_row(rng, noise, trials) for noise in NOISE_SIGMAS)
 
 
 def _horn_row(rng: np.random.Generator, noise: float, trials: int) -> HornRow:
-    points, T_truth = rng.uniform(-0.5, 0.5, size=(POINTS, 3)) / np.sqrt(3.0), pose.random(rng, reach=1.0)
+    points, T_truth = rng.uniform(-0.5, 0.5, size=(POINT_COUNT, 3)) / np.sqrt(3.0), pose.random(rng, reach=1.0)
     exact = pose.apply(T_truth, points)
     measured = exact + rng.normal(scale=noise, size=(trials, *points.shape))
     T = np.array([horn(points, target).T_target_source for target in measured])
@@ -54,8 +54,8 @@ def registration_section(rows: tuple[HornRow, ...]) -> Section:
     pairs = [pair for row in noisy for pair in ((row.turn_rad, row.bound[0]), (row.shift, row.bound[1]))]
     worst = max(found.value / bound for found, bound in pairs)
     # Second-order terms of the largest noise are a few per mille.
-    over = [found for found, bound in pairs if exceeds(found, Estimate(CLOSE * bound, 0.0))]
-    under = [found for found, bound in pairs if exceeds(Estimate(bound / CLOSE, 0.0), found)]
+    over = [found for found, bound in pairs if exceeds(found, Estimate(CLOSE_RATIO * bound, 0.0))]
+    under = [found for found, bound in pairs if exceeds(Estimate(bound / CLOSE_RATIO, 0.0), found)]
     reach = f"its rms errors are at most {worst:.2f} times the Cramer-Rao bound"
     if over:
         finding = f"With known correspondences Horn's method is not as exact as the noise allows: {reach}."
@@ -67,7 +67,7 @@ def registration_section(rows: tuple[HornRow, ...]) -> Section:
         "registration",
         "Section 5: registration by Horn's quaternions",
         finding,
-        (f"{POINTS} points in a cube with diagonal 1, any pose, noise on each coordinate of the target.",),
+        (f"{POINT_COUNT} points in a cube with diagonal 1, any pose, noise on each coordinate of the target.",),
         (_table(rows),),
     )
 

@@ -19,10 +19,10 @@ from dqreg.solvers import solve, walker1991
 METHODS: dict[str, Callable[..., object]] = {"solve": solve, "walker1991": walker1991}
 # Half of the samples are points, half are directions, as in the paper; the first case is three points, the fewest.
 FEWEST: int = WALKER["figure4"]["fewest_samples"]
-SAMPLES = (FEWEST, 10, 20, 50, 100, 200, 500, 1_000, 2_000, 5_000, 10_000, 20_000, 50_000, 100_000)
+SAMPLE_COUNTS = (FEWEST, 10, 20, 50, 100, 200, 500, 1_000, 2_000, 5_000, 10_000, 20_000, 50_000, 100_000)
 PRINTED_SECONDS_PER_SAMPLE: float = WALKER["figure4"]["seconds_per_sample"]
 # Squared correlation above which times are called linear in the number of samples.
-LINEAR = 0.95
+LINEAR_R_SQUARED = 0.95
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,9 +37,9 @@ class Timing:
     r_squared: float  # Squared correlation of the times with the numbers of samples: 1 on a straight line
 
 
-def measure_time(rng: np.random.Generator, most: int = SAMPLES[-1], repeats: int = 9) -> tuple[Timing, ...]:
+def measure_time(rng: np.random.Generator, most: int = SAMPLE_COUNTS[-1], repeats: int = 9) -> tuple[Timing, ...]:
     """Time both solvers on points and directions."""
-    counts = tuple(count for count in SAMPLES if count <= most)
+    counts = tuple(count for count in SAMPLE_COUNTS if count <= most)
     seconds: dict[str, list[float]] = {name: [] for name in METHODS}
     for count in counts:
         problem = _problem(rng, count) if count == FEWEST else _problem(rng, count // 2, count // 2)
@@ -112,7 +112,7 @@ def time_section(timings: tuple[Timing, ...]) -> Section:
 
 def _finding(fastest: Timing) -> str:
     measured = f"R squared {fastest.r_squared:.3f} over {fastest.samples[0]:,} to {fastest.samples[-1]:,} samples"
-    if fastest.r_squared >= LINEAR and fastest.slope > 0.0:
+    if fastest.r_squared >= LINEAR_R_SQUARED and fastest.slope > 0.0:
         return (
             f"The time is close to a fixed cost plus a constant for each sample, as the paper says (O(n)): "
             f"{fastest.method} takes {1e6 * fastest.start:.0f} µs and {1e9 * fastest.slope:.0f} ns a sample on this "

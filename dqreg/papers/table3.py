@@ -29,7 +29,7 @@ PRINTED_ROWS = {
     for count, svd_row, dual_row in zip(COUNTS, WALKER["table3"]["svd"], WALKER["table3"]["dual_number"], strict=True)
 }
 # Two methods that differ by no more than this do so by rounding: points 400 units away, thousands of operations.
-ROUNDING = (1e-9, 1e-11)
+ROUNDING_ERRORS = (1e-9, 1e-11)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -146,7 +146,7 @@ def _finding(shift: float, turn: float) -> str:
         f"over all trials their translations differ by {short_number(shift, '.1e')} units and their rotations by "
         f"{short_number(turn, '.1e')} rad at most"
     )
-    if shift <= ROUNDING[0] and turn <= ROUNDING[1]:
+    if shift <= ROUNDING_ERRORS[0] and turn <= ROUNDING_ERRORS[1]:
         return (
             "The advantage printed for dual quaternions cannot be repeated. On points alone both methods minimise the "
             f"same cost; {apart}, which is rounding."

@@ -88,7 +88,7 @@ def position_errors(T: FloatArray, T_truth: FloatArray, at: FloatArray) -> Float
 
 
 # Standard errors beyond which a difference is not chance.
-SURE = 4.0
+SURE_SIGMAS = 4.0
 
 
 def exceeds(a: Estimate, b: Estimate) -> bool:
@@ -97,7 +97,7 @@ def exceeds(a: Estimate, b: Estimate) -> bool:
     >>> exceeds(Estimate(2.0, 0.1), Estimate(1.0, 0.1)), exceeds(Estimate(1.1, 0.1), Estimate(1.0, 0.1))
     (True, False)
     """
-    return bool(a.value - b.value > SURE * np.hypot(a.error, b.error))
+    return bool(a.value - b.value > SURE_SIGMAS * np.hypot(a.error, b.error))
 
 
 def rms_estimate(errors: FloatArray) -> Estimate:

@@ -15,11 +15,11 @@ from dqreg.report.table import Column, Estimate, Table
 from dqreg.solvers import likelihood_weights
 from dqreg.synth.parts.blocks import FEEDER_DIAGONAL
 
-COUNTS = (5, 5)
+FEATURE_COUNTS = (5, 5)
 SIGMA_P = 0.05
 # What the least possible error is of itself.
 ONE = Estimate(1.0, 0.0)
-RATIOS = np.geomspace(0.01, 100.0, 13)
+NOISE_RATIOS = np.geomspace(0.01, 100.0, 13)
 
 Weighing = Callable[[float, float], tuple[float, float]]
 
@@ -56,8 +56,8 @@ class Loss:
 
 def measure_weights(rng: np.random.Generator, choices: int = 10, trials: int = 1000) -> tuple[Loss, ...]:
     """Sweep the ratio of noise for every way to weigh."""
-    setup = SetUp.draw(rng, COUNTS, choices, trials)
-    return tuple(_loss(setup, name, float(ratio)) for name in WEIGHINGS for ratio in RATIOS)
+    setup = SetUp.draw(rng, FEATURE_COUNTS, choices, trials)
+    return tuple(_loss(setup, name, float(ratio)) for name in WEIGHINGS for ratio in NOISE_RATIOS)
 
 
 def _loss(setup: SetUp, name: str, ratio: float) -> Loss:
@@ -77,7 +77,7 @@ def weights_section(losses: tuple[Loss, ...]) -> Section:
         "weights",
         "Rotation error over the least possible error",
         (Column("ratio"), *(Column(name) for name in WEIGHINGS)),
-        tuple((float(ratio), *(row[i].turn for row in by_name.values())) for i, ratio in enumerate(RATIOS)),
+        tuple((float(ratio), *(row[i].turn for row in by_name.values())) for i, ratio in enumerate(NOISE_RATIOS)),
         "1 is the Cramer-Rao bound. In brackets: one Monte-Carlo standard error, in units of the last digits. Ratio: "
         "sigma_n * size / sigma_p.",
     )
@@ -106,7 +106,7 @@ def _finding(losses: tuple[Loss, ...], worst: dict[str, float]) -> str:
     words = ["Take beta = 1 / sigma_p^2 and alpha = 1 / sigma_n^2. " if not (above or below) else ""]
     if above:
         words.append(
-            f"Weights of likelihood miss the Cramer-Rao bound at {len(above)} of {len(RATIOS)} ratios, at worst "
+            f"Weights of likelihood miss the Cramer-Rao bound at {len(above)} of {len(NOISE_RATIOS)} ratios, at worst "
             f"{likely:.3f} times it"
         )
     else:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dqreg.papers.accuracy import METHODS, _layout, accuracy_section, measure_accuracy
-from dqreg.papers.solution_time import SAMPLES, measure_time, time_section
+from dqreg.papers.solution_time import SAMPLE_COUNTS, measure_time, time_section
 
 CENTRED = ("solve", "svd", "horn")
 
@@ -67,7 +67,7 @@ def test_a_strip_along_the_axes_lies_along_them():
 
 def test_times_have_a_line_through_them():
     timings = measure_time(np.random.default_rng(0), most=100, repeats=2)
-    assert [timing.samples for timing in timings] == [SAMPLES[:5]] * 2
+    assert [timing.samples for timing in timings] == [SAMPLE_COUNTS[:5]] * 2
     for timing in timings:
         assert all(seconds > 0.0 for seconds in timing.seconds)
         assert 0.0 <= timing.r_squared <= 1.0

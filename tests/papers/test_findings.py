@@ -9,7 +9,7 @@ import numpy as np
 
 from dqreg.papers.accuracy import METHODS, Outcome, accuracy_section
 from dqreg.papers.convergence import Path, convergence_section
-from dqreg.papers.directions import RATIOS, Gain, directions_section
+from dqreg.papers.directions import SIGMA_RATIOS, Gain, directions_section
 from dqreg.papers.examples import examples_section, measure_examples
 from dqreg.papers.integration import Order, integration_section
 from dqreg.papers.interpolation import Between, interpolation_section
@@ -18,8 +18,7 @@ from dqreg.papers.registration import HornRow, registration_section
 from dqreg.papers.simulation import Accuracy
 from dqreg.papers.solution_time import Timing, time_section
 from dqreg.papers.table3 import COUNTS, Row3, table3_section
-from dqreg.papers.weights import RATIOS as NOISE_RATIOS
-from dqreg.papers.weights import WEIGHINGS, Loss, weights_section
+from dqreg.papers.weights import NOISE_RATIOS, WEIGHINGS, Loss, weights_section
 from dqreg.report.table import Estimate
 
 
@@ -82,7 +81,7 @@ def gains(bare=0.7, helped=0.03, equal=0.69, lone=0.014):
         likely, same = (Accuracy(*estimates(v, v, error=0.001)) for v in (value, equal))
         return Gain(points, directions, ratio, likely, same, (value, value))
 
-    return tuple(gain(p, d, r) for p in (1, 3, 5) for d in (0, 1, 2, 5, 10) for r in RATIOS if p >= 3 or d >= 2)
+    return tuple(gain(p, d, r) for p in (1, 3, 5) for d in (0, 1, 2, 5, 10) for r in SIGMA_RATIOS if p >= 3 or d >= 2)
 
 
 def test_directions():

@@ -10,7 +10,7 @@ import pytest
 from dqreg.papers import PAPERS, table3
 from dqreg.papers.directions import PAPER_WEIGHTS
 from dqreg.papers.printed import JIA, WALKER
-from dqreg.papers.solution_time import METHODS, SAMPLES, _problem
+from dqreg.papers.solution_time import METHODS, SAMPLE_COUNTS, _problem
 from dqreg.papers.trials import SIGMA, paper_pose
 from dqreg.solvers import solve, walker1991
 from dqreg.synth.parts.blocks import FEEDER_SIZE, feeder_vertices
@@ -75,7 +75,7 @@ def test_the_feeder_is_the_printed_one_as_far_as_it_is_printed():
 
 
 def test_figure_4_begins_with_three_points_and_goes_on_with_halves():
-    assert SAMPLES[:2] == (3, 10)
+    assert SAMPLE_COUNTS[:2] == (3, 10)
     assert WALKER["figure4"]["seconds_per_sample"] == 1e-3
     three = _problem(np.random.default_rng(0), 3)
     assert [part.shape for part in three] == [(3, 3)] * 2

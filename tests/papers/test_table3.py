@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dqreg.papers.table3 import PRINTED_ROWS, _deviations, measure_table3, pooled, table3_section
-from dqreg.papers.trials import SURE
+from dqreg.papers.trials import SURE_SIGMAS
 from dqreg.synth.parts.blocks import FEEDER_SIZE, feeder_vertices
 
 
@@ -56,11 +56,11 @@ def test_the_mean_of_the_points_is_known_best(rows):
 
 
 def test_standard_errors_are_those_of_the_trials(rows):
-    # Differences from the bound in standard errors: normal, so 16 of them stay within SURE and their rms is near one.
+    # Differences from the bound in standard errors: normal, so 16 of them stay within it and their rms is near one.
     off = np.array(
         [(e.value - b) / e.error for row in rows for e, b in zip(row.deviations["solve"], row.bound, strict=True)]
     )
-    assert np.abs(off).max() < SURE
+    assert np.abs(off).max() < SURE_SIGMAS
     assert np.sqrt(np.mean(off**2)) < 2.0
     # By simulation: 2,000 tables of 6 choices and 10 trials of a standard normal number.
     drawn = np.random.default_rng(0).normal(size=(2000, 6, 10))

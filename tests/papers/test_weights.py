@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from dqreg.papers.directions import RATIOS, directions_section, measure_directions
+from dqreg.papers.directions import SIGMA_RATIOS, directions_section, measure_directions
 from dqreg.papers.simulation import SetUp
 from dqreg.papers.trials import choose_directions, tilt
 from dqreg.papers.weights import WEIGHINGS, measure_weights, weights_section
@@ -63,7 +63,7 @@ def test_likelihood_is_never_worse_than_equal_weights(gains):
 
 def test_directions_help_more_the_more_there_are(gains):
     for points in (3, 5):
-        for ratio in RATIOS:
+        for ratio in SIGMA_RATIOS:
             row = [g.likely.turn_deg for g in gains if g.points == points and g.ratio == ratio]
             assert len(row) == 5
             for few, many in pairwise(row):
@@ -98,5 +98,5 @@ def test_sections_show_every_number(losses, gains):
     weights = weights_section(losses)
     assert len(weights.tables[0].rows) * len(WEIGHINGS) == len(losses)
     directions = directions_section(gains)
-    assert [len(table.rows) * len(RATIOS) for table in directions.tables] == [len(gains)] * 2
+    assert [len(table.rows) * len(SIGMA_RATIOS) for table in directions.tables] == [len(gains)] * 2
     assert len(directions.figures[0].panels) == 3
