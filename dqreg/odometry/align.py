@@ -24,7 +24,7 @@ from dqreg.odometry.frame import DownsampledFrame
 from dqreg.odometry.map_surface import MapSurface
 from dqreg.odometry.settings import OdometrySettings, Resolved
 from dqreg.odometry.starts import candidates, screen
-from dqreg.trust.doubts import fraction_fits
+from dqreg.trust.limits import fraction_fits
 
 # Points of the coarse level, and where all others tell afterwards whether it was right.
 COARSE_POINTS, CHECKED_COARSE_POINTS = 400, 200

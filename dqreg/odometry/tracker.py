@@ -28,7 +28,7 @@ from dqreg.registration.result import Registration
 from dqreg.registration.unmeasured import without_pose
 from dqreg.rigid import pose
 from dqreg.solvers.status import Status
-from dqreg.trust.doubts import fraction_fits
+from dqreg.trust.limits import fraction_fits
 from dqreg.trust.records import Reason
 
 # Points below which a frame gets no pose, and cannot begin a map.

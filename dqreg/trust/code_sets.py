@@ -8,9 +8,6 @@ from dqreg.trust.records import Code
 
 Codes: TypeAlias = frozenset[Code]
 
-# Of the questions of a verdict: answered without a figure.
-YES_OR_NO: Codes = frozenset({"search_time_limit", "not_converged"})
-
 # Of one registration: what another pose cannot mend. And of two clouds, of which a wrong pose often lies on one face,
 # where the right one would have more.
 REASONS_OF_SCAN: Codes = frozenset({"unconstrained", "alternative_poses", "outliers", "not_converged"})

@@ -68,7 +68,7 @@ def figures_of(evidence: Evidence, codes: Sequence[str]) -> dict[str, float]:
         # Where all motions are locked none is uncertain.
         "sigma": max((_log(sigma, -5.0, 0.0) for sigma in sigmas), default=-5.0),
         "carriers": min((_log(carriers, 0.0, 3.0) for carriers in evidence.carriers), default=3.0),
-        "rivals": float(min(sum(not other._is_symmetric for other in evidence.alternatives), 2)),
+        "rivals": float(min(len(evidence._other_poses), 2)),
         "strays": evidence.strays,
         "contradicting": min(10.0 * evidence.share_contradicting, 3.0),
         "other_objects": evidence.share_other,

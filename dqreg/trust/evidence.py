@@ -233,6 +233,11 @@ class Evidence:
         return min(self.inliers, self.places)
 
     @property
+    def _other_poses(self) -> tuple[Alternative, ...]:
+        """The alternatives to which no symmetry of the part leads."""
+        return tuple(alternative for alternative in self.alternatives if not alternative._is_symmetric)
+
+    @property
     def share_nowhere(self) -> float:
         """Fraction of the scan neither on the target nor on any surface off it."""
         return 1.0 - self.share_on - self.share_other - self.share_contradicting

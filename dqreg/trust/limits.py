@@ -136,16 +136,8 @@ def _least_noise(evidence: Evidence) -> float:
 
 def is_rough(evidence: Evidence) -> bool:
     """Whether the residuals are far beyond the scan's own noise."""
-    return _is_beyond(evidence.width, own_noise(evidence))
-
-
-def has_large_residuals(evidence: Evidence) -> bool:
-    """Whether they are far beyond that of made parts too."""
-    return _is_beyond(evidence.width, noise_of_parts(evidence))
-
-
-def _is_beyond(width: float, noise: float) -> bool:
-    return noise > 0.0 and not width <= RESIDUAL_NOISE_RATIO * noise
+    noise = own_noise(evidence)
+    return noise > 0.0 and not evidence.width <= RESIDUAL_NOISE_RATIO * noise
 
 
 def sigma_limits(size: float) -> dict[Kind, float]:
@@ -161,6 +153,15 @@ def fewest_carriers(inliers: float, *, of_both: bool = False) -> float:
 def counts_all(evidence: Evidence) -> bool:
     """Whether all points count, as of a frame of a sequence."""
     return math.isinf(evidence.near)
+
+
+def fraction_fits(fraction: float, usual: float) -> bool:
+    """Whether neither question about the fraction of inliers speaks against a frame.
+
+    >>> fraction_fits(0.6, 0.7), fraction_fits(0.6, 0.9), fraction_fits(0.4, float("nan"))
+    (True, False, False)
+    """
+    return fraction >= MIN_FRACTION_OF_ALL and not fraction < MIN_RATIO_TO_EARLIER * usual
 
 
 def chance_limit(evidence: Evidence) -> float:

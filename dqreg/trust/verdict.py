@@ -4,19 +4,59 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 
-from dqreg.trust.checks import checks_of
+from dqreg.trust import fit_questions as fit
+from dqreg.trust import motion_questions as motion
+from dqreg.trust import shape_questions as shape
 from dqreg.trust.confidence import figures_of, probability
-from dqreg.trust.doubts import DOUBTS, counted
 from dqreg.trust.evidence import Evidence
 from dqreg.trust.free_space import MAX_HIDDEN_SHARE
 from dqreg.trust.limits import MIN_PAIRS_OF_POSE, OPPOSITE_NORMAL_SHARE
+from dqreg.trust.question import Question
 from dqreg.trust.records import Check, Level, Reason, Verdict
 
 # Confidence below which a pose is not accepted though no figure alone speaks against it: of 186 such poses of the
 # tuning seeds two wrong ones came to 0.87 at most, and right ones, but for one among 60 % strays, to 0.965 and more.
 UNLIKELY = 0.9447
+
+# In the order in which a verdict names them.
+QUESTIONS: tuple[Question, ...] = (
+    fit.few_inliers,
+    fit.low_inlier_fraction,
+    fit.falling_inlier_fraction,
+    # Before what the shape seems to be at a pose that is held where the scan does not fit.
+    motion.forbidden_motion,
+    # Before the mirror image: a part that shrank feigns one.
+    shape.stretched,
+    motion.mirrored,
+    fit.deviating_patches,
+    fit.contradicting_surface,
+    fit.clutter,
+    fit.looked_through,
+    shape.faces_apart,
+    shape.ends_apart,
+    shape.rims_apart,
+    shape.rims_elsewhere,
+    shape.opposed_edges,
+    shape.closed_hole,
+    shape.one_plane,
+    fit.disagreeing_normals,
+    fit.outliers,
+    fit.large_residuals,
+    fit.local_difference,
+    fit.wavy,
+    shape.bent,
+    shape.deformed,
+    shape.drift,
+    fit.random_fit,
+    motion.unconstrained,
+    motion.large_uncertainty,
+    motion.weakly_constrained,
+    motion.alternative_poses,
+    motion.search_time_limit,
+    motion.not_converged,
+)
 
 
 def judge(evidence: Evidence) -> Verdict:
@@ -40,7 +80,7 @@ def judge(evidence: Evidence) -> Verdict:
     """
     if not evidence.found:
         return Verdict("failed", (_why_nothing(evidence),))
-    doubts = tuple(Reason(sentence, code) for code, doubt in DOUBTS for sentence in doubt(evidence))
+    doubts = tuple(doubt for question in QUESTIONS for doubt in question.doubts(evidence))
     level: Level = "suspect" if doubts else "accepted"
     figures = figures_of(evidence, [doubt.code for doubt in doubts])
     confidence = probability(figures)
@@ -48,14 +88,14 @@ def judge(evidence: Evidence) -> Verdict:
     together = confidence if not doubts and math.isfinite(evidence.size) else math.nan
     if together < UNLIKELY:
         doubts, level = (Reason(_unlikely(together), "low_confidence"),), "suspect"
-    checks = functools.partial(_checks, evidence, frozenset(doubt.code for doubt in doubts), together)
+    checks = functools.partial(_checks, evidence, together)
     doubts = (*_causes(evidence), *_with_symmetry(doubts, evidence)) if doubts else doubts
     reasons = doubts or (Reason(_summary(evidence), "accepted"), *_remarks(evidence))
     return Verdict.asking(level, reasons, checks, confidence, figures)
 
 
-def _checks(evidence: Evidence, against: Collection[str], together: float) -> tuple[Check, ...]:
-    return (*checks_of(evidence, against), _together(together))
+def _checks(evidence: Evidence, together: float) -> tuple[Check, ...]:
+    return (*(question.check(evidence) for question in QUESTIONS), _together(together))
 
 
 def _causes(evidence: Evidence) -> Iterator[Reason]:
@@ -102,7 +142,8 @@ def _unlikely(confidence: float) -> str:
 
 def _together(confidence: float) -> Check:
     question = "Probability of a right pose, by all figures together"
-    return Check("low_confidence", question, confidence, "at least", UNLIKELY, "1", not confidence < UNLIKELY)
+    passed = None if math.isnan(confidence) else confidence >= UNLIKELY
+    return Check("low_confidence", question, confidence, "at least", UNLIKELY, "1", passed)
 
 
 def _why_no_correspondences(evidence: Evidence) -> Reason:
@@ -137,7 +178,7 @@ def _why_nothing(evidence: Evidence) -> Reason:
 def _summary(evidence: Evidence) -> str:
     words = (
         f"{evidence.inliers:.0f} inliers with residuals of {evidence.length(evidence.width)} (one sigma), "
-        f"{100 * evidence.share_near:.0f} % of {counted(evidence)}; all degrees of freedom are constrained"
+        f"{100 * evidence.share_near:.0f} % of {fit.counted(evidence)}; all degrees of freedom are constrained"
     )
     return words + _symmetry(evidence)
 

@@ -9,8 +9,8 @@ from typing import get_args
 
 import dqreg
 from dqreg.inspection.decision import WALL_SIDE
-from dqreg.trust.doubts import DOUBTS
 from dqreg.trust.records import Code
+from dqreg.trust.verdict import QUESTIONS
 
 PACKAGE = Path(dqreg.__file__).parent
 CODES = set(get_args(Code))
@@ -28,7 +28,7 @@ def test_the_documented_table_is_the_list_of_codes() -> None:
 def test_every_code_is_made_somewhere() -> None:
     source = "".join(path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py") if path.name != "records.py")
     assert {code for code in CODES if f'"{code}"' not in source} == set()
-    assert {code for code, _ in DOUBTS} <= CODES
+    assert {question.code for question in QUESTIONS} <= CODES
 
 
 def test_sets_of_codes_stand_in_one_place() -> None:

@@ -9,8 +9,7 @@ import pytest
 
 from dqreg.registration.result import Alternative, Direction
 from dqreg.trust import Evidence, judge, limits
-from dqreg.trust.doubts import DOUBTS
-from dqreg.trust.verdict import UNLIKELY
+from dqreg.trust.verdict import QUESTIONS, UNLIKELY
 
 NAN, INF = float("nan"), float("inf")
 HELD = Direction(0.1, 0.01, "translation along (1.00, 0.00, 0.00)")
@@ -307,7 +306,7 @@ def test_a_doubt_appears_with_its_cause_and_alone(cause: str) -> None:
 
 
 def test_every_doubt_is_provoked_by_a_cause() -> None:
-    assert {code for _, _, code in CAUSES.values()} == {code for code, _ in DOUBTS}
+    assert {code for _, _, code in CAUSES.values()} == {question.code for question in QUESTIONS}
 
 
 @pytest.mark.parametrize(

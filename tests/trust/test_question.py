@@ -3,18 +3,46 @@ from __future__ import annotations
 import dataclasses
 import math
 import pickle
+from typing import Any
 
+import hypothesis.strategies as st
+import numpy as np
 import pytest
+from hypothesis import given, settings
 
-from dqreg.trust import judge
-from dqreg.trust import verdict as verdicts
-from dqreg.trust.checks import QUESTIONS
+from dqreg.trust import Evidence, judge, limits
 from dqreg.trust.deformation import BETWEEN_CLOUDS, ON_A_PART
-from dqreg.trust.doubts import DOUBTS
 from dqreg.trust.limits import RESIDUAL_NOISE_RATIO
-from dqreg.trust.records import Check
+from dqreg.trust.question import Question
+from dqreg.trust.records import Alternative, Check
 from dqreg.trust.strain import MIN_BEND, MIN_DRIFT_DIAGONALS, MIN_STRAIN
-from tests.trust.test_verdict import CAUSES, GOOD
+from dqreg.trust.verdict import QUESTIONS
+from tests.trust.test_verdict import CAUSES, FREE, GOOD, HELD, ROTATION, SHIFT
+
+NAN = float("nan")
+# What the limits are, and what lies about them; where a figure may be missing.
+FIGURES = st.sampled_from([NAN, 0.0, 5e-4, MIN_STRAIN, MIN_BEND, 1.0, 25.0, 1_000.0]) | st.floats(0.0, 2.0)
+LIMITS = st.sampled_from(sorted({value for value in vars(limits).values() if isinstance(value, float)}))
+CHANGES: dict[str, st.SearchStrategy[Any]] = {
+    **{field.name: FIGURES | LIMITS for field in dataclasses.fields(Evidence) if field.type == "float"},
+    "size": st.just(NAN) | st.floats(1e-3, 1e3),
+    "mirror_gain": st.sampled_from([-math.inf, -0.3, 0.1, limits.MIRROR_GAIN]),
+    "freed_gain": st.sampled_from([NAN, -0.1, 0.1, 0.3, limits.MIRROR_GAIN]),
+    "sliding_loss": st.sampled_from([NAN, -0.4, 5.0, limits.CONSTRAINT_LOG_LIKELIHOOD, 100.0, math.inf]),
+    "directions": st.permutations([HELD, HELD, HELD, FREE, ROTATION, SHIFT]).map(tuple),
+    "carriers": st.just(()) | st.lists(st.sampled_from([NAN, 4.0, 20.0, 500.0]), min_size=6, max_size=6).map(tuple),
+    "alternatives": st.lists(st.sampled_from(["", "a half-turn"])).map(
+        lambda found: tuple(Alternative(np.eye(4), 0.1, symmetry) for symmetry in found)
+    ),
+    "search": st.sampled_from(["", "refined", "judged"]),
+    "status": st.sampled_from(["converged", "stalled", "iteration limit"]),
+    "clutter": st.sampled_from(["allowed", "none"]),
+    **dict.fromkeys(("has_border", "is_scene", "is_detail", "carriers_of_both"), st.booleans()),
+}
+# Some of these at a time: where all are bad every question fails.
+MADE = st.sets(st.sampled_from(sorted(CHANGES)), max_size=6).flatmap(
+    lambda names: st.fixed_dictionaries({name: CHANGES[name] for name in sorted(names)})
+)
 
 
 def by_code(**changes: object) -> dict[str, Check]:
@@ -22,8 +50,23 @@ def by_code(**changes: object) -> dict[str, Check]:
 
 
 def test_every_test_of_the_verdict_is_a_question_in_its_order() -> None:
-    assert tuple(QUESTIONS) == tuple(code for code, _ in DOUBTS)
-    assert tuple(by_code()) == (*QUESTIONS, "low_confidence")
+    assert tuple(by_code()) == (*(question.code for question in QUESTIONS), "low_confidence")
+
+
+@given(MADE)
+@settings(max_examples=400)
+def test_the_figure_shown_tells_the_verdict_whatever_the_evidence(changes: dict[str, Any]) -> None:
+    verdict = judge(dataclasses.replace(GOOD, **changes))
+    doubted = set(verdict.codes) if verdict.level == "suspect" else set()
+    for check in verdict.checks:
+        assert (check.passed is False) == (check.code in doubted), check
+        if math.isfinite(check.value):
+            within = check.value >= check.limit if check.relation == "at least" else check.value <= check.limit
+            assert check.passed == within, check
+        elif check.passed:
+            # Yes or no: they have no figure.
+            assert not check.unit, check
+            assert not check.limit, check
 
 
 @pytest.mark.parametrize("cause", CAUSES)
@@ -85,14 +128,13 @@ def test_nothing_found_has_no_checks_and_a_later_doubt_keeps_them() -> None:
 
 
 def test_the_questions_are_answered_once_they_are_read_and_go_along_with_a_copy(monkeypatch) -> None:
-    asked: list[object] = []
-    monkeypatch.setattr(verdicts, "checks_of", lambda evidence, against: asked.append(against) or ())
+    asked, check = [], Question.check
+    monkeypatch.setattr(Question, "check", lambda self, evidence: asked.append(self) or check(self, evidence))
     verdict = judge(GOOD)
     copies = pickle.loads(pickle.dumps(verdict)), dataclasses.replace(verdict, level="suspect")
-    assert asked == [frozenset()]  # To copy the fields reads them.
-    assert len(verdict.checks) == 1
+    assert len(asked) == len(QUESTIONS)  # To copy the fields reads them.
     assert verdict.checks is verdict.checks
-    assert len(asked) == 1
+    assert len(asked) == len(QUESTIONS)
     assert copies[1].checks is verdict.checks
     # What was not asked is NaN, which equals nothing.
     assert repr(copies[0].checks) == repr(verdict.checks)
