@@ -83,9 +83,8 @@ def best_known(fit: Fit, start: InitialPose, search: GlobalSearch) -> BestPoses:
         return known
     is_asked = is_given and (problem.options.search == "always" or is_partial(fit) or _is_astray(fit, start))
     beside = np.concatenate([start.others, start.unlikely])
-    kernel_scale = search.kernel_scale if problem.options.method == "auto" else None
     if not is_asked and ((not is_given and not len(beside)) or not is_doubtful(fit)):
-        return BestPoses(fit, but_on_the_way(fit, start.others, kernel_scale))
+        return BestPoses(fit, but_on_the_way(fit, start.others, search.kernel_scale))
     if is_given:
         found = search.candidates(_compared(fit))
         others = np.array([c.T_target_source for c in found]).reshape(-1, 4, 4)
@@ -96,7 +95,7 @@ def best_known(fit: Fit, start: InitialPose, search: GlobalSearch) -> BestPoses:
     fits, last = [fit], fit
     # A part that is nearly symmetric has copies that are wrong: the points decide, after the other poses.
     for T in others[np.argsort(is_copy, kind="stable")][:TRIED]:
-        last = last.resumed(T, kernel_scale)
+        last = last.resumed(T, search.kernel_scale)
         if last.problem.watch.is_over:
             break
         # What stands beside the part may hold the kernel wide here too.
@@ -172,7 +171,7 @@ def is_sound(fit: Fit, *, ask_mirror: bool = False) -> bool:
     gain = mirror_gain(fit, always=ask_mirror)
     evidence = evidence_of(fit, uncertainty_of(fit), mirror_gain=gain)
     verdict = verdict_on(fit, evidence)
-    of_scan = REASONS_OF_SCAN_BETWEEN_CLOUDS if fit.target.kind == "cloud" else REASONS_OF_SCAN
+    of_scan = REASONS_OF_SCAN_BETWEEN_CLOUDS if fit.between_clouds else REASONS_OF_SCAN
     return verdict.level == "accepted" or of_scan.issuperset(verdict.codes)
 
 
@@ -182,7 +181,7 @@ def _may_be_elsewhere(fit: Fit) -> bool:
     A scan is of its part. Two clouds may have nothing in common, and one that was put beside the other says so.
     """
     given = fit.problem.start
-    if given is None or fit.target.kind == "mesh":
+    if given is None or not fit.between_clouds:
         return True
     placed = pose.apply(fit.problem.to_centred(given), fit.prepared.scan.thinned(FEW).points)
     distances = fit.prepared.surface.closest(placed).distances

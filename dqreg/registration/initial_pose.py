@@ -50,10 +50,10 @@ class GlobalSearch:
         return GlobalSearch(prepared.scan, problem.target, problem.options, reach, problem.watch, rays)
 
     @property
-    def kernel_scale(self) -> float:
-        """Scale of the kernel with which to go on from what was found."""
+    def kernel_scale(self) -> float | None:
+        """Scale of the kernel with which to go on from what was found; a chosen method finds its own."""
         # Not of the surface: where cells stand for a cloud, nobody else asks for one of all points.
-        return FOUND * self.target.diagonal
+        return FOUND * self.target.diagonal if self.options.method == "auto" else None
 
     def candidates(self, known: FloatArray | None = None) -> tuple[Candidate, ...]:
         """Poses between the centred frames, the best first; beside known ones, (k, 4, 4)."""

@@ -25,7 +25,7 @@ from dqreg.trust.limits import DISAGREEING_NORMAL_SHARE, MIN_INLIER_FRACTION, lo
 LEFT_DIAGONALS = 0.2
 
 
-def but_start_kept(begun: Fit, known: BestPoses, start: FloatArray, kernel_scale: float) -> BestPoses:
+def but_start_kept(begun: Fit, known: BestPoses, start: FloatArray, kernel_scale: float | None) -> BestPoses:
     """What is known of two clouds; or, where that is far from the initial pose, the fit to which this led.
 
     The pose that was left stands beside it. Where the loop itself went far, a kernel too narrow to leave the initial
@@ -42,8 +42,8 @@ def but_start_kept(begun: Fit, known: BestPoses, start: FloatArray, kernel_scale
         return _beside_found(begun, known)
     if _is_contradicted(begun.at(start), found):
         return known
-    near = begun.resumed(start, kernel_scale)
-    if _is_as_sound(near, found, start):
+    # A chosen method finds its own kernel, and would leave the initial pose again.
+    if kernel_scale is not None and _is_as_sound(near := begun.resumed(start, kernel_scale), found, start):
         return _beside_found(near, known)
     return replaced(known, turned=np.concatenate([known.turned, start[None]]))
 
@@ -75,7 +75,7 @@ def _is_contradicted(fit: Fit, found: Fit) -> bool:
     return evidence.share_near < MIN_INLIER_FRACTION or evidence.normals_apart > DISAGREEING_NORMAL_SHARE
 
 
-def meant_copy(fit: Fit, start: FloatArray, kernel_scale: float) -> tuple[Fit, FloatArray]:
+def meant_copy(fit: Fit, start: FloatArray, kernel_scale: float | None) -> tuple[Fit, FloatArray]:
     """The fit between clouds; far from the initial pose, one by that after a near symmetry, if as likely or sound.
 
     And, if so, the pose that was left, (k, 4, 4), unless it is the same place.

@@ -245,7 +245,7 @@ class Options:
             cells=cells,
             max_distance=max_distance,
             finest=EFFORTS[self.effort],
-            first_kernel_scale=kernel_scale if auto else None,
+            first_kernel_scale=kernel_scale,
             max_angle_rad=float(np.deg2rad(self.max_angle_deg)),
             accelerate=self.accelerate,
             stopping=Stopping(convergence=self.convergence, iterations=self.max_iterations),

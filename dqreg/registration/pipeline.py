@@ -192,7 +192,7 @@ def second_try(fit: Fit, start: InitialPose, search: GlobalSearch) -> BestPoses:
         if T_given is not None:
             meant, copies = meant_copy(known.fit, T_given, kernel_scale)
             known, equals = replaced(known, fit=meant), np.concatenate([equals, copies])
-        equals = but_on_the_way(known.fit, equals, kernel_scale if fit.problem.options.method == "auto" else None)
+        equals = but_on_the_way(known.fit, equals, kernel_scale)
     known = replaced(known, others=np.concatenate([known.others, equals]))
     if T_given is not None:
         known = but_start_kept(begun, replaced(known, fit=without_drift(known.fit, T_given)), T_given, kernel_scale)

@@ -84,7 +84,7 @@ class _Cloud:
         return np.asarray(gaps.max(axis=1, initial=0.0) < MAX_GAP_RAD)
 
 
-def best_on_ring(fit: Fit, start: FloatArray | None, kernel_scale: float) -> tuple[Fit, FloatArray]:
+def best_on_ring(fit: Fit, start: FloatArray | None, kernel_scale: float | None) -> tuple[Fit, FloatArray]:
     """The fit between two clouds, or that after a better turn of the ring they show; and turns that are as likely.
 
     An initial pose less than half a step off decides: no others are asked. Shapes: returns (k, 4, 4).

@@ -174,7 +174,9 @@ def _may_stay(fit: Fit, poses: FloatArray) -> BoolArray:
     return np.asarray(met_by(fit, rays, poses).through <= here.through[0] + RAY_CONFLICT_MARGIN)
 
 
-def best_near_symmetric(fit: Fit, kernel_scale: float, start: FloatArray | None = None) -> tuple[Fit, FloatArray]:
+def best_near_symmetric(
+    fit: Fit, kernel_scale: float | None, start: FloatArray | None = None
+) -> tuple[Fit, FloatArray]:
     """The fit, or that to a near-symmetric pose which explains the scan significantly better; and equally likely ones.
 
     Between clouds a better one has more in common, which does not speak against an initial pose: what that did not mean

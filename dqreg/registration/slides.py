@@ -136,7 +136,7 @@ def without_slide(fit: Fit, share: float = 0.0) -> tuple[Fit, Slide]:
     """
     slide = slide_of(fit) if not share else _slide_of(fit, share)
     for _ in range(MAX_ROUNDS):
-        if slide.best is None or fit.problem.options.method != "auto":
+        if slide.best is None or not fit.may_be_moved:
             break
         # The loop may lead back to where it was: then the pose of the refinement stays.
         there = fit.at(slide.best)

@@ -91,7 +91,7 @@ def on_best_sides(fit: Fit) -> Fit:
 
     Of equal poses, that near to an initial one.
     """
-    if fit.problem.options.method != "auto":
+    if not fit.may_be_moved:
         return fit
     for _ in range(MAX_ROUNDS):
         found = _rivals(fit)

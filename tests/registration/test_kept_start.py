@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from dqreg.geometry import PointCloud
+from dqreg.registration.fit import Fit
 from dqreg.registration.register import register
 from dqreg.rigid import pose
 from dqreg.synth import random_pose
@@ -139,6 +140,23 @@ def test_from_nothing_a_prism_is_compared_after_its_steps() -> None:
     poses = [found.T_target_source, *(other.T_target_source for other in found.alternatives)]
     assert min(off(T, truth, source, size) for T in poses) < 0.03
     assert "alternative_poses" in found.verdict.codes
+
+
+@pytest.mark.parametrize("method", ["auto", "plane"])
+def test_a_chosen_method_finds_its_own_kernel(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A loop that leaves its start is asked with a narrow kernel, by "auto" alone: "plane" was handed one there."""
+    scales, resumed = [], Fit.resumed
+
+    def watched(fit: Fit, start: np.ndarray, kernel_scale: float | None, **more: Any) -> Fit:
+        scales.append(kernel_scale)
+        return resumed(fit, start, kernel_scale, **more)
+
+    monkeypatch.setattr(Fit, "resumed", watched)
+    source, target, truth, size = views("block", 10, 90.0, 60)
+    off_it = pose.exp(np.array([0.4, -0.3, 0.3, 0.15 * size, 0.0, 0.0]))
+    start = pose.about(off_it, pose.apply(truth, source).mean(axis=0)) @ truth
+    register(source, target, start, method=method, search="always", effort="fast")
+    assert any(scale is not None for scale in scales) == (method == "auto")
 
 
 def test_a_start_beside_the_pose_is_accepted_as_before() -> None:
