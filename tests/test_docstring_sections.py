@@ -15,10 +15,8 @@ from typing import Any
 
 import pytest
 
-from tests.test_docstrings import MORE, NAMES, found
+from tests.test_docstrings import NAMES, found
 
-# A class of a room that need not be there; what it offers is public too.
-ODOMETRY = "dqreg.odometry.Odometry"
 # They take anything, or arrays and records that other calls have checked: none raises an error on purpose.
 RAISE_NOTHING = {
     "dqreg.geometry.cloud_surface.CloudSurface.on_rim",
@@ -60,10 +58,8 @@ NEED_MORE = {
 
 def entries() -> dict[str, tuple[Any, type | None]]:
     """All that is public, by module and qualified name, and the class of a method or property."""
-    names = [*NAMES, *(f"{room}.{name}" for room, names in MORE.items() for name in names)]
-    names += [f"{ODOMETRY}.{key}" for key in vars(found(ODOMETRY)[0]) if key[0] != "_"]
     values: dict[str, tuple[Any, type | None]] = {}
-    for name in names:
+    for name in NAMES:
         value, owner = found(name)
         # Of a method, what stands in the source: under its decorator, and in the class where it is written.
         raw = next((getattr(value, key) for key in ("__func__", "fget", "func") if hasattr(value, key)), value)

@@ -21,18 +21,7 @@ from tests.test_api import PROMISED, ROOMS
 ROOT = Path(__file__).parents[1]
 NAMES = [line.partition("(")[0].strip() for line in PROMISED.read_text(encoding="utf-8").splitlines()]
 CHECKS = set(tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["numpydoc_validation"]["checks"])
-# Public as well, but for their lists: odometry needs a package that may be absent.
-MORE = {
-    "dqreg.odometry": (
-        "Odometry",
-        "OdometrySettings",
-        "evaluate",
-        "load_trajectory",
-        "read_trajectory",
-        "write_trajectory",
-    )
-}
-for room in (*ROOMS, *MORE):
+for room in ROOMS:
     importlib.import_module(room)
 SECTION = re.compile(
     r"^ *(Parameters|Other Parameters|Attributes|Returns|Yields|Raises|Warns|Examples|Notes|See Also)\n *-{3,}$", re.M
@@ -57,7 +46,7 @@ def described_in(owner: type) -> set[str]:
     """Names under the parameters and attributes of a class and of those that it derives from."""
     docs = [get_doc_object(each) for each in inspect.getmro(owner)[:-1] if each.__module__.startswith("dqreg")]
     entries = [entry for doc in docs for entry in (*doc["Parameters"], *doc["Attributes"])]
-    return {part.strip() for entry in entries for part in entry.name.split(",")}
+    return {part.strip(" *") for entry in entries for part in entry.name.split(",")}
 
 
 def faults_of(name: str) -> list[str]:
@@ -92,9 +81,8 @@ def definitions(tree: ast.AST, prefix: str = "") -> Iterator[tuple[str, str]]:
 
 def public_definitions() -> set[tuple[str, str]]:
     """Module and qualified name of what the public names stand for."""
-    names = [*NAMES, *(f"{room}.{name}" for room, names in MORE.items() for name in names)]
     places = set()
-    for name in names:
+    for name in NAMES:
         value, owner = found(name)
         if owner is not None:
             places.add((owner.__module__, f"{owner.__qualname__}.{name.rpartition('.')[2]}"))

@@ -23,14 +23,26 @@ CHI2_HIGH = 14.4494
 
 @dataclasses.dataclass(frozen=True)
 class Errors:
-    """Errors of a trajectory."""
+    """Errors of a trajectory.
 
-    # For each number of frames: errors of the relative poses over that many frames, (n,) each, degrees and lengths
+    Attributes
+    ----------
+    steps : dict of int to tuple of ndarray
+        For each number of frames: errors of the relative poses over that many frames, (n,) each, degrees and lengths.
+    lost : int
+        Frames without a pose, and steps more than 5 degrees off.
+    absolute_rmse : float
+        Root mean square distance of the places, after the best rigid alignment of both trajectories.
+    kiss_ate : tuple of 2 floats
+        KISS-ICP's absolute trajectory error: rotation in rad, translation.
+    kiss_segments : tuple of 2 floats
+        KISS-ICP's (KITTI's) mean error over 100 to 800 units of path: per cent, degrees a unit; NaN on shorter paths.
+    """
+
     steps: dict[int, tuple[FloatArray, FloatArray]]
-    lost: int  # Frames without a pose, and steps more than `LOST_DEG` off
-    absolute_rmse: float  # Root mean square distance of the places, after the best rigid alignment of both trajectories
-    kiss_ate: tuple[float, float]  # KISS-ICP's absolute trajectory error: rotation in rad, translation
-    # KISS-ICP's (KITTI's) mean error over 100 to 800 units of path: per cent, degrees a unit; NaN on shorter paths
+    lost: int
+    absolute_rmse: float
+    kiss_ate: tuple[float, float]
     kiss_segments: tuple[float, float]
 
     @property
@@ -103,9 +115,41 @@ def nees(
     Of two neighbouring frames the errors are taken as independent: their covariances about their sensors are carried to
     the later sensor and added.
 
-    Shapes: poses (n, 4, 4), covariances (n, 6, 6), truth (n, 4, 4), returns (n - 1,).
+    Parameters
+    ----------
+    poses : array_like, (n, 4, 4)
+        Estimated poses T_map_frame; NaN where none was found.
+    covariances : array_like, (n, 6, 6)
+        Of each pose, as results of `Odometry` have them.
+    truth : array_like, (n, 4, 4)
+        True poses in any frame.
+    truth_sigma_deg, truth_sigma : float
+        Standard deviations of a true step: of its rotation, degrees, and of its translation.
+
+    Returns
+    -------
+    ndarray, (n - 1,)
+        NaN where a frame of the step has no pose or no covariance.
+
+    Raises
+    ------
+    InputError
+        If the shapes do not belong together.
+
+    Examples
+    --------
+    >>> truth = np.stack([pose.from_parts(np.eye(3), [i, 0, 0]) for i in range(3)])
+    >>> path = truth.copy()
+    >>> path[2, 0, 3] += 0.3
+    >>> nees(path, np.stack([0.01 * np.eye(6)] * 3), truth)
+    array([0. , 4.5])
     """
     P, C, G = (as_float(v, n) for v, n in ((poses, "poses"), (covariances, "covariances"), (truth, "truth")))
+    if P.shape[1:] != (4, 4) or G.shape != P.shape or C.shape != (len(P), 6, 6):
+        raise InputError(
+            "poses and truth must be (n, 4, 4), and covariances (n, 6, 6), one of each a frame; got "
+            f"{P.shape}, {G.shape} and {C.shape}"
+        )
     values = np.full(max(len(P) - 1, 0), np.nan)
     noise = np.diag(scaling_by(np.deg2rad(truth_sigma_deg) ** 2, truth_sigma**2))
     usable = found_rows(P) & np.isfinite(C).all(axis=(1, 2))

@@ -19,7 +19,7 @@ from dqreg.odometry.frame import DownsampledFrame, RawFrame, downsample_frame, r
 from dqreg.odometry.kiss import KissParts, load_kiss, rigid
 from dqreg.odometry.map_file import SavedMap, load_map, save_map
 from dqreg.odometry.prediction import Prediction
-from dqreg.odometry.settings import OdometryOptions, OdometrySettings, Resolved
+from dqreg.odometry.settings import OdometryOptions, OdometrySettings, Resolved, with_options
 from dqreg.odometry.tracker import MIN_POINTS, Tracker
 from dqreg.odometry.turned import equal_turns
 from dqreg.odometry.voxel_map import VoxelMap
@@ -80,7 +80,7 @@ class Odometry(Tracker):
     ) -> None:
         # Imports of seconds belong here, not into the first frame.
         load_kiss("preprocess")
-        super().__init__((settings or OdometrySettings()).replaced(options), start)
+        super().__init__(with_options(settings or OdometrySettings(), options), start)
 
     def __getstate__(self) -> dict[str, Any]:
         """What a copy or a pickle holds: there is none once a map is begun, parts of which are KISS-ICP's own."""

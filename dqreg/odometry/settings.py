@@ -88,13 +88,6 @@ class OdometrySettings:
     threads: int = 0
     history: int | None = None
 
-    def replaced(self, options: OdometryOptions) -> OdometrySettings:
-        """The same with some fields replaced."""
-        known = [field.name for field in dataclasses.fields(OdometrySettings)]
-        if strange := sorted(set(options) - set(known)):
-            raise InputError(f"unknown setting {', '.join(strange)}; known are {', '.join(known)}")
-        return dataclasses.replace(self, **options)
-
     def __post_init__(self) -> None:
         for name in ("voxel_size", "max_range"):
             value = getattr(self, name)
@@ -127,11 +120,18 @@ class OdometrySettings:
         Resolved
             No length left open.
 
+        Raises
+        ------
+        InputError
+            If there is no point.
+
         Examples
         --------
         >>> OdometrySettings(max_range=100.0).resolve(np.array([[8.0, 0, 0], [0, 4, 0], [0, 0, 20]])).voxel_size
         0.4
         """
+        if not len(points):
+            raise InputError("no length follows from a frame without points; give one that has some")
         ranges = np.linalg.norm(points, axis=1)
         voxel = self.voxel_size or VOXEL_SHARE * float(np.median(ranges))
         limit = self.max_range or MAP_RANGE_RATIO * min(
@@ -147,6 +147,14 @@ class OdometrySettings:
             near=NEAR_VOXELS * voxel,
             threads=self.threads,
         )
+
+
+def with_options(settings: OdometrySettings, options: OdometryOptions) -> OdometrySettings:
+    """The same settings with some fields replaced."""
+    known = [field.name for field in dataclasses.fields(settings)]
+    if strange := sorted(set(options) - set(known)):
+        raise InputError(f"unknown setting {', '.join(strange)}; known are {', '.join(known)}")
+    return dataclasses.replace(settings, **options)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -21,8 +21,37 @@ UNKNOWN_INFORMATION = 1e-9
 
 
 def bridge_gaps(poses: Any) -> tuple[FloatArray, IntArray]:
-    """A trajectory without gaps, for formats that need a line a frame. Shapes: poses (n, 4, 4), bridged (n, 4, 4)."""
-    poses = as_float(poses, "poses").reshape(-1, 4, 4)
+    """A trajectory without gaps, for formats that need a line a frame.
+
+    Parameters
+    ----------
+    poses : array_like, (n, 4, 4)
+        Poses of the frames; NaN where none was found.
+
+    Returns
+    -------
+    bridged : ndarray, (n, 4, 4)
+        The same, with poses between those beside a gap; before the first one found and after the last, that one.
+    missing : ndarray, (k,)
+        Numbers of the frames without a pose, from 0.
+
+    Raises
+    ------
+    InputError
+        If the shape is wrong, or no frame has a pose.
+
+    Examples
+    --------
+    >>> path = np.stack([np.eye(4)] * 3)
+    >>> path[1], path[2, 0, 3] = np.nan, 4.0
+    >>> bridged, missing = bridge_gaps(path)
+    >>> bridged[:, 0, 3].tolist(), missing.tolist()
+    ([0.0, 2.0, 4.0], [1])
+    """
+    poses = as_float(poses, "poses")
+    if poses.shape[-2:] != (4, 4):
+        raise InputError(f"poses must be (n, 4, 4), NaN where none was found; got the shape {poses.shape}")
+    poses = poses.reshape(-1, 4, 4)
     found = np.flatnonzero(found_rows(poses))
     if not len(found):
         raise InputError(f"none of the {len(poses)} frames was placed; there is no trajectory")

@@ -8,7 +8,15 @@ from hypothesis import strategies as st
 pytest.importorskip("kiss_icp")
 
 from dqreg.errors import InputError
-from dqreg.odometry import bridge_gaps, evaluate, load_trajectory, nees, read_trajectory, write_trajectory
+from dqreg.odometry import (
+    OdometrySettings,
+    bridge_gaps,
+    evaluate,
+    load_trajectory,
+    nees,
+    read_trajectory,
+    write_trajectory,
+)
 from dqreg.rigid import Trajectory, pose, twist
 
 
@@ -54,6 +62,17 @@ def test_gaps_are_bridged_by_one_screw_and_left_out_of_tum(tmp_path):
     np.testing.assert_array_equal(bridge_gaps(holes)[0], np.stack([poses[3]] * 5))
     with pytest.raises(InputError, match="none of the 2 frames"):
         bridge_gaps(np.full((2, 4, 4), np.nan))
+
+
+def test_shapes_that_do_not_belong_together_are_named():
+    path, covariances = np.stack([np.eye(4)] * 3), np.stack([np.eye(6)] * 3)
+    with pytest.raises(InputError, match=r"poses must be \(n, 4, 4\).* got the shape \(3,\)"):
+        bridge_gaps(np.ones(3))
+    for wrong in ((path[0], covariances, path), (path, covariances, path[:2]), (path, covariances[:2], path)):
+        with pytest.raises(InputError, match="one of each a frame; got"):
+            nees(*wrong)
+    with pytest.raises(InputError, match="a frame without points"):
+        OdometrySettings().resolve(np.zeros((0, 3)))
 
 
 @pytest.mark.parametrize("text", ["", "1 2 3\n", "a b\n", "1 " * 12 + "\n", "nan " * 12 + "\n", "0 " * 8 + "\n"])
