@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, get_type_hints
 
 import dqreg
 from dqreg.odometry.settings import OdometryOptions, OdometrySettings
-from dqreg.registration.options import RegisterOptions
+from dqreg.registration.options import Options, RegisterOptions
+from dqreg.trust import Evidence
 
 if TYPE_CHECKING:
     points = [[0.0, 0.0, 0.0]]
@@ -25,7 +26,15 @@ if TYPE_CHECKING:
     dqreg.register_many([points], order="random")  # type: ignore[arg-type]
     dqreg.register_many([points], edges="all")  # type: ignore[arg-type]
     dqreg.register_many([points], edges=[(0, 1)], order="sequence")
+    dqreg.register(points, points, clutter="nothing")  # type: ignore[arg-type]
+    dqreg.register(points, points, units="ignored")  # type: ignore[arg-type]
     result = target.register(points)
+    _ = result.verdict.codes[0] == "drfit"  # type: ignore[comparison-overlap]
+    _ = result.verdict.checks[0].code == "drfit"  # type: ignore[comparison-overlap]
+    options = Options("auto", None, 60.0, "normal", 0, accelerate=True, max_iterations=100, convergence=1e-7)
+    _ = options.search == "alwyas"  # type: ignore[comparison-overlap]
+    _ = options.effort == "bset"  # type: ignore[comparison-overlap]
+    _ = Evidence.clutter == "nnoe"  # type: ignore[comparison-overlap]
     _ = result.verdict.level == "acepted"  # type: ignore[comparison-overlap]
     result.covariance_in("world")  # type: ignore[arg-type]
     result.covariance_in("source", order="tr", side="left").sum()

@@ -6,7 +6,7 @@ import dataclasses
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -29,7 +29,7 @@ from dqreg.multiway.sides import Sides
 from dqreg.multiway.starts import contradicted_starts, read_starts
 from dqreg.multiway.turning import turnings
 from dqreg.registration.log import log_verdict
-from dqreg.registration.options import Effort, read_time_limit, require_effort, require_observer, require_seed
+from dqreg.registration.options import Effort, read_time_limit, require_observer, require_seed, require_word
 from dqreg.registration.target import Target, prepare_target
 
 # Poses of pairs need not agree to better than this fraction of the spacing of the points.
@@ -193,7 +193,7 @@ def _selection(
 
 def _checked(effort: Any, seed: Any, time_limit: Any, observe: Any) -> float | None:
     """The limit as a number, if all are what `dqreg.register` takes as well."""
-    require_effort(effort)
+    require_word("effort", effort, get_args(Effort))
     require_seed(seed)
     require_observer(observe, "observe")
     return read_time_limit(time_limit)

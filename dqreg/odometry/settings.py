@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Literal, TypedDict
+from typing import Literal, TypedDict, get_args
 
 import numpy as np
 
@@ -104,8 +104,8 @@ class OdometrySettings:
             )
         if self.history is not None and self.history < 1:
             raise InputError(f"history must be at least 1, or None to keep all poses; got {self.history}")
-        if self.method not in ("plane", "dq", "dq-points"):
-            raise InputError(f"unknown method {self.method!r}; known are plane, dq, dq-points")
+        if self.method not in (known := get_args(Method)):
+            raise InputError(f"unknown method {self.method!r}; known are {', '.join(known)}")
 
     def resolve(self, points: FloatArray) -> Resolved:
         """The lengths of a sequence, from its first frame.

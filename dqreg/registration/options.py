@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 import math
 import numbers
-from collections.abc import Callable
-from typing import Any, Literal, TypedDict
+from collections.abc import Callable, Sequence
+from typing import Any, Literal, TypedDict, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,13 +25,13 @@ from dqreg.icp.noise_by_face import (
 from dqreg.registration.constraints import PoseConstraints
 from dqreg.search import Stage
 from dqreg.solvers import Freedom
+from dqreg.trust.evidence import Clutter
 
 # What a type checker knows of the words that `dqreg.register` takes.
 Effort = Literal["fast", "normal", "best"]
 Method = Literal["auto", "dq", "dq-points", "svd", "plane", "generalised"]
 Search = Literal["never", "doubt", "always"]
 Units = Literal["check", "ignore"]
-Clutter = Literal["allowed", "none"]
 
 
 class RegisterOptions(TypedDict, total=False):
@@ -63,16 +63,21 @@ class RegisterOptions(TypedDict, total=False):
 
 
 # Points of the last level.
-EFFORTS: dict[str, int | None] = {"fast": 20_000, "normal": 60_000, "best": None}
+EFFORTS: dict[Effort, int | None] = {"fast": 20_000, "normal": 60_000, "best": None}
 # Fraction of the target's diagonal: a step that moves the points by less ends the last level.
 CONVERGENCE = 1e-7
 # Cells of a dense cloud: one point of each stands for its points.
-CELLS: dict[str, int | None] = {"fast": 6_000, "normal": 10_000, "best": None}
+CELLS: dict[Effort, int | None] = {"fast": 6_000, "normal": 10_000, "best": None}
 # The same of clouds that a sensor saw from its stand, where all points say less: of 24 simulated streets under a LiDAR
 # 15,000 cells left half the error of all points, in a twentieth of the time; 20,000 left more again.
 CELLS_FROM_A_STAND = 15_000
-# When a global search may run beside an initial pose that was given.
-SEARCHES = ("never", "doubt", "always")
+# Options that take words, and which; of methods those that there are.
+WORDS: dict[str, tuple[str, ...]] = {
+    "effort": get_args(Effort),
+    "search": get_args(Search),
+    "units": get_args(Units),
+    "clutter": get_args(Clutter),
+}
 # In place of a viewpoint: none is used, be there one in the file.
 NO_VIEWPOINT = "none"
 
@@ -102,18 +107,18 @@ RECORDED = (
 class Options:
     """Checked options of one registration, see `dqreg.register`."""
 
-    method: str
+    method: Method
     max_distance: float | None
     max_angle_deg: float
-    effort: str
+    effort: Effort
     seed: int
     accelerate: bool
     max_iterations: int
     convergence: float
-    units: str = "check"
+    units: Units = "check"
     time_limit: float | None = None
-    scale: float | str = 1.0
-    search: str = "doubt"
+    scale: float | Literal["solve"] = 1.0
+    search: Search = "doubt"
     source_units: str | None = None
     target_units: str | None = None
     dof: str | Freedom | None = None
@@ -122,27 +127,18 @@ class Options:
     observe: Callable[[Iteration], object] | None = None
     observe_search: Callable[[Stage], object] | None = None
     keep_inputs: bool = True
-    clutter: str = "allowed"
+    clutter: Clutter = "allowed"
     expected_deviation: float | None = None
     verdict: bool = True
 
     def __post_init__(self) -> None:
-        known = ("auto", *ESTIMATORS)
-        # Only text is looked up: a list has no hash.
-        if not isinstance(self.method, str) or self.method not in known:
-            raise InputError(f"unknown method {self.method!r}; known are {', '.join(known)}")
-        require_effort(self.effort)
-        if not isinstance(self.search, str) or self.search not in SEARCHES:
-            raise InputError(f"search must be {', '.join(SEARCHES)}; got {self.search!r:.60}")
+        for name, words in {"method": ("auto", *ESTIMATORS), **WORDS}.items():
+            require_word(name, getattr(self, name), words)
         if self.search == "always" and (self.dof is not None or self.prior is not None):
             raise InputError(
                 'search="always" compares the pose with those of a global search, which know nothing of dof= and '
                 "prior=: leave search out, or those"
             )
-        if self.units not in ("check", "ignore"):
-            raise InputError(f'units must be "check" or "ignore"; got {self.units!r}')
-        if self.clutter not in ("allowed", "none"):
-            raise InputError(f'clutter must be "allowed" or "none"; got {self.clutter!r}')
         for name in ("accelerate", "verdict"):
             if not isinstance(getattr(self, name), (bool, np.bool_)):
                 raise InputError(f"{name} must be True or False; got {getattr(self, name)!r}")
@@ -252,10 +248,11 @@ class Options:
         )
 
 
-def require_effort(effort: object) -> None:
-    """Raise unless it is one of the words."""
-    if not isinstance(effort, str) or effort not in EFFORTS:
-        raise InputError(f"unknown effort {effort!r:.60}; known are {', '.join(EFFORTS)}")
+def require_word(name: str, value: object, words: Sequence[str]) -> None:
+    """Raise unless an option is one of the words that it takes."""
+    # Only text is looked up: a list has no hash, and would end in an error without a name.
+    if not isinstance(value, str) or value not in words:
+        raise InputError(f"unknown {name} {value!r:.60}; known are {', '.join(words)}")
 
 
 def require_seed(seed: Any) -> None:

@@ -11,13 +11,14 @@ from dqreg._arrays import renamed
 from dqreg.icp.history import Iteration
 from dqreg.icp.stopwatch import Stopwatch
 from dqreg.registration.log import logged
-from dqreg.registration.options import CONVERGENCE, Clutter, Effort, Method, Options, Search, Units
+from dqreg.registration.options import CONVERGENCE, Effort, Method, Options, Search, Units
 from dqreg.registration.pipeline import align
 from dqreg.registration.problem import Problem
 from dqreg.registration.result import Registration
 from dqreg.registration.scale import align_with_scale
 from dqreg.search import Stage
 from dqreg.solvers import Freedom
+from dqreg.trust.evidence import Clutter
 
 
 def register(

@@ -132,7 +132,8 @@ def read_verdict(values: Any) -> Verdict:
     confidence = values.get("confidence")
     if confidence is not None and not 0.0 <= _of((int, float), confidence) <= 1.0:
         raise ValueError(f"confidence of {confidence!r:.60}")
-    return record_from(Verdict, values, {"reasons": lambda _: reasons})
+    # A check's code that this version does not know is kept as it is.
+    return record_from(Verdict, values, {"reasons": lambda _: reasons, "code": lambda code: _of(str, code)})
 
 
 def _direction(values: Any) -> Direction:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Literal
 
 from dqreg.solvers.search_stage import SearchStage
 from dqreg.solvers.status import Status
 from dqreg.trust.records import Alternative, Direction
 
+# What of a scan may be off the target: anything, or of the part alone nothing.
+Clutter = Literal["allowed", "none"]
 # Deviation of made parts from their models, in sizes, for which limits on shapes were set.
 PART_DEVIATION_DIAGONALS = 5e-4
 
@@ -186,7 +189,7 @@ class Evidence:
     share_on: float = 1.0
     share_other: float = 0.0
     share_contradicting: float = 0.0
-    clutter: str = "allowed"
+    clutter: Clutter = "allowed"
     is_scene: bool = True
     looked_through: float = math.nan
     faces_apart: float = math.nan

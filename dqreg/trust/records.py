@@ -110,7 +110,7 @@ Unit = Literal["1", "%", "times", "points", "motions", "poses", ""]
 class Check:
     """A question of the verdict with its figure, whether it speaks against the pose or not."""
 
-    code: str  # Of the reason that it would be
+    code: Code  # Of the reason that it would be
     question: str  # What is asked, in words
     value: float  # Figure, a share where the unit is "1"; NaN where it was not asked for
     relation: Relation  # How a figure that passes stands to the limit
@@ -165,7 +165,7 @@ class Verdict:
         return verdict
 
     @property
-    def codes(self) -> tuple[str, ...]:
+    def codes(self) -> tuple[Code | Literal[""], ...]:
         """Code of each reason."""
         return tuple(reason.code for reason in self.reasons)
 

@@ -8,6 +8,7 @@ import sys
 import time
 from collections import Counter
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from dqreg.geometry import Mesh, sample_mesh
 from dqreg.icp import ESTIMATORS
 from dqreg.inspection import measure_deviations
 from dqreg.registration import scan_deviations as deviations_room
-from dqreg.registration.options import EFFORTS, SEARCHES
+from dqreg.registration.options import EFFORTS, WORDS, Method
 from dqreg.registration.result import Registration
 from dqreg.rigid import pose
 from dqreg.synth.parts import bracket
@@ -28,8 +29,9 @@ from tests.cli.command import run
 
 def test_words_are_those_of_the_library():
     assert ("auto", *ESTIMATORS) == room.METHODS
-    assert tuple(EFFORTS) == room.EFFORTS
-    assert room.SEARCHES == SEARCHES
+    assert get_args(Method) == room.METHODS
+    assert tuple(EFFORTS) == WORDS["effort"] == room.EFFORTS
+    assert WORDS["search"] == room.SEARCHES
 
 
 def test_json_is_all_that_standard_output_holds(tmp_path, case, start, capsys):

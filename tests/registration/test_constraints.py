@@ -104,7 +104,7 @@ def test_a_prior_decides_what_the_scan_cannot() -> None:
         ({"prior": (np.eye(4), np.eye(3))}, "6"),
         ({"prior": (2.0 * np.eye(4), np.eye(6))}, "prior"),
         ({"time_limit": 0.0, "start": "identity"}, "time_limit"),
-        ({"units": "mm", "start": "identity"}, "units must be"),
+        ({"units": "mm", "start": "identity"}, "unknown units 'mm'; known are check, ignore"),
     ],
 )
 def test_what_cannot_be_known_is_refused_in_words(options: dict, words: str) -> None:

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from dqreg.errors import InputError
 from dqreg.registration.result import Alternative, Direction, Iteration, Registration, Verdict
 from dqreg.rigid import pose
-from dqreg.trust.records import Reason
+from dqreg.trust.records import Check, Reason
 from tests.strategies import FloatArray, points, poses
 
 NAN, INF = float("nan"), float("inf")
@@ -98,6 +98,18 @@ def test_what_is_saved_is_loaded_to_the_last_bit(tmp_path: Path, make: Callable[
             assert_same(getattr(result, field.name), getattr(loaded, field.name))
     # Settings come back as plain numbers and lists.
     assert loaded.settings == {"max_distance": 3.5, "seed": 7, "centre": [0.0, 1.0, 2.0], "units": None}
+
+
+def test_codes_that_this_version_does_not_know_are_read_as_they_are(tmp_path: Path) -> None:
+    path = tmp_path / "result.json"
+    good().save(path)
+    values = json.loads(path.read_text(encoding="utf-8"))
+    values["verdict"]["codes"][0] = "of_later"
+    check = dataclasses.asdict(Check("drift", "Drift", 0.0, "at most", 0.1, "1", passed=True))
+    values["verdict"]["checks"] = [{**check, "code": "of_later"}]
+    path.write_text(json.dumps(values), encoding="utf-8")
+    verdict = Registration.load(path).verdict
+    assert (verdict.codes[0], verdict.checks[0].code) == ("of_later", "of_later")
 
 
 @settings(deadline=None, max_examples=30)

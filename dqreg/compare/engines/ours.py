@@ -14,6 +14,7 @@ from dqreg.geometry import PointCloud
 from dqreg.icp import ESTIMATORS, NO_POSE, Icp, Stopping, WithinDistance
 from dqreg.icp.history import Iteration
 from dqreg.registration.fit import run_icp
+from dqreg.registration.options import Effort
 from dqreg.registration.problem import SourceAndTarget
 from dqreg.registration.register import register
 from dqreg.registration.target import prepare_target
@@ -25,7 +26,7 @@ class Dqreg:
     """`dqreg.register` as a user calls it; a mesh is used as it is."""
 
     name: str = "dqreg"  # Shown in tables
-    effort: str = "normal"  # Its only setting
+    effort: Effort = "normal"  # Its only setting
     needs: tuple[str, ...] = ()
     needs_initial_pose: bool = False
     # Its loop goes from few points to many and counts iterations on each level: one cap cannot mean the same for it.
