@@ -21,7 +21,7 @@ from dqreg.cli.inspection_outputs import (
 from dqreg.cli.lazy_group import Choice
 from dqreg.cli.outputs import consoles, print_json, quiet_option, read_head, require_below_reach
 from dqreg.cli.register import SEARCHES
-from dqreg.cli.values import FILE, UNITS, CoordinateType, PlaceCommand, ToleranceType, places_of
+from dqreg.cli.values import FILE, UNITS, PlaceCommand, PlaceType, ToleranceType, places_of
 from dqreg.errors import InputError
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ class InspectCommand(PlaceCommand):
               "initial pose: never, where the pose is in doubt, or always.")  # fmt: skip
 @click.option("--dof", metavar="MOTIONS", help="Degrees of freedom in which the pose may differ from the initial pose, "
               "such as 'rz tx ty'; all others are locked.")  # fmt: skip
-@click.option("--viewpoint", type=CoordinateType(), nargs=3, multiple=True, metavar="none|X Y Z", help="Where the "
+@click.option("--viewpoint", type=PlaceType(), multiple=True, metavar="none|origin|X Y Z", help="Where the "
               "scanner stood, in SCAN's coordinates; may be given again. Faces hidden from the scanner are ignored. "
               "none: nor is the place in SCAN's file used.")  # fmt: skip
 @click.option("--time-limit", type=float, metavar="SECONDS", help="Time limit of the registration.")

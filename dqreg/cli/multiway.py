@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dqreg.cli.lazy_group import Choice, SectionedCommand
+from dqreg.cli.lazy_group import Choice
 from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, say
 from dqreg.cli.overwriting import require_apart, require_ending
-from dqreg.cli.values import FILE
+from dqreg.cli.values import FILE, NO_PLACE, PLACE, PlaceCommand, PlaceType
 from dqreg.errors import InputError
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ SECTIONS = {
 }
 
 
-@click.command("multiway", cls=SectionedCommand, sections=SECTIONS)
+@click.command("multiway", cls=PlaceCommand, sections=SECTIONS)
 @click.argument("scans", nargs=-1, required=True)
 @click.option("--out", type=FILE, help="The result as JSON; poses alone for .txt (KITTI; TUM for _tum.txt) or .tum.")
 @click.option("--fused", type=FILE, help="One cloud of all placed scans as PLY, with normals "
@@ -50,8 +50,8 @@ SECTIONS = {
               "are useful, neighbours, or neighbours and the last with the first.")  # fmt: skip
 @click.option("--target", type=FILE, help="A CAD part (or scan) in whose frame all scans are placed.")
 @click.option("--starts", type=FILE, help="Initial poses, one a scan: KITTI or TUM, or an earlier result.")
-@click.option("--viewpoint", metavar="origin|X,Y,Z", help="Where the scanner stood, in the frame of each scan: tells "
-              "the front of a thin sheet from its back.")  # fmt: skip
+@click.option("--viewpoint", type=PlaceType(), metavar="origin|X Y Z", help="Where the scanner stood, in the frame of "
+              "each scan: tells the front of a thin sheet from its back.")  # fmt: skip
 @click.option("--anchor", type=int, default=0, show_default=True, metavar="N", help="Scan whose frame is the world, "
               "counted from 0.")  # fmt: skip
 @click.option("--effort", type=Choice(("fast", "normal", "best")), default="normal", show_default=True,
@@ -94,7 +94,7 @@ def multiway_command(scans: tuple[str, ...], quiet: bool, as_json: bool, **optio
         result = register_many(
             files,
             starts=None if options["starts"] is None else read_starts_file(options["starts"], len(files)),
-            viewpoints=_place(options["viewpoint"]),
+            viewpoints=options["viewpoint"],
             observe=_told(bar, shown, files),
             folder=folder,
             **{name: options[name] for name in names},
@@ -120,18 +120,6 @@ def _files(scans: tuple[str, ...]) -> list[Path]:
                 raise InputError(f"{name} is a folder; give the scans in it: '{name}/*.ply'")
             found.append(Path(name))
     return found
-
-
-def _place(text: str | None) -> str | list[float] | None:
-    if text is None or text == "origin":
-        return text
-    try:
-        place = [float(word) for word in text.split(",")]
-    except ValueError:
-        place = []
-    if len(place) != 3:
-        raise InputError(f"--viewpoint must be the word origin, or three numbers X,Y,Z; got {text!r}")
-    return place
 
 
 def _folder(out: Path | None, *, resume: bool) -> Path | None:
@@ -179,6 +167,8 @@ def _check(files: list[Path], options: dict[str, Any]) -> None:
         require_cloud_suffix(options["fused"])
     if options["graph"] is not None and options["graph"].suffix.lower() != ".g2o":
         raise InputError(f"--graph writes g2o; give a name that ends in .g2o, not {options['graph'].name!r}")
+    if options["viewpoint"] == NO_PLACE:
+        raise InputError(f"many scans need the places that their files tell: {PLACE} takes another one, not {NO_PLACE}")
     if options["voxel"] is not None and not options["voxel"] >= 0.0:
         raise InputError(f"--voxel must be a length, 0 or more; got {options['voxel']!r}")
 

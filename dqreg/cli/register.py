@@ -22,7 +22,7 @@ from dqreg.cli.outputs import (
     tell_result,
 )
 from dqreg.cli.overwriting import require_apart
-from dqreg.cli.values import FILE, UNITS, CoordinateType, PlaceCommand, ScaleType, ToleranceType, places_of
+from dqreg.cli.values import FILE, UNITS, PlaceCommand, PlaceType, ScaleType, ToleranceType, places_of
 from dqreg.errors import InputError
 from dqreg.kernels.second_process import start_where_nothing_is_kept
 
@@ -51,7 +51,7 @@ SECTIONS = {
               "initial pose: never, where the pose is in doubt, or always; the better pose is kept.")  # fmt: skip
 @click.option("--dof", metavar="MOTIONS", help="Degrees of freedom in which the pose may differ from the initial pose, "
               "such as 'rz tx ty'; all others are locked.")  # fmt: skip
-@click.option("--viewpoint", type=CoordinateType(), nargs=3, multiple=True, metavar="none|X Y Z", help="Where the "
+@click.option("--viewpoint", type=PlaceType(), multiple=True, metavar="none|origin|X Y Z", help="Where the "
               "scanner stood, in SCAN's coordinates; may be given again. Faces hidden from the scanner are ignored; "
               "what it looked through speaks against a pose. none: nor is the place in SCAN's file used.")  # fmt: skip
 @click.option("--out", type=FILE, help="The result as JSON; its 4x4 matrix alone for .txt.")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import click
 
@@ -15,15 +15,16 @@ if TYPE_CHECKING:
 
     Scale = click.ParamType[float | str]
     Limits = click.ParamType[float | Tolerance]
-    Coordinate = click.ParamType[float | str]
+    Place = click.ParamType[tuple[float, ...] | Literal["none"]]
 else:
     # The types of an older click take no brackets when the program runs.
-    Scale = Limits = Coordinate = click.ParamType
+    Scale = Limits = Place = click.ParamType
 
 FILE = click.Path(path_type=Path)
-# Where the scanner stood, and the word for using no place of it.
+# Where the scanner stood: the words for using no place of it, and for that of the coordinates' own origin.
 PLACE = "--viewpoint"
-NO_PLACE = "none"
+NO_PLACE: Final = "none"
+ORIGIN = "origin"
 
 
 class UnitType(Choice):
@@ -55,45 +56,68 @@ class ScaleType(Scale):
 
 
 class PlaceCommand(SectionedCommand):
-    """A command whose --viewpoint takes the word none in place of three coordinates."""
+    """A command whose --viewpoint takes one word, or three coordinates that stand apart."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Read the words of the command line."""
-        words: list[str] = []
-        for word in args:
-            if word == f"{PLACE}={NO_PLACE}":
-                words += [PLACE, *[NO_PLACE] * 3]
+        words, left = list[str](), list(args)
+        while left and left[0] != "--":
+            word, equals, place = left.pop(0).partition("=")
+            if word != PLACE:
+                words.append(word + equals + place)
+            elif equals or left:
+                first = place if equals else left.pop(0)
+                words.append(f"{PLACE}={' '.join([first, *_popped(left, 2 if _is_number(first) else 0)])}")
             else:
-                words += [word] * (3 if word == NO_PLACE and words[-1:] == [PLACE] else 1)
-        return super().parse_args(ctx, words)
+                words.append(word)
+        return super().parse_args(ctx, words + left)
 
 
-class CoordinateType(Coordinate):
-    """A number, or the word none, which stands for all three."""
+def _popped(words: list[str], count: int) -> list[str]:
+    return [words.pop(0) for _ in words[:count]]
 
-    name = "coordinate"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float | str:
-        """The number or the word that a text means."""
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+class PlaceType(Place):
+    """A place as "X Y Z" or "X,Y,Z", "origin", or the word none, which says that none is used."""
+
+    name = "place"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, ...] | Literal["none"]:
+        """The place or the word that a text means."""
         if value == NO_PLACE:
             return NO_PLACE
-        try:
-            return float(value)
-        except ValueError:
-            self.fail(f"{value!r} is neither a number nor {NO_PLACE}", param, ctx)
+        words = ["0"] * 3 if value == ORIGIN else str(value).replace(",", " ").split()
+        if len(words) != 3 or not all(map(_is_number, words)):
+            self.fail(
+                f"{str(value)!r} is neither three numbers X Y Z (or X,Y,Z) nor {ORIGIN} nor {NO_PLACE}", param, ctx
+            )
+        return tuple(map(float, words))
 
 
-def places_of(given: tuple[tuple[float | str, ...], ...]) -> tuple[tuple[float | str, ...], ...] | str | None:
+def places_of(
+    given: tuple[tuple[float, ...] | Literal["none"], ...],
+) -> tuple[tuple[float, ...], ...] | Literal["none"] | None:
     """Viewpoints that were given: places, the word none, or None.
 
-    >>> places_of(((0.0, 0.0, 5.0),)), places_of((("none",) * 3,)), places_of(())
+    >>> places_of(((0.0, 0.0, 5.0),)), places_of(("none",)), places_of(())
     (((0.0, 0.0, 5.0),), 'none', None)
     """
-    if any(NO_PLACE in place for place in given):
-        if len(given) > 1 or set(given[0]) != {NO_PLACE}:
+    places = tuple(place for place in given if place != NO_PLACE)
+    if len(places) < len(given):
+        if len(given) > 1:
             raise InputError(f"{PLACE} {NO_PLACE} stands alone: leave it out, or the places")
         return NO_PLACE
-    return given or None
+    return places or None
 
 
 class ToleranceType(Limits):

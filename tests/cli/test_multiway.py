@@ -156,6 +156,8 @@ def test_poses_alone_are_of_the_format_that_their_name_says(made: Path, tmp_path
         (["{folder}/view*.ply", "--voxel", "-1"], "--voxel"),
         (["{folder}/view*.ply", "--viewpoint", "here"], "--viewpoint"),
         (["{folder}/view*.ply", "--viewpoint", "1,2"], "--viewpoint"),
+        (["{folder}/view*.ply", "--viewpoint", "none"], "--viewpoint"),
+        (["{folder}/view*.ply", "--viewpoint"], "--viewpoint"),
         (["{folder}/view*.ply", "--starts", "{folder}/view0.ply"], "initial poses"),
         (["{folder}/view*.ply", "--anchor", "7"], "anchor"),
     ],

@@ -76,7 +76,7 @@ def test_no_viewpoint_is_used_where_none_is_asked_for(tmp_path, words, capsys):
     assert run(*given, *words, "--viewpoint", "0", "0", "9") == 2
     assert "stands alone" in capsys.readouterr().err
     assert run(*given, "--viewpoint", "0", "here", "9") == 2
-    assert "'here' is neither a number nor none" in capsys.readouterr().err
+    assert "'0 here 9' is neither three numbers X Y Z" in capsys.readouterr().err
 
 
 def test_a_pose_that_is_locked_is_judged_where_it_is(tmp_path, case, capsys):
