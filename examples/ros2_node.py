@@ -42,7 +42,7 @@ class OdometryNode(Node):
         self.wheel_sigma = self.declare_parameter("wheel_sigma", [0.02, 0.05]).value
         self.odometry = dqreg.Odometry(voxel_size=voxel_size or None, history=HISTORY)
         self.wheels: np.ndarray | None = None  # the latest pose that the wheels give
-        self.wheels_then: np.ndarray | None = None  # the same at the last frame
+        self.wheels_then: np.ndarray | None = None  # the same at the last pose
         self.out = self.create_publisher(OdometryMessage, "odometry", 10)
         self.transforms = TransformBroadcaster(self)
         self.create_subscription(PointCloud2, "points", self.on_points, qos_profile_sensor_data)
@@ -54,7 +54,9 @@ class OdometryNode(Node):
     def on_points(self, message: PointCloud2) -> None:
         # Fields, per-point times and the stamp are read from the message.
         result = self.odometry.register_frame(message, **self.prediction())
-        self.wheels_then = self.wheels
+        # A frame that was kept out of the map leaves the last pose where it was.
+        if np.array_equal(result.T_target_source, self.odometry.last_pose):
+            self.wheels_then = self.wheels
         level, reasons = result.verdict.level, "; ".join(result.verdict.reasons)
         if level != "accepted":
             self.get_logger().warning(f"{level}: {reasons}")

@@ -196,25 +196,38 @@ def _without(information: Information, motion: FloatArray) -> Information:
 class MapLink:
     """Whether the map hangs on a frame that was not accepted."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, is_held: bool = False) -> None:
         # That frame; for good, or until a frame fits that cannot have slid.
         self._frame: int | None = None
         self._for_good = False
+        self.is_held = is_held  # Whether the last frame that entered left no motion free; the first one was not asked
+
+    def slides(self, result: Registration) -> bool:
+        """Whether a frame leaves a motion free where the one before left none: the map is better off without it.
+
+        One of a few points, or of the ground alone: all that hang on it would be doubted. A corridor goes on for longer
+        than such frames are kept out.
+        """
+        return self.is_held and "unconstrained" in result.verdict.codes
 
     def linked(self, result: Registration, place: ComparedFrame, number: int, *, merged: bool) -> Registration:
         """The result of a frame, doubted where it hangs on an earlier one that was not accepted."""
         accepted = result.verdict.level == "accepted"
         if self._frame is not None and not self._for_good and accepted and not place.is_weak:
             self._frame = None
-        before = self._frame
-        if PLACE_UNKNOWN.intersection(result.verdict.codes):
+        before, unknown = self._frame, PLACE_UNKNOWN.intersection(result.verdict.codes)
+        # One that slides and stays out is as good as none.
+        if unknown and (merged or not self.slides(result)):
             self._for_good = self._for_good or merged
             self._frame = number if before is None and (merged or place.is_weak) else before
+        if merged:
+            self.is_held = "unconstrained" not in result.verdict.codes
         if before is None:
             return result
         words = (
             f"frame {before} was not accepted, and this pose hangs on it: it may be right against the frames since and "
-            "wrong against those before; relocalise tells, or reset begins anew"
+            "wrong against those before; relocalise tells, or reset begins anew; prediction= with its covariance at such "
+            "a frame prevents it"
         )
         return dataclasses.replace(result, verdict=result.verdict.doubted(Reason(words, "untrusted_map")))
 

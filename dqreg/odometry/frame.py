@@ -61,6 +61,12 @@ class RawFrame:
         """Largest size of each coordinate, (3,), of at least one point."""
         return np.maximum(*map(np.abs, bounds(self.points)))
 
+    def downsampled(self, lengths: Resolved) -> DownsampledFrame | None:
+        """The frame downsampled, if it was not ahead of its turn."""
+        if self.ahead is not None and self.ahead[0] is lengths:
+            return self.ahead[1]
+        return downsample_frame(self, lengths)
+
 
 def read_frame(points: Any, timestamps: Any) -> RawFrame:
     """Check a frame and leave out what is no measurement.
@@ -90,14 +96,26 @@ def read_frame(points: Any, timestamps: Any) -> RawFrame:
         if not np.isfinite(seen).all():
             notes.append(Reason("some times are not finite: the sweep was not deskewed", "not_deskewed"))
             times = None
-        elif len(seen) and not np.ptp(seen) > 0.0:
-            notes.append(Reason("all points have one time: the sweep was not deskewed", "not_deskewed"))
+        elif len(seen) and (why := _why_no_sweep(float(seen.min()), float(seen.max()))):
+            notes.append(Reason(f"{why}: the sweep was not deskewed", "not_deskewed"))
             times = None
     if lost:
         values, times = values[keep], None if times is None else times[keep]
     found = RawFrame(values, times, tuple(notes))
     vars(found)["corner"] = np.maximum(np.abs(low), np.abs(high))
     return found
+
+
+def _why_no_sweep(first: float, last: float) -> str:
+    """Why times between these tell nothing; empty where they do."""
+    step, single = float(np.spacing(np.float32(abs(last)))), (float(np.float32(first)), float(np.float32(last)))
+    # Seconds since 1970, and the like: a whole unit is lost.
+    if single == (first, last) and step > 1.0 and last - first <= step:
+        return (
+            f"the times of the points, about {last:.10g}, are those of single precision (float32), which differ by "
+            f"{step:.3g} at least there; give float64, or the time since the sweep began"
+        )
+    return "" if last > first else "all points have one time"
 
 
 def _values_of(points: Any) -> tuple[FloatArray, FloatArray | None]:
@@ -158,6 +176,12 @@ class DownsampledFrame:
     spacing: float  # Edge of the voxels of which one point each enters the map
     own: OwnPlanes  # Planes of these, as they were seen
     motion: FloatArray = dataclasses.field(default_factory=lambda: np.eye(4))  # (4, 4): Undone motion during the sweep
+    end: float = np.nan  # Time of the last point in the unit of the times: the pose is that of then
+
+    @property
+    def times(self) -> dict[str, float]:
+        """The time that its pose is of, for the settings of results, if it is known."""
+        return {} if self.back is None else {"pose_time": self.end}
 
     @cached_property
     def dense(self) -> FloatArray:
@@ -229,7 +253,8 @@ def downsample_frame(raw: RawFrame, lengths: Resolved) -> DownsampledFrame | Non
     if len(seen) < 3:
         return None
     reach = float(np.linalg.norm(seen, axis=1).max())
-    return DownsampledFrame(whole, seen, back, reach, size, OwnPlanes(whole, seen))
+    end = np.nan if times is None else float(times.max())
+    return DownsampledFrame(whole, seen, back, reach, size, OwnPlanes(whole, seen), end=end)
 
 
 def _in_order(points: FloatArray, back: FloatArray) -> Timed:

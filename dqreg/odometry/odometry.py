@@ -118,7 +118,7 @@ class Odometry(Tracker):
 
     @property
     def last_pose(self) -> FloatArray:
-        """Pose of the last frame that was placed, (4, 4)."""
+        """Pose of the last frame that was trusted, (4, 4); one that was kept out of the map does not change it."""
         return self._T_last.copy()
 
     @property
@@ -144,15 +144,17 @@ class Odometry(Tracker):
             Points in the sensor's frame, as `register` takes them, for example a PointCloud2 message; rows that are not
             finite are left out.
         timestamps : (n,) array_like, optional
-            Time of each point in the sweep, any unit and offset: the motion during the sweep is undone with it.
-            Default: the field ``t``, ``time`` or ``timestamp`` of the points.
+            Time of each point in the sweep, any unit and offset: the motion during the sweep is undone with it. The
+            pose is that of the last point that was seen, at ``settings["pose_time"]``: of a frame that lost its second
+            half, of its middle. Times that run backwards go unseen. Default: the field ``t``, ``time`` or
+            ``timestamp`` of the points.
         stamp : float, optional
             Time of the frame, seconds: scales the predicted motion where frames are missing, and lets the motion
             decide where a frame is like itself elsewhere (columns at equal distances). Default: that of a message's
             header.
         prediction : (4, 4) array_like, optional
-            Where other sensors (wheels, an IMU) expect the frame, T_map_frame: ``last_pose`` times their motion since.
-            Default: constant velocity.
+            Where other sensors (wheels, an IMU) expect the frame, T_map_frame: ``last_pose`` times their motion since
+            the frame that has it: not since one that was kept out. Default: constant velocity.
         prediction_covariance : (6, 6) array_like, optional
             Of a left increment about the sensor in the map's axes, rotation first, as the result's own. With it, the
             prediction is weighed with the frame: it decides what the frame leaves free, in a corridor for example.
@@ -221,8 +223,8 @@ class Odometry(Tracker):
             found = self._without_equal_turn(found, frame, self._map, self._lengths)
         if found.verdict.level == "accepted":
             self._T_last, self._motion, self._first = rigid(found.T_target_source), np.eye(4), None
-            self._T_doubtful, self._kept_out, self._timeline.missed, self._link = None, 0, 0, MapLink()
-            self._unlike = None
+            self._T_doubtful, self._kept_out, self._link = None, 0, MapLink(is_held=True)
+            self._timeline.missed, self._timeline.slid, self._unlike = 0, 0, None
         return found
 
     def _without_equal_turn(

@@ -215,6 +215,11 @@ def _weakest(aligned: Alignment) -> tuple[FloatArray, float]:
     return vectors[:, 0], float(values[0])
 
 
+def is_free(aligned: Alignment) -> bool:
+    """Whether nothing holds a frame along its weakest direction."""
+    return _weakest(aligned)[1] < FREE_NORMAL_SHARE
+
+
 def _minima(scores: FloatArray) -> BoolArray:
     """Where a shift is no worse than none, and better than its neighbours."""
     padded = np.pad(scores, 1, constant_values=np.inf)

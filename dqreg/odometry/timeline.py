@@ -21,11 +21,17 @@ class Timeline:
     def __init__(self, history: int | None) -> None:
         self.count = 0  # Frames so far
         self.missed = 0  # Frames since the last trusted one
+        self.slid = 0  # Those of them that only left a motion free
         self._poses: deque[FloatArray] = deque(maxlen=history)
         self._stamps: deque[float | None] = deque(maxlen=history)
         # Seconds since the last trusted frame, and seconds a frame, where stamps told.
         self._gap, self._pace = 0.0, 0.0
         self._last: float | None = None
+
+    @property
+    def has_slid(self) -> bool:
+        """Whether frames came since the last trusted one, and all of them only left a motion free."""
+        return 0 < self.slid == self.missed
 
     @property
     def steps(self) -> float:
@@ -83,4 +89,4 @@ class Timeline:
 
     def trust(self) -> None:
         """The frame of now is trusted: the pace is that of the steps since the last one."""
-        self._pace, self._gap, self.missed = self._gap / self.steps, 0.0, 0
+        self._pace, self._gap, self.missed, self.slid = self._gap / self.steps, 0.0, 0, 0

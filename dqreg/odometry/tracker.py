@@ -9,15 +9,16 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import FloatArray, as_pose, median
+from dqreg.icp import Alignment
 from dqreg.kernels.threads import Later
-from dqreg.odometry.align import FrameSearch
+from dqreg.odometry.align import MIN_POINTS_FOR_CELLS, FrameSearch
 from dqreg.odometry.assess import LOST_FRACTION, MapLink, first_frame, frame_result, information_of_place
 from dqreg.odometry.deskewing import REPEATED_MISFIT_VOXELS, Deskewed, undo_first_sweep
-from dqreg.odometry.frame import DownsampledFrame, RawFrame, downsample_frame
+from dqreg.odometry.frame import DownsampledFrame, RawFrame
 from dqreg.odometry.kiss import KissParts, rigid
 from dqreg.odometry.prediction import Prediction
 from dqreg.odometry.repeats import like_itself, similar_shifts, with_met_normals
-from dqreg.odometry.rivals import ComparedFrame, looked_through, map_sample, placed, share_looked_through
+from dqreg.odometry.rivals import ComparedFrame, is_free, looked_through, map_sample, placed, share_looked_through
 from dqreg.odometry.self_similarity import FrameView
 from dqreg.odometry.settings import OdometrySettings, Resolved
 from dqreg.odometry.starts import Pace, predict
@@ -75,10 +76,10 @@ class Tracker:
         lengths = self._lengths or self.settings.resolve(raw.points)
         kiss = self._kiss or KissParts(lengths)
         if expected is not None and self._kiss is not None:
-            # What deskews the frame: the motion that is expected, over the frames that it spans.
+            # What deskews the frame: the motion that is expected, over all of the frames that it spans.
             step = rigid(pose.inverse(self._T_last) @ expected.T_map_frame)
-            self._motion = rigid(predict(np.eye(4), step, 1.0 / max(ratio, 1.0)))
-        frame = _downsampled(raw, lengths)
+            self._motion = rigid(predict(np.eye(4), step, 1.0 / self._timeline.span))
+        frame = raw.downsampled(lengths)
         if frame is None or len(frame.seen) < MIN_POINTS:
             why = (
                 f"downsampling leaves {0 if frame is None else len(frame.seen)} of {len(raw.points)} points (within "
@@ -109,7 +110,7 @@ class Tracker:
         """A frame downsampled ahead of its turn, beside the frame before, where that decides nothing of it."""
         if self._lengths is None or not len(raw.points):
             return raw
-        return dataclasses.replace(raw, ahead=(self._lengths, _downsampled(raw, self._lengths)))
+        return dataclasses.replace(raw, ahead=(self._lengths, raw.downsampled(self._lengths)))
 
     def _failed(self, why: str, raw: RawFrame, status: Status) -> Registration:
         self._timeline.missed += 1
@@ -145,11 +146,8 @@ class Tracker:
         turned = self._turned(search, deskewed, expected, seen)
         frame, aligned, notes = turned.deskewed.frame, turned.deskewed.aligned, raw.notes + turned.deskewed.notes
         seen = seen or self._seen(frame, lengths)
-        # After a frame that was not trusted constant velocity is worth nothing, and before any motion is known, little.
-        is_first = expected is None and not self._usual
-        deviation = np.inf if self._timeline.missed else kiss.deviation * (FIRST_MOTION_DEVIATIONS if is_first else 1.0)
         measured = expected is not None and expected.information is not None
-        spread = expected.spread if expected is not None and measured else deviation
+        spread = expected.spread if expected is not None and measured else self._deviation(kiss, aligned, expected)
         timed = self._timeline.is_timed
         first = placed(search, frame, aligned, T_predicted, spread, measured=measured)
         T = first.aligned.T_target_source
@@ -159,14 +157,15 @@ class Tracker:
         # A map that holds what a frame looked through would confirm the next ones.
         first = looked_through(turned.told(first, search), seen.result(), map_sample(surface))
         # What is said of it then changes neither its pose nor whether it enters; places that it is like ask the map.
-        if grows := insert and self._is_absorbed(first) and not asked and not measured:
+        if grows := insert and self._surely_enters(first, frame) and not asked and not measured:
             world.insert(lambda: frame.dense, rigid(T))
         information = information_of_place(first, frame.reach)
         place = first if similar is None else like_itself(first, search, frame, seen.result(), similar)
-        enters = self._is_absorbed(place)
         # For the next frame, which is taken for as dense.
         self._view = seen.result()
         found = frame_result(place, information, frame, self._usual_fraction, notes, self._settings_of(frame), expected)
+        slides = self._link.slides(found) and self._kept_out < self.settings.patience
+        enters = grows or (self._is_absorbed(place) and not slides)
         result = self._link.linked(found, place, self._timeline.count, merged=enters)
         if similar is not None:
             self._unlike = None if len(similar.result()) else T
@@ -177,7 +176,7 @@ class Tracker:
 
     def _deskewed(self, search: FrameSearch, frame: DownsampledFrame, *, trusted: bool) -> Deskewed:
         """Where a frame lies, without the motion during its sweep; the prediction may be trusted anyway."""
-        off, lengths = np.inf if self._timeline.missed else self._pace.off, search.lengths
+        off, lengths = np.inf if self._timeline.missed > self._timeline.slid else self._pace.off, search.lengths
         # A sweep tells its own motion: one step that was as predicted is enough.
         likely = trusted or self._is_under_way or off <= TRUSTED_REACHES * lengths.reach
         if self._pace.steps < MIN_STEPS:
@@ -196,7 +195,7 @@ class Tracker:
         self, search: FrameSearch, deskewed: Deskewed, expected: Prediction | None, seen: Later[FrameView] | None
     ) -> TurnedFrame:
         """A frame after all turns that may have happened since the last trusted one, unless others tell the motion."""
-        if expected is not None:
+        if expected is not None or self._slides_on(deskewed.aligned):
             return TurnedFrame(deskewed)
         steps = self._timeline.span
         since = Since(steps, rigid(predict(self._T_last, self._motion, steps)))
@@ -226,6 +225,22 @@ class Tracker:
         accepted = (fits and not place.is_refused) or self._kept_out >= self.settings.patience
         return aligned.found and aligned.inlier_fraction >= LOST_FRACTION and accepted
 
+    def _deviation(self, kiss: KissParts, aligned: Alignment, expected: Prediction | None) -> float:
+        """How far off constant velocity may be: infinite after a frame that was not trusted, and much at first."""
+        if self._timeline.missed and not self._slides_on(aligned):
+            return np.inf
+        is_first = expected is None and not self._usual
+        return kiss.deviation * (FIRST_MOTION_DEVIATIONS if is_first else self._timeline.steps)
+
+    def _slides_on(self, aligned: Alignment) -> bool:
+        """Whether a frame slides as all since the last trusted one do: nothing but the motion tells its place."""
+        return self._timeline.has_slid and is_free(aligned)
+
+    def _surely_enters(self, place: ComparedFrame, frame: DownsampledFrame) -> bool:
+        """Whether a frame is absorbed whatever its information says: it leaves no motion free that the map held."""
+        may_slide = self._link.is_held and (place.is_free or len(frame.seen) < MIN_POINTS_FOR_CELLS)
+        return self._is_absorbed(place) and not may_slide
+
     def _anchors(self, T_predicted: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
         """Where the sensor may be: at the last trusted pose going on, or at the last doubtful one."""
         anchors = [(self._T_last, T_predicted)]
@@ -250,7 +265,8 @@ class Tracker:
             # Reported, not absorbed: neither the map nor the motion learns from it.
             self._kept_out += 1
             self._timeline.missed += 1
-            self._T_doubtful = T
+            self._timeline.slid += (slides := self._link.slides(result))
+            self._T_doubtful = self._T_doubtful if slides else T
             return
         deviation = pose.inverse(T_predicted) @ T
         kiss.learn(deviation)
@@ -280,10 +296,5 @@ class Tracker:
             "used_points": len(frame.seen),
             "source_points": len(frame.dense),
             "source_scale": 1.0,
+            **frame.times,
         }
-
-
-def _downsampled(raw: RawFrame, lengths: Resolved) -> DownsampledFrame | None:
-    if raw.ahead is not None and raw.ahead[0] is lengths:
-        return raw.ahead[1]
-    return downsample_frame(raw, lengths)

@@ -13,7 +13,7 @@ from dqreg.icp.correspondences import Correspondences
 from dqreg.icp.history import Iteration
 from dqreg.odometry import Odometry, deskew
 from dqreg.odometry.deskewing import fits_no_worse, sweep_steps
-from dqreg.odometry.frame import DownsampledFrame, OwnPlanes, Whole
+from dqreg.odometry.frame import DownsampledFrame, OwnPlanes, Whole, read_frame
 from dqreg.odometry.sweep import swept
 from dqreg.rigid import Trajectory, pose, twist
 
@@ -138,3 +138,40 @@ def test_a_first_frame_with_times_may_be_followed_by_one_without() -> None:
     odometry = Odometry()
     odometry.register_frame(walls, np.linspace(0.0, 0.1, 6000))
     assert odometry.register_frame(walls - [0.05, 0.0, 0.0]).inlier_fraction > 0.8
+
+
+def test_after_a_gap_a_prediction_deskews_by_the_motion_of_one_sweep(moving, monkeypatch):
+    # Truth: 0.3 a frame, six frames on; no more than five are what constant velocity may tell.
+    odometry, undone = Odometry(), []
+    for k in (0, 1):
+        odometry.register_frame(moving.frames[k], moving.times[k], stamp=0.1 * k)
+    plain = DownsampledFrame.without
+    monkeypatch.setattr(DownsampledFrame, "without", lambda self, motion: plain(self, undone.append(motion) or motion))
+    expected = odometry.last_pose @ pose.inverse(moving.truth[1]) @ moving.truth[7]
+    odometry.register_frame(moving.frames[7], moving.times[7], stamp=0.7, prediction=expected)
+    assert 0.27 < np.linalg.norm(undone[0][:3, 3]) < 0.33
+
+
+def test_the_time_that_a_pose_is_of_is_that_of_the_last_point_that_was_seen():
+    walls = np.random.default_rng(0).uniform(-4, 4, (6000, 3))
+    walls[np.arange(6000), np.arange(6000) % 3] = np.sign(walls[np.arange(6000), np.arange(6000) % 3]) * 4
+    times, odometry = 5.0 + np.linspace(0.0, 0.1, 6000), Odometry()
+    assert odometry.register_frame(walls, times).settings["pose_time"] == times[-1]
+    assert odometry.register_frame(walls[:3000], times[:3000]).settings["pose_time"] == times[2999]
+    assert "pose_time" not in odometry.register_frame(walls).settings
+
+
+@pytest.mark.parametrize(
+    ("times", "said"),
+    [
+        (np.float32(1.7e9 + np.linspace(0.0, 0.1, 500)), "float32"),
+        # On either side of one step of 128.
+        (np.float32(1.7e9 + np.linspace(0.0, 100.0, 500)), "float32"),
+        (np.full(500, 0.5), "one time"),
+        (1.7e9 + np.linspace(0.0, 0.1, 500), None),
+        (np.float32(np.linspace(0.0, 0.1, 500)), None),
+    ],
+)
+def test_times_that_single_precision_cannot_tell_apart_are_said_to_be_such(times, said):
+    notes = read_frame(RNG.normal(size=(500, 3)), times).notes
+    assert [(note.code, said in note) for note in notes] == ([] if said is None else [("not_deskewed", True)])

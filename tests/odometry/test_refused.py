@@ -65,3 +65,35 @@ def test_a_frame_that_could_lie_elsewhere_as_well_stays_out_and_nothing_hangs_on
     assert "stamp=" in result.verdict.reasons[0]
     assert len(odometry.local_map) == before
     assert "untrusted_map" not in odometry.register_frame(drive.frames[2]).verdict.codes
+
+
+def test_a_frame_of_the_floor_alone_stays_out_of_the_map_and_nothing_hangs_on_it(seen):
+    # A cover over the sensor, dust: its place is not known, and the map does without it.
+    odometry = Odometry()
+    for k in range(3):
+        odometry.register_frame(seen("with", k))
+    before = len(odometry.local_map)
+    for k in (3, 4):
+        points = seen("with", k)
+        result = odometry.register_frame(points[points[:, 2] < -1.15])
+        assert result.verdict.codes[0] == "unconstrained"
+        assert len(odometry.local_map) == before
+        # Nothing but the motion tells its place: constant velocity, within a fraction of a voxel.
+        np.testing.assert_allclose(result.T_target_source[:3, 3], [0.05 * k, 0.0, 0.0], atol=0.1)
+    for k in (5, 6):
+        result = odometry.register_frame(seen("with", k))
+        assert result.verdict.level == "accepted"
+        np.testing.assert_allclose(result.T_target_source[:3, 3], [0.05 * k, 0.0, 0.0], atol=0.02)
+
+
+def test_what_goes_on_leaving_a_motion_free_enters_the_map_after_a_while_and_says_so(seen):
+    # A corridor after a room: without it nothing would be known of the next frames.
+    odometry = Odometry(patience=2)
+    for k in range(3):
+        odometry.register_frame(seen("with", k))
+    floors = [points[points[:, 2] < -1.15] for points in (seen("with", k) for k in range(3, 6))]
+    codes = [odometry.register_frame(points).verdict.codes for points in floors]
+    assert [each[0] for each in codes] == ["unconstrained"] * 3
+    result = odometry.register_frame(seen("with", 6))
+    assert result.verdict.codes[0] == "untrusted_map"
+    assert "prediction=" in result.verdict.reasons[0]
