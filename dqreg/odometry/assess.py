@@ -226,8 +226,8 @@ class MapLink:
             return result
         words = (
             f"frame {before} was not accepted, and this pose hangs on it: it may be right against the frames since and "
-            "wrong against those before; relocalise tells, or reset begins anew; prediction= with its covariance at such "
-            "a frame prevents it"
+            "wrong against those before; relocalise tells, or reset begins anew; prediction= with its covariance at "
+            "such a frame prevents it"
         )
         return dataclasses.replace(result, verdict=result.verdict.doubted(Reason(words, "untrusted_map")))
 
