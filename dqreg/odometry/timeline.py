@@ -45,8 +45,11 @@ class Timeline:
 
     @property
     def is_timed(self) -> bool:
-        """Whether the time since the last trusted frame is known, and constant velocity tells what came in it."""
-        return self._gap > 0.0 and self.span <= MAX_PREDICTED_STEPS
+        """Whether the time since the last trusted frame is known, and constant velocity tells what came in it.
+
+        A frame that slid may have hidden that it did not.
+        """
+        return self._gap > 0.0 and self.span <= MAX_PREDICTED_STEPS and not self.slid
 
     @property
     def poses(self) -> FloatArray:

@@ -97,3 +97,14 @@ def test_what_goes_on_leaving_a_motion_free_enters_the_map_after_a_while_and_say
     result = odometry.register_frame(seen("with", 6))
     assert result.verdict.codes[0] == "untrusted_map"
     assert "prediction=" in result.verdict.reasons[0]
+
+
+def test_after_a_frame_of_the_floor_alone_velocity_does_not_choose_between_equal_columns():
+    # The sensor jumps by a period right after it, whatever the stamps say.
+    drive, odometry = KINDS["drive-jump"].task(20_150), Odometry()
+    jump = len(drive.frames) // 2
+    for k, (points, T) in enumerate(zip(drive.frames, drive.poses, strict=True)):
+        seen = points[points[:, 2] < -1.15] if k == jump - 1 else points
+        result = odometry.register_frame(seen, stamp=0.1 * k)
+        right = np.linalg.norm(result.T_target_source[:3, 3] - T[:3, 3]) <= drive.allowed
+        assert right or result.verdict.level != "accepted"
