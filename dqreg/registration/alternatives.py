@@ -32,12 +32,11 @@ def alternatives_of(
     """
     if not len(others) + len(near) + len(turned) or not fit.found:
         return ()
-    poses = np.concatenate([whole.T_target_source[None], others])
-    middle, (angle_rad, offset) = fit.prepared.scan.points.mean(axis=0), FINE_APART
     diagonal = min(fit.prepared.surface.diagonal, fit.prepared.scan.diagonal)
-    poses = poses[Poses.of(poses).distinct(middle, angle_rad, offset * diagonal, len(poses))]
+    count = JUDGING_POINTS_LATE if fit.is_late else JUDGING_POINTS
+    poses = _each_once(whole, np.concatenate([whole.T_target_source[None], others]), FINE_APART[1] * diagonal, count)
     poses = np.concatenate([poses, near, turned])
-    scores = scores_of(whole, poses, JUDGING_POINTS_LATE if fit.is_late else JUDGING_POINTS)
+    scores = scores_of(whole, poses, count)
     target = fit.problem.target
     deficit, error = scores.deficit(0)
     rms = np.sqrt((scores.distances**2).mean(axis=1))
@@ -46,13 +45,25 @@ def alternatives_of(
     for k in np.flatnonzero(is_named[1:]) + 1:
         if fit.target is not whole.target and k < len(poses) - len(turned) and is_worse_where_seen(fit, poses[k]):
             continue
-        axis = _symmetry_between(fit, poses[0], poses[k], offset * diagonal)
+        axis = _symmetry_between(fit, poses[0], poses[k], FINE_APART[1] * diagonal)
         words = symmetry_words(axis.moved(target.origin), fit.problem.units[1], diagonal) if axis else ""
         motion = _motion_words(fit, poses[k] @ pose.inverse(poses[0]))
         figures = float(-deficit[k]), float(error[k])
         pose_k = fit.problem.to_caller(poses[k])
         found.append(Alternative(pose_k, float(rms[k]), words, *figures, motion, _symmetric=axis is not None))
     return tuple(found)
+
+
+def _each_once(fit: Fit, poses: FloatArray, offset: float, count: int) -> FloatArray:
+    """Poses, (k, 4, 4), each once: the first, and of others that are one the likeliest by so many points.
+
+    A search, and the loop, may have led to one pose: on few points, and to the noise.
+    """
+    middle, whole = fit.prepared.scan.points.mean(axis=0), Poses.of(poses)
+    if len(rows := whole.distinct(middle, FINE_APART[0], offset, len(poses))) < len(poses):
+        rows = np.r_[0, 1 + np.argsort(-scores_of(fit, poses, count).means[1:], kind="stable")]
+        rows = np.sort(rows[whole[rows].distinct(middle, FINE_APART[0], offset, len(poses))])
+    return poses[rows]
 
 
 def _symmetry_between(fit: Fit, T: FloatArray, other: FloatArray, within: float) -> Axis | None:

@@ -16,6 +16,7 @@ from dqreg.rigid.rotations import angle_of
 from dqreg.rigid.symmetry import SAME_AXIS_RAD
 from dqreg.rigid.twist import scaling_by
 from dqreg.search.near_symmetry import EXACT_DIAGONALS, is_symmetry
+from dqreg.search.scoring import EQUAL_LOG_LIKELIHOOD
 
 # A pose this near to a symmetric copy of another one, in radians and sizes, is that copy.
 COPY = 2e-3
@@ -99,14 +100,24 @@ def but_slid(fit: Fit, others: FloatArray) -> FloatArray:
 
 
 def but_on_the_way(fit: Fit, others: FloatArray, kernel_scale: float | None) -> FloatArray:
-    """Poses, (k, 4, 4), without those from which the loop arrives at the fit: a search refines on a sample alone."""
-    kept, last = [], fit
+    """Poses, (k, 4, 4), without those from which the loop arrives at the fit: a search refines on a sample alone.
+
+    And where it arrives from the others: what few points have refined roughly says less of a pose than that end of it.
+    """
+    kept, ends, last = [], [fit.T_target_source], fit
     for T in others[:TRIED]:
         last = last.resumed(T, kernel_scale)
         if last.problem.watch.is_over:
             return others
         kept.append(not last.found or displacement_between(fit, last.T_target_source, fit.T_target_source) > FOUND)
-    return np.asarray(others[np.flatnonzero(kept)])
+        if kept[-1] and last.found:
+            ends.append(last.T_target_source)
+    left = others[np.flatnonzero(kept)]
+    if len(ends) < 2:
+        return np.asarray(left)
+    scores = scores_of(fit, np.stack(ends))
+    likely = (scores.deficit(0)[0] <= EQUAL_LOG_LIKELIHOOD) & ~scores.distinguishable(0)
+    return np.concatenate([left, np.stack(ends)[1:][likely[1:]]])
 
 
 def _is_slid(fit: Fit, T: FloatArray, other: FloatArray) -> bool:

@@ -1,0 +1,91 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import dqreg
+from dqreg.registration.alternatives import alternatives_of
+from dqreg.registration.fit import Fit, coarse_to_fine
+from dqreg.registration.initial_pose import FOUND
+from dqreg.registration.same_poses import but_on_the_way
+from dqreg.rigid import pose
+from dqreg.synth import Noise, Scanner, random_pose, scan_mesh, worst_vertex_displacement
+from dqreg.synth.parts.blocks import cells
+from dqreg.synth.parts.patches import weld
+from tests.registration.scenes import problem_of
+
+# A plain base of 8 by 5, with a boss off its middle: nothing below the base tells half a turn about its axis.
+FILLED = np.zeros((3, 3, 2), dtype=bool)
+FILLED[:, :, 0] = FILLED[1, 1, 1] = True
+EDGES = [np.array([0.0, 1.0, 3.0, 8.0]), np.array([0.0, 1.0, 2.0, 5.0]), np.array([0.0, 1.2, 2.0])]
+PART = dqreg.Mesh(*weld(cells(EDGES, FILLED)))
+TARGET = dqreg.prepare_target(PART)
+HALF_TURN = pose.about(np.diag([-1.0, -1.0, 1.0, 1.0]), [4.0, 2.5, 0.0])
+NOISE = 1e-4 * PART.diagonal
+
+
+def sparse_scan(rng: np.random.Generator, side: float) -> np.ndarray:
+    """Some 600 points of the underside and two sides of the base, or of the upper side, in the part's frame."""
+    azimuth = np.deg2rad(90.0 * rng.integers(4) + rng.uniform(20.0, 70.0))
+    elevation = np.deg2rad(rng.uniform(30.0, 50.0))
+    across = np.cos(elevation)
+    view = (across * np.cos(azimuth), across * np.sin(azimuth), side * np.sin(elevation))
+    scanner = Scanner([view], pixels=40, stand_off=2.0)
+    return scan_mesh(PART.vertices, PART.faces, scanner, Noise(range_sigma=NOISE), rng=rng).points
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_half_a_turn_that_a_sparse_scan_cannot_tell_is_named(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    points, T = sparse_scan(rng, side=-1.0), random_pose(rng, 2.0 * PART.diagonal, PART.centre)
+    result = TARGET.register(pose.apply(pose.inverse(T), points))
+    other = HALF_TURN @ result.T_target_source
+    off = [worst_vertex_displacement(a.T_target_source, other, PART.vertices) for a in result.alternatives]
+    # Both ends come from the same points.
+    assert min(off) < 10.0 * NOISE
+    assert "alternative_poses" in result.verdict.codes
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_sparse_scan_that_shows_the_boss_has_one_pose(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    points, T = sparse_scan(rng, side=1.0), random_pose(rng, 2.0 * PART.diagonal, PART.centre)
+    result = TARGET.register(pose.apply(pose.inverse(T), points))
+    assert worst_vertex_displacement(result.T_target_source, T, PART.vertices) < 10.0 * NOISE
+    assert result.verdict.level == "accepted"
+    assert result.alternatives == ()
+
+
+@pytest.fixture(scope="module")
+def below() -> Fit:
+    """The fit of a scan of the underside at the true pose."""
+    problem = problem_of(sparse_scan(np.random.default_rng(0), side=-1.0), PART, "identity")
+    prepared, T = problem.prepare(), problem.to_centred(np.eye(4))
+    constraints = problem.constraints(T)
+    settings = problem.options.icp_settings(problem.max_distance(prepared), constraints)
+    return coarse_to_fine(problem, prepared, T, settings, constraints)
+
+
+def rough_and_exact(fit: Fit) -> np.ndarray:
+    """Its half turn as a search of few points may leave it, a degree off, and as it is, between the centred frames."""
+    turned = fit.problem.to_centred(HALF_TURN) @ pose.inverse(fit.problem.to_centred(np.eye(4))) @ fit.T_target_source
+    off = pose.about(pose.exp(np.r_[np.deg2rad([0.6, -0.6, 0.6]), np.zeros(3)]), np.zeros(3))
+    return np.stack([off @ turned, turned])
+
+
+def test_of_poses_that_are_one_the_likeliest_is_named(below: Fit) -> None:
+    both = rough_and_exact(below)
+    assert alternatives_of(below, below, both[:1]) == ()
+    for others in (both, both[::-1]):
+        (named,) = alternatives_of(below, below, others)
+        assert abs(named.gain) <= max(3.0 * named.gain_sigma, 0.01)
+
+
+def test_a_rough_pose_is_followed_to_where_the_loop_ends(below: Fit) -> None:
+    rough, exact = rough_and_exact(below)
+    ends = but_on_the_way(below, rough[None], FOUND * PART.diagonal)
+    off = [worst_vertex_displacement(T, exact, PART.vertices) for T in ends]
+    assert min(off) < 10.0 * NOISE
+    # One from which it arrives at the answer is none.
+    near = pose.about(pose.exp(np.r_[0.01, 0.0, 0.0, np.zeros(3)]), np.zeros(3)) @ below.T_target_source
+    assert len(but_on_the_way(below, near[None], FOUND * PART.diagonal)) == 0
