@@ -16,6 +16,7 @@ from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.scan import Scan
 from dqreg.solvers.quadratic import plane_rows
+from dqreg.trust.robust_fit import unexplained
 from dqreg.trust.strain import COMPONENTS
 
 # Neighbouring points of a patch, and the kernel scales that its median may deviate: for 32 points of independent noise
@@ -249,8 +250,13 @@ OUTSIDE = 4.5
 UNOBSERVABLE = 1e-6
 
 
-def stretch_of(points: FloatArray, normals: FloatArray, residuals: FloatArray) -> tuple[float, FloatArray]:
-    """Strain of the scan against the target, fitted with the remaining motion: ``r = n . (w x p + v + E p)``."""
+def stretch_of(
+    points: FloatArray, normals: FloatArray, residuals: FloatArray, least: float = 0.0
+) -> tuple[float, FloatArray]:
+    """Strain of the scan against the target, fitted with the remaining motion: ``r = n . (w x p + v + E p)``.
+
+    One that displaces the surface by less than a length, beyond what a motion explains, is none: no face shows it.
+    """
     from scipy.special import fdtri
 
     nothing = 0.0, np.zeros(3)
@@ -271,6 +277,8 @@ def stretch_of(points: FloatArray, normals: FloatArray, residuals: FloatArray) -
     left = [float(np.sum((residuals - x @ rows[: len(x)]) ** 2)) for x in (rigid, both)]
     spare = len(residuals) - 12
     if spare <= 0 or not left[0] - left[1] > float(fdtri(6, spare, 1.0 - CHANCE)) * 6.0 * left[1] / spare:
+        return nothing
+    if unexplained(both[6:] @ rows[6:], rows[:6], np.ones(len(residuals))) < least:
         return nothing
     E = np.zeros((3, 3))
     for value, (i, j) in zip(both[6:] / lever, COMPONENTS, strict=True):

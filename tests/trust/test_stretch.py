@@ -59,6 +59,19 @@ def test_a_small_strain_is_left_to_the_deviations() -> None:
     assert stretch_of(points, normals, moved_apart(points, normals, E) + 1e-4 * rng.normal(size=2_000))[0] == 0.0
 
 
+def test_a_strain_that_displaces_the_surface_by_less_than_a_length_is_none() -> None:
+    # A wide face, and twenty points at two ends across it: these alone show the strain.
+    rng = np.random.default_rng(0)
+    points, normals = plane(rng, 1_000)
+    across = np.array([1.0, 0.0, 0.0])
+    ends = np.concatenate([np.c_[np.full(10, x), rng.uniform(-1.0, 1.0, (10, 2))] for x in (-1.0, 1.0)])
+    points, normals = np.concatenate([points, ends]), np.concatenate([normals, np.tile(across, (20, 1))])
+    off = moved_apart(points, normals, np.diag([0.05, 0.0, 0.0])) + 1e-4 * rng.normal(size=len(points))
+    shown = 0.05 * np.sqrt(20.0 / len(points))
+    assert stretch_of(points, normals, off, 0.8 * shown)[0] == pytest.approx(0.05, abs=0.003)
+    assert stretch_of(points, normals, off, 1.2 * shown)[0] == 0.0
+
+
 def test_what_the_faces_do_not_show_is_not_made_up() -> None:
     # A plane stretched in itself stays a plane; few points and points at one place say nothing.
     points, normals = plane(np.random.default_rng(0), 1_000)
