@@ -5,9 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg.registration.displacement import displacement_between
+from dqreg.registration.fallback import is_sound
 from dqreg.registration.fit import Fit
 from dqreg.registration.rivals import JUDGING_POINTS, JUDGING_POINTS_LATE, NO_POSES, scores_of
+from dqreg.registration.same_poses import as_likely
 from dqreg.registration.visibility import is_worse_where_seen
+from dqreg.registration.wall_sides import may_confuse_sides, rivals_of
 from dqreg.rigid import pose
 from dqreg.rigid.rotations import angle_of, axis_of
 from dqreg.rigid.symmetry import SAME_AXIS_RAD, Axis
@@ -20,6 +24,10 @@ from dqreg.trust.records import Alternative
 
 # A shift is a period within this share of it.
 PERIOD = 0.05
+# Poses behind the answer that are asked, the best first.
+MAX_ASKED = 3
+# Thicknesses that a pose may be off the answer and be its own other side, which is asked anyway.
+OWN_THICKNESSES = 2.0
 
 
 def alternatives_of(
@@ -52,6 +60,27 @@ def alternatives_of(
         pose_k = fit.problem.to_caller(poses[k])
         found.append(Alternative(pose_k, float(rms[k]), words, *figures, motion, _symmetric=axis is not None))
     return tuple(found)
+
+
+def on_other_sides(fit: Fit, behind: FloatArray, kernel_scale: float | None) -> FloatArray:
+    """Poses behind a fit, (k, 4, 4), on those sides of thin walls where they explain the scan as well, (m, 4, 4).
+
+    A search knows no sides: each of its poses lies on either side of a sheet, and on the wrong one it explains less.
+    """
+    if not len(behind) or not fit.found or not fit.may_be_moved or not may_confuse_sides(fit):
+        return NO_POSES
+    # Beside an answer that is refused, or slides, they would be many.
+    if fit.information.free.any() or not is_sound(fit):
+        return NO_POSES
+    target, found, last = fit.problem.target, [], fit
+    near = OWN_THICKNESSES * float(target.thin_walls.thickness.max()) / target.surface.diagonal
+    elsewhere = [T for T in behind if displacement_between(fit, T, fit.T_target_source) > near]
+    for T in elsewhere[:MAX_ASKED]:
+        last = last.resumed(T, kernel_scale)
+        if last.problem.watch.is_over:
+            break
+        found += [rival.T_target_source for rival in rivals_of(last)]
+    return as_likely(fit, np.array(found).reshape(-1, 4, 4))
 
 
 def _each_once(fit: Fit, poses: FloatArray, offset: float, count: int) -> FloatArray:

@@ -55,8 +55,8 @@ class GlobalSearch:
         # Not of the surface: where cells stand for a cloud, nobody else asks for one of all points.
         return FOUND * self.target.diagonal if self.options.method == "auto" else None
 
-    def candidates(self, known: FloatArray | None = None) -> tuple[Candidate, ...]:
-        """Poses between the centred frames, the best first; beside known ones, (k, 4, 4)."""
+    def candidates(self, known: FloatArray | None = None, *, behind: bool = False) -> tuple[Candidate, ...]:
+        """Poses between the centred frames, the best first; beside known ones, (k, 4, 4); with those behind."""
         target, rays, noise = self.target, self.rays(), self.scan.noise
 
         def through(poses: FloatArray, slack: float) -> FloatArray:
@@ -74,6 +74,7 @@ class GlobalSearch:
             observe=self.options.observe_search,
             through=None if rays is None else through,
             known=known,
+            behind=behind,
         )
 
     @property
@@ -93,6 +94,8 @@ class InitialPose:
     search: SearchStage = ""  # Stage in which the search ended
     # (k, 4, 4): Poses in a scene that explain less of it, one of which may be the part's
     unlikely: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((0, 4, 4)))
+    # (k, 4, 4): Poses on a part that explain less, but might as much on other sides of thin walls
+    behind: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((0, 4, 4)))
 
     @property
     def is_judged(self) -> bool:
@@ -104,13 +107,13 @@ def initial_pose(problem: Problem, global_search: GlobalSearch) -> InitialPose:
     """The initial pose that was given, else the best that the search finds."""
     if problem.start is not None:
         return InitialPose(problem.to_centred(problem.start))
-    found = global_search.candidates()
+    found = global_search.candidates(behind=True)
     if not found:
         return InitialPose(np.eye(4), search="judged")
-    others, unlikely = (
-        np.array([c.T_target_source for c in found[1:] if c.is_likely is wanted]).reshape(-1, 4, 4)
-        for wanted in (True, False)
+    others, unlikely, behind = (
+        np.array([c.T_target_source for c in found[1:] if (c.is_likely, c.is_behind) == which]).reshape(-1, 4, 4)
+        for which in ((True, False), (False, False), (False, True))
     )
     # The search has compared all of the scan with all of the target: the basin is decided.
     kernel_scale = global_search.kernel_scale if found[0].stage == "judged" else None
-    return InitialPose(found[0].T_target_source, kernel_scale, others, found[0].stage, unlikely)
+    return InitialPose(found[0].T_target_source, kernel_scale, others, found[0].stage, unlikely, behind)

@@ -11,7 +11,7 @@ from dqreg._records import replaced
 from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.icp.rejectors import beyond_boundary
 from dqreg.kernels.threads import TimeUpError, until
-from dqreg.registration.alternatives import alternatives_of
+from dqreg.registration.alternatives import alternatives_of, on_other_sides
 from dqreg.registration.assess import (
     Uncertainty,
     begin_comparing,
@@ -193,6 +193,7 @@ def second_try(fit: Fit, start: InitialPose, search: GlobalSearch) -> BestPoses:
             meant, copies = meant_copy(known.fit, T_given, kernel_scale)
             known, equals = replaced(known, fit=meant), np.concatenate([equals, copies])
         equals = but_on_the_way(known.fit, equals, kernel_scale)
+        equals = np.concatenate([equals, on_other_sides(known.fit, start.behind, kernel_scale)])
     known = replaced(known, others=np.concatenate([known.others, equals]))
     if T_given is not None:
         known = but_start_kept(begun, replaced(known, fit=without_drift(known.fit, T_given)), T_given, kernel_scale)

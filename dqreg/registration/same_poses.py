@@ -104,7 +104,7 @@ def but_on_the_way(fit: Fit, others: FloatArray, kernel_scale: float | None) -> 
 
     And where it arrives from the others: what few points have refined roughly says less of a pose than that end of it.
     """
-    kept, ends, last = [], [fit.T_target_source], fit
+    kept, ends, last = [], [], fit
     for T in others[:TRIED]:
         last = last.resumed(T, kernel_scale)
         if last.problem.watch.is_over:
@@ -112,12 +112,16 @@ def but_on_the_way(fit: Fit, others: FloatArray, kernel_scale: float | None) -> 
         kept.append(not last.found or displacement_between(fit, last.T_target_source, fit.T_target_source) > FOUND)
         if kept[-1] and last.found:
             ends.append(last.T_target_source)
-    left = others[np.flatnonzero(kept)]
-    if len(ends) < 2:
-        return np.asarray(left)
-    scores = scores_of(fit, np.stack(ends))
+    return np.concatenate([others[np.flatnonzero(kept)], as_likely(fit, np.array(ends).reshape(-1, 4, 4))])
+
+
+def as_likely(fit: Fit, ends: FloatArray) -> FloatArray:
+    """Those of poses at which a loop ended, (k, 4, 4), that explain the scan about as well as the fit."""
+    if not len(ends):
+        return ends
+    scores = scores_of(fit, np.concatenate([fit.T_target_source[None], ends]))
     likely = (scores.deficit(0)[0] <= EQUAL_LOG_LIKELIHOOD) & ~scores.distinguishable(0)
-    return np.concatenate([left, np.stack(ends)[1:][likely[1:]]])
+    return np.asarray(ends[likely[1:]])
 
 
 def _is_slid(fit: Fit, T: FloatArray, other: FloatArray) -> bool:

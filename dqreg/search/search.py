@@ -54,6 +54,8 @@ class Candidate:
     is_likely: bool = True
     # For a pose that is the first one followed by a symmetry of the part itself: its axis
     symmetry: Axis | None = None
+    # Whether it explains a part's scan less well, but might as well where that lies on other sides of thin walls
+    is_behind: bool = False
 
 
 def search(
@@ -68,8 +70,9 @@ def search(
     observe: Observer | None = None,
     through: Through | None = None,
     known: FloatArray | None = None,
+    behind: bool = False,
 ) -> tuple[Candidate, ...]:
-    """Initial poses that are about equally likely, the best first.
+    """Initial poses that are about equally likely, the best first; if asked, on a part those left that are behind too.
 
     Of two scans from known places those fall behind at which rays of one passed through what the other one shows. On a
     part poses may be known, (k, 4, 4), the best first: then those elsewhere that are about as likely as that.
@@ -96,7 +99,7 @@ def search(
                 return ()
         else:
             watch.is_over(reached, poses)
-            return _equally_likely(problem, back(poses))
+            return _equally_likely(problem, back(poses), behind)
     if poses is None:
         searched, back, poses = problem, _as_they_are, axis_hypotheses(scan, target)
     return _best_so_far(problem, back(_best(searched, poses, reached)), reached)
@@ -143,8 +146,8 @@ def _best_so_far(problem: SearchProblem, poses: Poses, stage: SearchStage) -> tu
     return (_candidate(poses, problem.scores(poses, SCORING_POINTS, problem.last_width), 0, stage),)
 
 
-def _equally_likely(problem: SearchProblem, poses: Poses) -> tuple[Candidate, ...]:
-    """All that explain the scan about as well as the best."""
+def _equally_likely(problem: SearchProblem, poses: Poses, behind: bool) -> tuple[Candidate, ...]:
+    """All that explain the scan about as well as the best; and, if asked, those behind."""
     if not len(poses):
         return ()
     scores = problem.scores(poses, LAST_SCORED if len(poses) > 1 else FINE_SCORING_POINTS, problem.last_width)
@@ -157,14 +160,16 @@ def _equally_likely(problem: SearchProblem, poses: Poses) -> tuple[Candidate, ..
     is_scene = problem.other_way is not None and isinstance(problem.target, Mesh)
     symmetry = problem.table.symmetry if isinstance(problem.target, Mesh) else None
     found: list[Candidate] = []
-    rows = np.concatenate([order[likely[order]], order[~likely[order]]]) if is_scene else order[likely[order]]
+    behind &= isinstance(problem.target, Mesh) and not is_scene
+    rows = order[likely[order]] if not is_scene and not behind else np.r_[order[likely[order]], order[~likely[order]]]
     # Poses that have nearly converged to each other are one.
     angle_rad, offset = FINE_APART
     middle = problem.middle
     for k in rows[poses[rows].distinct(middle, angle_rad, offset * problem.size, len(rows))]:
         if not k and len(problem.known):
             continue
-        candidate = dataclasses.replace(_candidate(poses, scores, int(k), "judged"), is_likely=bool(likely[k]))
+        candidate = _candidate(poses, scores, int(k), "judged")
+        candidate = dataclasses.replace(candidate, is_likely=bool(likely[k]), is_behind=behind and not likely[k])
         if found and symmetry:
             axis = symmetry.between(found[0].T_target_source, candidate.T_target_source, offset * problem.size)
             candidate = dataclasses.replace(candidate, symmetry=axis)

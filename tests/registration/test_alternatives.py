@@ -1,15 +1,18 @@
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 import dqreg
-from dqreg.registration.alternatives import alternatives_of
+from dqreg.registration.alternatives import alternatives_of, on_other_sides
 from dqreg.registration.fit import Fit, coarse_to_fine
 from dqreg.registration.initial_pose import FOUND
 from dqreg.registration.same_poses import but_on_the_way
 from dqreg.rigid import pose
 from dqreg.synth import Noise, Scanner, random_pose, scan_mesh, worst_vertex_displacement
+from dqreg.synth.parts import angle
 from dqreg.synth.parts.blocks import cells
 from dqreg.synth.parts.patches import weld
 from tests.registration.scenes import problem_of
@@ -56,19 +59,31 @@ def test_a_sparse_scan_that_shows_the_boss_has_one_pose(seed: int) -> None:
     assert result.alternatives == ()
 
 
-@pytest.fixture(scope="module")
-def below() -> Fit:
-    """The fit of a scan of the underside at the true pose."""
-    problem = problem_of(sparse_scan(np.random.default_rng(0), side=-1.0), PART, "identity")
+def fit_at_truth(points: np.ndarray, part: dqreg.Mesh) -> Fit:
+    """The fit of a scan in the part's frame."""
+    problem = problem_of(points, part, "identity")
     prepared, T = problem.prepare(), problem.to_centred(np.eye(4))
     constraints = problem.constraints(T)
     settings = problem.options.icp_settings(problem.max_distance(prepared), constraints)
-    return coarse_to_fine(problem, prepared, T, settings, constraints)
+    fit = coarse_to_fine(problem, prepared, T, settings, constraints)
+    # As from nothing: no initial pose decides.
+    return dataclasses.replace(fit, problem=dataclasses.replace(problem, start=None))
+
+
+def half_turned(fit: Fit, half_turn: np.ndarray) -> np.ndarray:
+    """The pose of such a fit after half a turn in the caller's frame, between the centred frames."""
+    return fit.problem.to_centred(half_turn) @ pose.inverse(fit.problem.to_centred(np.eye(4))) @ fit.T_target_source
+
+
+@pytest.fixture(scope="module")
+def below() -> Fit:
+    """The fit of a scan of the underside."""
+    return fit_at_truth(sparse_scan(np.random.default_rng(0), side=-1.0), PART)
 
 
 def rough_and_exact(fit: Fit) -> np.ndarray:
     """Its half turn as a search of few points may leave it, a degree off, and as it is, between the centred frames."""
-    turned = fit.problem.to_centred(HALF_TURN) @ pose.inverse(fit.problem.to_centred(np.eye(4))) @ fit.T_target_source
+    turned = half_turned(fit, HALF_TURN)
     off = pose.about(pose.exp(np.r_[np.deg2rad([0.6, -0.6, 0.6]), np.zeros(3)]), np.zeros(3))
     return np.stack([off @ turned, turned])
 
@@ -89,3 +104,22 @@ def test_a_rough_pose_is_followed_to_where_the_loop_ends(below: Fit) -> None:
     # One from which it arrives at the answer is none.
     near = pose.about(pose.exp(np.r_[0.01, 0.0, 0.0, np.zeros(3)]), np.zeros(3)) @ below.T_target_source
     assert len(but_on_the_way(below, near[None], FOUND * PART.diagonal)) == 0
+
+
+def test_a_rival_that_lies_on_the_wrong_side_of_a_sheet_is_laid_on_the_right_one() -> None:
+    # The long leg of an angle from below: half a turn about the line through its holes lays it onto its upper side,
+    # which a search that knows no sides may take for its lower one, a thickness off.
+    part = dqreg.Mesh(*angle())
+    noise, scanner = 3e-4 * part.diagonal, Scanner([(0.4, -0.6, -1.0)], pixels=100, stand_off=2.0)
+    points = scan_mesh(
+        part.vertices, part.faces, scanner, Noise(range_sigma=noise), rng=np.random.default_rng(0)
+    ).points
+    fit = fit_at_truth(points[(points[:, 0] > 12.0) & (points[:, 0] < 84.0) & (points[:, 2] < 3.0)], part)
+    half_turn, thickness = pose.about(np.diag([-1.0, 1.0, -1.0, 1.0]), [48.0, 35.0, 1.0]), 2.0
+    other = half_turned(fit, half_turn)
+    behind = pose.from_parts(np.eye(3), [0.0, 0.0, -thickness]) @ other
+    ends = on_other_sides(fit, behind[None], FOUND * part.diagonal)
+    assert min(worst_vertex_displacement(T, other, part.vertices) for T in ends) < 10.0 * noise
+    # Its own other side is no place of another.
+    own = pose.from_parts(np.eye(3), [0.0, 0.0, thickness]) @ fit.T_target_source
+    assert len(on_other_sides(fit, own[None], FOUND * part.diagonal)) == 0
