@@ -24,7 +24,7 @@ from dqreg.multiway.plan import first_edges, with_overlapping_pairs
 from dqreg.multiway.refine import refined
 from dqreg.multiway.result import Multiway
 from dqreg.multiway.round_part import RoundPart, laid_by_angles
-from dqreg.multiway.scans import read_views, typical_size, typical_spacing, unit_of
+from dqreg.multiway.scans import read_views, stray_remarks, typical_size, typical_spacing, unit_of
 from dqreg.multiway.sides import Sides
 from dqreg.multiway.starts import contradicted_starts, read_starts
 from dqreg.multiway.turning import turnings
@@ -153,7 +153,7 @@ def register_many(
     against = tuple(sides.contradictions(joint.T_world_scan, overlap))
     started = all(known[k] is not None for k in usable)
     turns = turnings(views, joint.T_world_scan, selection.edges, turned, started=started)
-    remarks = tuple(contradicted_starts(views, known, joint.T_world_scan, selection.edges, size))
+    remarks = (*contradicted_starts(views, known, joint.T_world_scan, selection.edges, size), *stray_remarks(views))
     asked = {"order": order, "edges": edges, "anchor": anchor, "effort": effort, "seed": seed, "time_limit": time_limit}
     settings = _settings(asked, runner, judge)
     result = assembled(views, selection, joint, overlap, settings, seconds, runner.stopped, against, turns, remarks)

@@ -18,9 +18,11 @@ from dqreg.files.untrusted import require_readable
 from dqreg.geometry import CloudSurface, Mesh, PointCloud, Scan, prepare_scan, sample_mesh
 from dqreg.geometry.opening import open_geometry
 from dqreg.registration.source import MESH_SAMPLES
+from dqreg.registration.strays import Strays, without_strays
 from dqreg.registration.target import Target
 from dqreg.registration.target_index import index_target
 from dqreg.trust.free_space import MAX_HIDDEN_SHARE, hidden_share
+from dqreg.trust.records import Reason
 
 # Scans that are compared at least.
 MIN_SCANS = 2
@@ -33,12 +35,13 @@ class View:
     """One scan, in its own frame and centred; or why it cannot be used."""
 
     name: str  # Name of its file without the suffix, or its number
-    cloud: PointCloud | None = None  # As it was given, in its own frame
+    cloud: PointCloud | None = None  # As it was given, without strays beyond all doubt, in its own frame
     target: Target | None = None  # The same, centred and indexed
     problem: str = ""  # Why it cannot be used; "" where it can
     copy_of: int | None = None  # Number of an earlier scan with the same points
     hidden: float = 0.0  # Share of its points that the viewpoint it came with cannot have seen; it is not used then
     signed: Scan | None = None  # As `scan`, where other scans told from which side it was taken
+    strays: Strays | None = None  # What lay far from all its other points
 
     @property
     def usable(self) -> bool:
@@ -138,7 +141,8 @@ def _read(given: Any, number: int, seed: int, place: FloatArray | None) -> View:
             geometry = sample_mesh(geometry, MESH_SAMPLES, np.random.default_rng([seed, number]))
         if place is not None:
             geometry = dataclasses.replace(geometry, viewpoint=place)
-        return View(name, geometry, hidden=_hidden_share(geometry))
+        geometry, strays = without_strays(geometry)
+        return View(name, geometry, hidden=_hidden_share(geometry), strays=strays)
     except (InputError, DegenerateGeometryError) as error:
         return View(name, problem=str(error))
 
@@ -205,3 +209,8 @@ def typical_size(views: Sequence[View]) -> float:
 def typical_spacing(views: Sequence[View]) -> float:
     """Median spacing of the usable scans."""
     return float(np.median([view.scan.spacing for view in views if view.usable]))
+
+
+def stray_remarks(views: Sequence[View]) -> list[Reason]:
+    """What lay far from all other points of each scan."""
+    return [view.strays.remark(view.name) for view in views if view.strays is not None]

@@ -207,7 +207,7 @@ def registration_of(
     problem = fit.problem
     return Registration(
         T_target_source=problem.to_caller(fit.T_target_source) if fit.found else np.full((4, 4), np.nan),
-        verdict=verdict,
+        verdict=_with_strays(verdict, problem),
         status=fit.run.status,
         covariance=uncertainty.covariance,
         observability=uncertainty.directions,
@@ -220,6 +220,13 @@ def registration_of(
         inputs=SourceAndTarget(problem.source, fit.target) if problem.options.keep_inputs else None,
         partial_information=uncertainty.partial_information,
     )
+
+
+def _with_strays(verdict: Verdict, problem: Problem) -> Verdict:
+    """The verdict with a remark on what lay far from all other points of either side."""
+    for name, strays in (("source", problem.source.strays), ("target", problem.target.strays)):
+        verdict = verdict if strays is None else verdict._remarked(strays.remark(f"the {name}"))
+    return verdict
 
 
 def resolved(fit: Fit) -> dict[str, Any]:

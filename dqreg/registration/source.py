@@ -14,6 +14,7 @@ from dqreg.files.units import factor
 from dqreg.geometry import Mesh, PointCloud, sample_mesh
 from dqreg.geometry.opening import open_geometry
 from dqreg.geometry.sides import without_signs
+from dqreg.registration.strays import Strays, without_strays
 
 # Points drawn from a mesh that is the source.
 MESH_SAMPLES = 100_000
@@ -34,6 +35,7 @@ class CentredSource:
     scale: float  # Factor from source units to target units, and what else was asked for
     mesh: Mesh | None = None  # The mesh that the points were drawn from, as it was given
     unsided: FloatArray | None = None  # (n, 3): Normals as they were given, where they have no side: not the cloud's
+    strays: Strays | None = None  # What lay far from all other points
 
     def centred(self, points: FloatArray) -> FloatArray:
         """Points of the caller's frame in this one, (n, 3)."""
@@ -79,14 +81,17 @@ def centre_source(
     """Read a source, convert its unit, and move it to its own middle; of a mesh, a sample that the seed decides."""
     geometry = open_geometry(source, "source")
     mesh = geometry if isinstance(geometry, Mesh) else None
+    strays = None
     if isinstance(geometry, Mesh):
         geometry = sample_mesh(geometry, MESH_SAMPLES, np.random.default_rng(seed))
+    else:
+        geometry, strays = without_strays(geometry)
     scale = scale * factor(source_units or geometry.units, target_units)
     require_spread(geometry.points, "source")
     origin = 0.5 * scale * np.add(*geometry._ends)
     cloud = geometry if mesh else without_signs(geometry)
     unsided = None if cloud is geometry else geometry.normals
-    return CentredSource(cloud._moved(-origin, scale), origin, scale, mesh, unsided)
+    return CentredSource(cloud._moved(-origin, scale), origin, scale, mesh, unsided, strays)
 
 
 def require_spread(points: FloatArray, name: str) -> None:

@@ -24,6 +24,7 @@ from dqreg.files.units import factor
 from dqreg.files.untrusted import require_readable
 from dqreg.geometry import CloudSurface, Mesh, PointCloud
 from dqreg.registration.source import require_spread
+from dqreg.registration.strays import Strays
 from dqreg.registration.target_index import TargetIndex
 
 FORMAT, VERSION = "dqreg target", 2
@@ -42,12 +43,14 @@ class TargetHeader:
     name: str
     units: str | None
     dropped: int
+    strays: Strays | None = None
 
 
 def save_target(indexed: TargetIndex, path: str | Path) -> None:
     """Write a target, whole or not at all."""
     geometry = indexed.geometry
-    header = TargetHeader(FORMAT, VERSION, indexed.kind, indexed.name, geometry.units, geometry.dropped)
+    named = indexed.kind, indexed.name, geometry.units
+    header = TargetHeader(FORMAT, VERSION, *named, geometry.dropped, indexed.strays)
     arrays: dict[str, Any] = {"origin": indexed.origin}
     if isinstance(geometry, Mesh):
         arrays |= {"vertices": geometry.vertices, "faces": geometry.faces, "flat": geometry.flat}
@@ -105,7 +108,7 @@ def _indexed(path: Path, header: TargetHeader, arrays: dict[str, NDArray[Any]]) 
         # They are of unit length already; to normalise them again would change their last digits.
         object.__setattr__(cloud, "normals", _unit(read("normals", len(cloud.points), 3)))
     fitted = read("fitted", None, 4) if "fitted" in arrays else None
-    index = TargetIndex(cloud, origin, header.name, fitted)
+    index = TargetIndex(cloud, origin, header.name, fitted, strays=header.strays)
     # Fitted normals are one a distinct point, which only the surface counts.
     _ = index.surface
     return index

@@ -27,6 +27,7 @@ from dqreg.geometry.voxels import DENSE_RATIO, EVENLY_DENSE, VoxelCloud, first_s
 from dqreg.kernels.threads import Later, until
 from dqreg.registration.derived import Derived
 from dqreg.registration.source import require_spread
+from dqreg.registration.strays import Strays, without_strays
 from dqreg.search import PairTable
 from dqreg.search.near_symmetry import near_flips, near_mirrors
 from dqreg.search.periods import near_periods
@@ -55,6 +56,7 @@ class TargetIndex:
     # (m, 4): Normals and variances of a cloud's surface where they were fitted before
     fitted: FloatArray | None = dataclasses.field(default=None, repr=False)
     visible: BoolArray | None = dataclasses.field(default=None, repr=False)  # (n,): Faces to ask; None asks all
+    strays: Strays | None = None  # What lay far from all other points of a cloud
     _lock: threading.Lock = dataclasses.field(default_factory=threading.Lock, repr=False, compare=False)
     # What is derived of it elsewhere, kept for the next scan; made twice alike where threads meet
     derived: Derived = dataclasses.field(default_factory=Derived, init=False, repr=False, compare=False)
@@ -206,9 +208,8 @@ class TargetIndex:
     @cached_property
     def diagonal(self) -> float:
         """Diagonal of the bounding box: that of its surface."""
-        if isinstance(self.geometry, Mesh):
-            return self.geometry.diagonal
-        return float(np.linalg.norm(np.subtract(*self.geometry._ends)))
+        of = self.geometry
+        return of.diagonal if isinstance(of, Mesh) else float(np.linalg.norm(np.subtract(*of._ends)))
 
     @property
     def units(self) -> str | None:
@@ -236,11 +237,11 @@ def index_target(target: Any) -> TargetIndex:
         return target
     geometry = open_geometry(target, "target")
     if isinstance(geometry, Mesh):
-        origin = geometry.centre
-        return TargetIndex(geometry._shifted(-origin), origin, describe(target))
+        return TargetIndex(geometry._shifted(-geometry.centre), geometry.centre, describe(target))
+    geometry, strays = without_strays(geometry)
     require_spread(geometry.points, "target")
     origin = 0.5 * np.add(*geometry._ends)
-    return TargetIndex(without_signs(geometry)._moved(-origin), origin, describe(target))
+    return TargetIndex(without_signs(geometry)._moved(-origin), origin, describe(target), strays=strays)
 
 
 def index_for(target: Any, source: Any, source_units: str | None) -> tuple[TargetIndex, float | None]:

@@ -114,7 +114,7 @@ def _sides(result: RegistrationResult, unit: str) -> Rows:
     rows = [
         ("Scan", file_name(get("source"))),
         ("Scan points", f"{get('source_points', 0):,}, of which {get('used_points', 0):,} were used"),
-        ("Dropped", f"{get('source_dropped', 0):,} points that were not finite"),
+        ("Dropped", f"{get('source_dropped', 0):,} points that were not finite, or far from all others"),
         ("Spacing of the scan", f"{text_of(get('source_spacing'))}{unit_words(unit)}"),
         ("Noise of the scan", f"{text_of(get('source_noise'))}{unit_words(unit)}, one sigma, estimated"),
         ("Target", f"{file_name(get('target'))} ({get('target_kind', 'not known')})"),

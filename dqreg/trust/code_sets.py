@@ -8,6 +8,9 @@ from dqreg.trust.records import Code
 
 Codes: TypeAlias = frozenset[Code]
 
+# Remarks on the data, beside any doubt: they say nothing of the pose.
+REMARKS: Codes = frozenset({"stray_points"})
+
 # Of one registration: what another pose cannot mend. And of two clouds, of which a wrong pose often lies on one face,
 # where the right one would have more.
 REASONS_OF_SCAN: Codes = frozenset({"unconstrained", "alternative_poses", "outliers", "not_converged"})
@@ -18,21 +21,25 @@ TOO_LITTLE: Codes = frozenset({"unconstrained", "large_uncertainty", "weakly_con
 TOO_LITTLE_IF_REFUSED: Codes = frozenset({"one_plane"})
 SIDES_OF_WALL: Codes = frozenset({"faces_apart"})
 # What comes of how a part was scanned or of what was asked; all other doubts may come of its shape.
-OF_HOW_IT_WAS_SCANNED: Codes = TOO_LITTLE | frozenset(
-    {
-        "alternative_poses",
-        "one_plane",
-        "wrong_viewpoint",
-        "search_time_limit",
-        "not_judged",
-        "scale_unobservable",
-        "scale_ambiguous",
-        "scale_uncertain",
-    }
+OF_HOW_IT_WAS_SCANNED: Codes = (
+    REMARKS
+    | TOO_LITTLE
+    | frozenset(
+        {
+            "alternative_poses",
+            "one_plane",
+            "wrong_viewpoint",
+            "search_time_limit",
+            "not_judged",
+            "scale_unobservable",
+            "scale_ambiguous",
+            "scale_uncertain",
+        }
+    )
 )
 
 # What a part says that deviates by more than is expected of it; all may come of another part or a wrong pose too.
-OF_A_DEVIATING_PART: Codes = frozenset(
+OF_A_DEVIATING_PART: Codes = REMARKS | frozenset(
     {"stretched", "bent", "deformed", "wavy", "deviating_patches", "large_residuals", "drift", "contradicting_surface"}
 )
 
@@ -51,7 +58,7 @@ PLACE_UNKNOWN: Codes = frozenset(
 
 # Of a scan that fits, among many: how well its motions are known. The first of them are said of single ones.
 HARDLY_HELD: Codes = frozenset({"weakly_constrained", "unconstrained"})
-WEAKLY_CONSTRAINED: Codes = HARDLY_HELD | {"large_uncertainty"}
+WEAKLY_CONSTRAINED: Codes = REMARKS | HARDLY_HELD | {"large_uncertainty"}
 # What may be doubted of the only pose of one that fits all others: that, and its scale.
 WEAKLY_CONSTRAINED_AMONG_ALL: Codes = WEAKLY_CONSTRAINED | {"scale_unobservable"}
 # What may be doubted of a right pose: how well its motions are known, and whether the search and the steps have come to

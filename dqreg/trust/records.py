@@ -80,6 +80,7 @@ Code = Literal[
     # notes
     "local_difference",
     "dropped_points",
+    "stray_points",
     "not_deskewed",
     "held_by_prediction",
 ]

@@ -316,5 +316,5 @@ def test_a_far_face_costs_the_others_nothing() -> None:
 
 def test_a_line_with_strays_names_the_strays() -> None:
     with pytest.raises(DegenerateGeometryError, match="Remove the 1 stray up to 1e"):
-        register(np.vstack([SCAN, [[1e12, 0.0, 0.0]]]), part(), START)
+        register(np.vstack([SCAN[:90], [[1e12, 0.0, 0.0]]]), part(), START)
     assert math.isfinite(SIZE)
