@@ -7,10 +7,12 @@ One line changes a script over::
 
 `registration_icp`, `registration_generalized_icp`, `evaluate_registration` and
 `get_information_matrix_from_point_clouds` are dqreg's; they take paths, arrays and tensor clouds as well, and a pose in
-any form that `dqreg.register` takes. What dqreg does not do in them (estimation methods of Open3D alone, a scale, given
-covariances) Open3D's own function does, with a warning that names it. Every other name (criteria, estimation methods,
-robust kernels, RANSAC, pose graphs, ...) is Open3D's own object. They raise `InputError` where an argument cannot be
-used: clouds that are not (n, 3), a distance that is not above 0, a pose that is not rigid, an unknown method.
+any form that `dqreg.register` takes. Normals that a method asks for and a cloud does not have are fitted to its
+neighbours, where Open3D's point-to-plane raises. What dqreg does not do in them (estimation methods of Open3D alone, a
+scale, given covariances) Open3D's own function does, with a warning that names it. Every other name (criteria,
+estimation methods, robust kernels, RANSAC, pose graphs, ...) is Open3D's own object. They raise `InputError` where an
+argument cannot be used: clouds that are not (n, 3), a distance that is not above 0, a pose that is not rigid, an
+unknown method.
 
 >>> cloud = np.random.default_rng(0).uniform(size=(500, 3))
 >>> result = registration_icp(cloud + [0.01, 0, 0], cloud, 0.1)

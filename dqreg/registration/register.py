@@ -93,9 +93,10 @@ def register(
     dof : str or Freedom, optional
         Degrees of freedom from the initial pose, like ``"rz tx ty"``; all others are locked exactly. See
         `Freedom.parse`. Needs ``start`` or ``prior``.
-    prior : tuple of ((4, 4), (6, 6)), optional
-        Pose known beforehand and its covariance, in the frame of `Registration.covariance` (about the middle of the
-        target's bounding box). It is the initial pose where none is given.
+    prior : tuple of ((4, 4), (6, 6) or (6,)), optional
+        Pose known beforehand and its covariance, or its six variances (radians and target units, squared), in the frame
+        of `Registration.covariance` (about the middle of the target's bounding box). It is the initial pose where none
+        is given.
     time_limit : float, optional
         Seconds after which the best pose so far is returned, with a verdict that says so.
     scale : float or "solve"

@@ -269,7 +269,7 @@ class Registration(UncertainPose, ShownResult):
         Parameters
         ----------
         path : str or Path
-            File to write.
+            File to write, JSON whatever its name ends with; ``.json`` tells other programs.
 
         Raises
         ------

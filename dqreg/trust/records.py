@@ -107,8 +107,27 @@ Relation = Literal["at least", "at most"]
 Unit = Literal["1", "%", "times", "points", "motions", "poses", ""]
 
 
-@dataclasses.dataclass(frozen=True)
-class Check:
+class _AsSaved:
+    """Records that are equal where their files are: what is not finite is one and the same there, and equals itself."""
+
+    def _as_saved(self) -> tuple[object, ...]:
+        return tuple(_finite_or_none(value) for value in vars(self).values())
+
+    def __eq__(self, other: object) -> bool:
+        return type(other) is type(self) and self._as_saved() == other._as_saved()
+
+    def __hash__(self) -> int:
+        return hash(self._as_saved())
+
+
+def _finite_or_none(value: object) -> object:
+    if isinstance(value, tuple):
+        return tuple(map(_finite_or_none, value))
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Check(_AsSaved):
     """A question of the verdict with its figure, whether it speaks against the pose or not."""
 
     code: Code  # Of the reason that it would be
@@ -186,8 +205,8 @@ class Verdict:
         return Verdict.asking(level, reasons, functools.partial(getattr, self, "checks"), math.nan, {})
 
 
-@dataclasses.dataclass(frozen=True)
-class Direction:
+@dataclasses.dataclass(frozen=True, eq=False)
+class Direction(_AsSaved):
     """One of six independent motions of the part, and how firmly the matches hold it.
 
     A file of old has the words only: kind None, axis and point NaN.

@@ -72,6 +72,15 @@ def test_a_strong_prior_pins_and_a_weak_one_does_not() -> None:
     assert off(1.0, np.eye(4)) <= 1e-4
 
 
+def test_six_variances_are_a_covariance() -> None:
+    variances = [1e-4, 1e-4, 1e-4, 0.1, 0.2, 0.3]
+    one, other = (
+        dqreg.register(POINTS, PART, prior=(np.eye(4), given)).T_target_source
+        for given in (variances, np.diag(variances))
+    )
+    np.testing.assert_array_equal(one, other)
+
+
 def test_a_prior_adds_its_information() -> None:
     T = np.eye(4)
     free = dqreg.register(POINTS, PART, T)

@@ -85,6 +85,20 @@ def assert_same(one: Any, other: Any) -> None:
         np.testing.assert_equal(one, other)
 
 
+def test_a_verdict_and_directions_that_are_loaded_equal_those_saved(tmp_path: Path) -> None:
+    asked = [
+        Check("bent", "How bent?", value, "at most", limit, "1", None) for value, limit in ((NAN, 0.1), (0.2, INF))
+    ]
+    result = dataclasses.replace(good(), verdict=Verdict("suspect", ("free",), tuple(asked)))
+    result.save(tmp_path / "result.npz")
+    loaded = Registration.load(tmp_path / "result.npz")
+    assert loaded.verdict == result.verdict
+    assert loaded.observability == result.observability
+    assert hash(loaded.verdict.checks) == hash(result.verdict.checks)
+    assert loaded.verdict.checks[0] != dataclasses.replace(asked[0], value=0.0)
+    assert asked[0] != "bent"
+
+
 @pytest.mark.parametrize("make", [good, failed])
 def test_what_is_saved_is_loaded_to_the_last_bit(tmp_path: Path, make: Callable[[], Registration]) -> None:
     result, path = make(), tmp_path / "result.json"
