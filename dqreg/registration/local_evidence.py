@@ -6,13 +6,16 @@ import dataclasses
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, median, quantile, root_mean_square
+from dqreg._arrays import BoolArray, FloatArray, median, quantile, root_mean_square
 from dqreg._records import replaced
 from dqreg.geometry import CloudSurface, Scan, Surface
+from dqreg.geometry.cells import CellSurface
+from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.vector_rows import nonzero_rows, row_dots
 from dqreg.icp import Alignment, Correspondences, smallest_kernel_scale
 from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.registration.even_correspondences import fitted_pairs
+from dqreg.rigid import pose
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 from dqreg.trust.limits import DISAGREEING_NORMAL_SHARE
 from dqreg.trust.neighbourhoods import DISAGREEING_COS, MAX_ROUGHNESS, Neighbourhoods, apart_in_cells
@@ -66,6 +69,8 @@ class LocalEvidence:
     def _in_cells(self, scan: Scan, surface: CloudSurface, pairs: Correspondences, width: float) -> LocalEvidence:
         """The same where the normals of two clouds' cells agree, which noise turns less; they have no sign."""
         apart = apart_in_cells(scan.points, surface._points, pairs.T_target_source, width)
+        if not apart <= HARDLY and isinstance(surface, CellSurface) and surface.in_rings:
+            apart = _apart_on_source(scan, surface, pairs.T_target_source, width)
         if not apart <= HARDLY:
             return self
         return replaced(self, normals_apart=float(np.fmax(apart, pairs.looking_away(width))))
@@ -105,6 +110,23 @@ class LocalEvidence:
             normals_apart=share(cosines < DISAGREEING_COS, compared),
             noise=quantile(residuals[on & known], 0.3) if (on & known).any() else np.inf,
         )
+
+
+def _apart_on_source(scan: Scan, surface: CloudSurface, T_target_source: FloatArray, width: float) -> float:
+    """Share of the target's neighbourhoods whose normal is neither the source's nor that of their feet on it.
+
+    Through two rings of a LiDAR a plane always goes, if one is on a floor and one on the wall beyond it too: it fits as
+    well as any, and stands across both. On a source that is dense there the feet of its points make the same plane.
+    """
+    rows = scan._fitted_planes[0]
+    points, normals = scan.points[rows], scan._fitted_planes[1]
+    stands = pose.apply(pose.inverse(T_target_source), surface._points)
+    nearest, distances = NeighbourTree(points).nearest(stands, 1)
+    own = np.nan_to_num(normals[nearest[:, 0]])
+    aside = row_dots(stands - points[nearest[:, 0]], own)
+    on = (distances[:, 0] <= width) & nonzero_rows(own)
+    usual = GAUSSIAN_MEDIAN * median(np.abs(aside[on])) if on.any() else 0.0
+    return Neighbourhoods.of(stands, stands - aside[:, None] * own, own, on, usual).apart
 
 
 def share(part: BoolArray, whole: BoolArray) -> float:

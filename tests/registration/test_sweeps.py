@@ -10,7 +10,7 @@ import dqreg
 from dqreg.registration.options import Effort
 from dqreg.rigid import pose
 from dqreg.synth.parts import box
-from dqreg.synth.street import swept, together, with_range_noise
+from dqreg.synth.street import street, swept, together, with_range_noise
 from tests.strategies import FloatArray
 
 # Standard deviation of a range; where columns stand in the hall of 10 by 8 by 3.
@@ -125,3 +125,30 @@ def test_more_effort_is_no_worse_on_a_sweep() -> None:
         errors[effort] = np.sqrt(np.median(squares))
     # Cells of any size leave a fifth of the noise; all points left as much as all of it.
     assert max(errors["normal"], errors["best"]) < 0.25 * NOISE
+
+
+@pytest.mark.parametrize("seed", [47040, 47048])
+def test_a_dense_sweep_on_one_of_few_rings_is_accepted_and_its_mirror_image_is_not(seed: int) -> None:
+    # Planes through two rings, one on the road and one on a wall, stood across both: of 20 such pairs 20 were refused.
+    rng = np.random.default_rng(seed)
+    scene, stand = street(rng), np.eye(4)
+    stand[2, 3] = 1.8
+    moved = pose.exp(np.r_[0.02 * rng.normal(size=3) * [0.3, 0.3, 1.0], rng.normal(size=3) * [1.0, 0.15, 0.05]])
+    target, source = (
+        with_range_noise(
+            swept(
+                scene,
+                T,
+                np.deg2rad(np.linspace(-25.0, 15.0, rings)),
+                np.linspace(-np.pi, np.pi, columns, endpoint=False),
+            ),
+            0.02,
+            rng,
+        )
+        for T, rings, columns in ((stand, 16, 600), (stand @ moved, 64, 1_500))
+    )
+    found = dqreg.register(source, target, "identity")
+    assert found.verdict.codes == ("accepted",)
+    np.testing.assert_allclose(found.T_target_source[:3, 3], moved[:3, 3], atol=0.05)
+    mirrored = dqreg.register(source * [1.0, -1.0, 1.0], target, moved, search="never")
+    assert mirrored.verdict.level == "suspect"
