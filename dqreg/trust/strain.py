@@ -83,13 +83,15 @@ def strain_of(
     strays: bool = False,
     faults: bool = False,
     least: float = 0.0,
+    worse: float = math.inf,
 ) -> Strain:
     """Strain from distances along the target's normals, fitted together with the motion and the bend that remain.
 
     Without clutter, all points have a say to begin with: a face that is off may be what a strain explains. With it, and
     beside strays where the fit to them explains more points, those on the target have. Where faults alone are asked
     for, what is too small for one is none, as is what displaces the surface by less than a least length, and its
-    covariance is not asked.
+    covariance is not asked. A fit that leaves the usual point so many times as far off as no strain is none either: a
+    few places far off have drawn it.
 
     Shapes: points (n, 3) in the order of a space-filling curve, normals (n, 3), residuals (n,).
     """
@@ -107,6 +109,8 @@ def strain_of(
         fit = min((fit, others), key=lambda each: median(np.abs(each.left)))
     fitted = fit.fitted
     if is_small(fitted, NO_FAULT_SHARE if faults else NEGLIGIBLE_SHARE):
+        return Strain()
+    if median(np.abs(fit.left)) > worse * median(np.abs(residuals)):
         return Strain()
     displaced = fitted[6:] @ rows[6:]
     if unexplained(displaced, rows[:6], fit.weights) < least:

@@ -146,6 +146,15 @@ def test_strains_that_show_less_than_what_is_asked_for_are_none_and_the_others_a
     assert (asked == Strain()) == (value < 0.005)
 
 
+def test_what_a_few_points_draw_and_puts_the_others_farther_off_is_none_where_that_is_asked() -> None:
+    points, normals, noise = scanned(box)
+    off = noise + 0.1 * ((normals[:, 0] > 0.9) & (points[:, 1] > 0.3))
+    assert strain_of(points, normals, off).is_strained
+    assert strain_of(points, normals, off, worse=1.5) == Strain()
+    stretched = 0.02 * points[:, 0] * normals[:, 0] + noise
+    assert strain_of(points, normals, stretched, worse=1.5) == strain_of(points, normals, stretched) != Strain()
+
+
 def test_of_many_points_some_tell_that_there_is_no_strain(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[int] = []
     fit = strain.robust_fit
