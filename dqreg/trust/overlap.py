@@ -66,7 +66,7 @@ APART_SIGMAS_AT_POSE = 5.0
 # verdict asks for). Neighbours on a curve are farther apart, where ripples look like noise: 1.6 and 1.44.
 WAVE_NEIGHBOURS, WAVE_NOISE_RATIO = 2, 1.8
 # A strain matters that displaces the surface by this share of the size, and puts no usual place so much farther off.
-STRAIN_DIAGONALS, FARTHER = 3e-4, 1.5
+STRAIN_DIAGONALS, WORSE_RATIO = 3e-4, 1.5
 
 
 @dataclasses.dataclass(frozen=True)
@@ -270,7 +270,7 @@ class Overlap:
         """Strain of one cloud against the other that matters to a size; zeros else."""
         # Places on both are no clutter, a whole face that is off may be what a strain explains; but they are chosen.
         flat, least = self.on_no_edge, STRAIN_DIAGONALS * size
-        found = strain_of(flat.points, flat.normals, flat.residuals, faults=True, least=least, worse=FARTHER)
+        found = strain_of(flat.points, flat.normals, flat.residuals, faults=True, least=least, worse=WORSE_RATIO)
         return dataclasses.replace(found, significant=STRAIN_SIGMAS_IN_CLUTTER)
 
     def deformation(self, size: float) -> float:
