@@ -245,7 +245,7 @@ def _shape_of(
     columns = feet, normals, pairs.point_to_plane[rows]
     strain = strain_of(*columns, clutter=clutter, strays=strays, faults=faults)
     if sparse and not strain.is_strained:
-        value, along = stretch_of(*columns, STRAINED_DIAGONALS * size)
+        value, along = stretch_of(*columns, STRAINED_DIAGONALS * size * ratio)
         strain = replaced(strain, value=value, sigma=0.0, along=(along[0], along[1], along[2]))
     width = root_mean_square(columns[2]) if len(rows) else 0.0
     deformation = 0.0
