@@ -146,7 +146,7 @@ def surfaces_to_surfaces(pairs: Correspondences, weights: FloatArray, noise: flo
 
     Between two clouds, where either side's planes are guesses, it beats point-to-plane; on an exact mesh it does not.
     """
-    weights = weights_by_noise(pairs, weights_by_height(pairs, weights))
+    weights = weights_by_height(pairs, weights)
     moments = pair_sums(pairs, weights)
     if moments[DIRECTION_PAIR_ROW] < MIN_PLANES:
         return points_only(pairs, weights, noise)
@@ -154,8 +154,8 @@ def surfaces_to_surfaces(pairs: Correspondences, weights: FloatArray, noise: flo
 
 
 def cells_to_cells(pairs: Correspondences, weights: FloatArray, noise: float) -> Fit:
-    """The same on the last level between cells, where those that stand far apart count less."""
-    return surfaces_to_surfaces(pairs, weights_by_distance(pairs, weights), noise)
+    """The same on the last level, where cells that stand far apart and points amid noise count less."""
+    return surfaces_to_surfaces(pairs, weights_by_noise(pairs, weights_by_distance(pairs, weights)), noise)
 
 
 def both_planes(pairs: Correspondences, weights: FloatArray, moments: FloatArray) -> QuadraticForm:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 
 from dqreg.errors import DegenerateGeometryError
-from dqreg.geometry import Closest, CloudSurface, PointCloud, prepare_scan
+from dqreg.geometry import Closest, CloudSurface, PointCloud, Scan, prepare_scan
 from dqreg.geometry.cells import Cells, CellSurface
 from dqreg.geometry.normals import NORMAL_NEIGHBOURS
 from dqreg.icp import (
@@ -44,6 +44,7 @@ from dqreg.rigid import pose, twist
 from dqreg.solvers import horn, solve
 from dqreg.solvers.quadratic import QuadraticForm, derivatives
 from tests.icp.scenes import made_pairs
+from tests.strategies import FloatArray
 
 EACH = pytest.mark.parametrize("estimator", ESTIMATORS.values(), ids=ESTIMATORS)
 CLOSED_FORMS = [name for name in ESTIMATORS if name not in ("plane", "generalised")]
@@ -322,23 +323,26 @@ def test_cells_that_stand_far_apart_count_by_how_far_a_bend_would_lift_them() ->
     np.testing.assert_array_equal(weights_by_distance(of_points, weights), weights)
 
 
-def test_points_whose_neighbourhoods_are_noise_count_next_to_nothing_and_cells_do() -> None:
+def test_points_whose_neighbourhoods_are_noise_count_next_to_nothing_where_a_stand_sees_them() -> None:
     rng = np.random.default_rng(2)
-    means = PointCloud(np.column_stack([rng.uniform(size=(200, 2)), np.zeros(200)]))
+    # From dense, near the sensor, to sparse: the spacing grows by a factor of five.
+    places = np.geomspace(1.0, 5.0, 200)
+    means = PointCloud(np.column_stack([places * rng.uniform(-1.0, 1.0, 200), places, np.zeros(200)]))
     scan, up = prepare_scan(means), np.tile([0.0, 0.0, 1.0], (200, 1))
     variances = np.where(np.arange(200) < 150, 10.0 * HALF_WEIGHT_VARIANCE, HALF_WEIGHT_VARIANCE) - scan._variances
-    closest = Closest(scan.points, up, np.zeros(200), np.arange(200), None, variances)
-    weights = rng.uniform(size=200)
-    of_points = Correspondences(scan, np.eye(4), closest, False, CloudSurface(means))
-    # By hand: at ten times the variance of a half, one in 1 + 10^4.
-    expected = np.where(np.arange(200) < 150, 1.0 / 10_001.0, 0.5)
-    np.testing.assert_allclose(weights_by_noise(of_points, weights) / weights, expected, rtol=1e-9)
-    of_cells = Correspondences(scan, np.eye(4), closest, False, CellSurface(means, Cells.of(means.points, 1e-9)))
-    np.testing.assert_array_equal(weights_by_noise(of_cells, weights), weights)
-    # Where all are noisy alike, none counts less than another.
-    alike = Closest(scan.points, up, np.zeros(200), np.arange(200), None, np.full(200, 1.0) - scan._variances)
-    same = weights_by_noise(Correspondences(scan, np.eye(4), alike, False, CloudSurface(means)), weights) / weights
-    np.testing.assert_allclose(same, 0.5, rtol=1e-9)
+
+    def weighed(variances: FloatArray, scan: Scan, surface: CloudSurface) -> FloatArray:
+        closest = Closest(scan.points, up, np.zeros(200), np.arange(200), None, variances)
+        return weights_by_noise(Correspondences(scan, np.eye(4), closest, False, surface), np.ones(200))
+
+    # By hand: at ten times the variance of a half, one in 1 + 10^8.
+    expected = np.where(np.arange(200) < 150, 1.0 / (1.0 + 1e8), 0.5)
+    np.testing.assert_allclose(weighed(variances, scan, CloudSurface(means)), expected, rtol=1e-9)
+    # Cells are rid of noise; where all are noisy alike none counts less than another; and an even scan is of a part.
+    np.testing.assert_array_equal(weighed(variances, scan, CellSurface(means, Cells.of(means.points, 1e-9))), 1.0)
+    np.testing.assert_allclose(weighed(1.0 - scan._variances, scan, CloudSurface(means)), 0.5, rtol=1e-9)
+    even = prepare_scan(PointCloud(np.column_stack([rng.uniform(size=(200, 2)), np.zeros(200)])))
+    np.testing.assert_array_equal(weighed(variances, even, CloudSurface(means)), 1.0)
 
 
 def test_a_bend_below_rings_that_stand_far_apart_does_not_tilt_the_pose() -> None:
