@@ -27,6 +27,8 @@ from dqreg.solvers.oriented_pairs import OrientedPairs, poses_from_pairs
 HISTOGRAM_POINTS = 5_000
 # Radius of a histogram in voxels; a voxel in sizes of the smaller side.
 RADIUS_VOXELS, VOXEL_DIAGONALS = 5.0, 1.0 / 60.0
+# Voxels along an extent at most, so that whole numbers count those of a box.
+MAX_EXTENT_VOXELS = 1e6
 # Neighbours of a normal, and those that its sign is propagated to.
 NORMAL_NEIGHBOURS, SIGN_NEIGHBOURS = 30, 10
 # Matches that are compared with each other.
@@ -166,13 +168,12 @@ def _consistency(p: FloatArray, q: FloatArray, n: FloatArray, m: FloatArray, vox
     """1 where two matches may both be inliers, (k, k), single precision."""
     lengths, angles = [], []
     for points, normals in ((p, n), (q, m)):
-        arms, directions = (points - points.mean(axis=0)).astype(np.float32), normals.astype(np.float32)
+        # In voxels: the squares of lengths may be beyond single precision.
+        arms, directions = ((points - points.mean(axis=0)) / voxel).astype(np.float32), normals.astype(np.float32)
         squared = (arms**2).sum(axis=1)
         lengths.append(np.sqrt(np.maximum(squared[:, None] + squared[None, :] - 2.0 * arms @ arms.T, 0.0)))
         angles.append(np.arccos(np.clip(np.abs(directions @ directions.T), 0.0, 1.0)))
-    agree = (np.abs(lengths[0] - lengths[1]) < MAX_STRETCH_VOXELS * voxel) & (
-        np.minimum(*lengths) > MIN_DISTANCE_VOXELS * voxel
-    )
+    agree = (np.abs(lengths[0] - lengths[1]) < MAX_STRETCH_VOXELS) & (np.minimum(*lengths) > MIN_DISTANCE_VOXELS)
     agree &= np.abs(angles[0] - angles[1]) < NORMALS_RAD
     both: Single = agree.astype(np.float32)
     return both

@@ -7,12 +7,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, bounds
 from dqreg.geometry import Mesh, PointCloud
 from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.icp.history import Stage
 from dqreg.search.axes import axis_hypotheses
-from dqreg.search.fpfh import VOXEL_DIAGONALS, FpfhCloud, match_hypotheses
+from dqreg.search.fpfh import MAX_EXTENT_VOXELS, VOXEL_DIAGONALS, FpfhCloud, match_hypotheses
 from dqreg.search.pairs import pair_hypotheses
 from dqreg.search.poses import Poses
 from dqreg.search.problem import SearchProblem
@@ -201,6 +201,10 @@ def _screened(problem: SearchProblem, poses: Poses, most: int) -> Poses:
 def _matched(problem: SearchProblem, target: PointCloud) -> Poses:
     """Hypotheses from features that both clouds have."""
     voxel = VOXEL_DIAGONALS * problem.size
+    extents = [float(np.subtract(*bounds(points)[::-1]).max()) for points in (problem.scan.points, target.points)]
+    if not max(extents) < MAX_EXTENT_VOXELS * voxel:
+        # One is a point beside the other.
+        return Poses.of(np.zeros((0, 4, 4)))
     signed = problem.scan.normals if problem.scan.oriented and problem.scan.fitted is None else None
     sides = FpfhCloud.of(problem.scan.points, voxel, signed), FpfhCloud.of(target.points, voxel, target.normals)
     known = signed is not None and target.normals is not None

@@ -78,7 +78,8 @@ class Aligned:
 
 def _lengths(products: FloatArray, first: int = 0) -> FloatArray:
     """Roots of the sums of squares of either side, in the axes from the first on. Shapes: (6, 6), returns (2,)."""
-    return np.sqrt([np.trace(products[side, side][first:, first:]) for side in SIDES])
+    # Rounding may leave less than nothing of what is none.
+    return np.sqrt([max(np.trace(products[side, side][first:, first:]), 0.0) for side in SIDES])
 
 
 def is_narrow(H: FloatArray) -> bool:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
@@ -119,9 +119,14 @@ ROWS = st.one_of(
     hnp.arrays(np.float32, st.tuples(st.integers(3, 40), st.just(3)), elements=st.floats(-9.0, 9.0, width=32)),
     hnp.arrays(np.int8, st.tuples(st.integers(3, 40), st.just(3))),
 )
+FAR_ROWS = np.array([[0.0, 1.0, 1.0], [1.0, 1.0, 0.0], [1.0, 1.0, 1.0]])
 
 
 @settings(deadline=None, max_examples=40)
+# Beyond what single precision can square, or whole numbers can count in voxels of the other: they warned.
+@example(rows=9.3e26 * FAR_ROWS, mixed=True, as_target=True, method="auto")
+@example(rows=2.4e19 * FAR_ROWS[::2], mixed=True, as_target=True, method="auto")
+@example(rows=1.1e19 * FAR_ROWS[::2], mixed=True, as_target=True, method="auto")
 @given(rows=ROWS, mixed=st.booleans(), as_target=st.booleans(), method=st.sampled_from(["auto", "dq", "svd", "plane"]))
 def test_no_points_whatsoever_make_a_bad_pose(rows: Any, mixed: bool, as_target: bool, method: str) -> None:
     cloud = np.vstack([FIXED[:200], rows]) if mixed else rows
