@@ -22,7 +22,8 @@ def deviation_ratio(expected: float, size: float) -> float:
     >>> deviation_ratio(0.01, 100.0), deviation_ratio(0.2, 100.0)
     (1.0, 4.0)
     """
-    return max(expected / (PART_DEVIATION_DIAGONALS * size), 1.0) if size > 0.0 else 1.0
+    # In this order a missing length asks for nothing.
+    return max(1.0, expected / (PART_DEVIATION_DIAGONALS * size)) if size > 0.0 else 1.0
 
 
 @dataclasses.dataclass(frozen=True)
