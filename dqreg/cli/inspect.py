@@ -159,8 +159,7 @@ def inspect_command(
     wanted = options.pop("display_units")
     unit = shown_target(part, options["target_units"], wanted, None if asked is None else asked.units)
     planned = None if asked is None else unit.planned(asked)
-    expected = expected_deviation_of(planned, allowed, unit.units)
-    options["expected_deviation"] = options["expected_deviation"] or expected
+    options["expected_deviation"] = expected_deviation_of(planned, allowed, unit.units, options["expected_deviation"])
     to_screen = goals["as_json"] == Path("-")
     console, shown = consoles(quiet=quiet, as_json=to_screen, apart=True, width=PIPE_COLUMNS)
     result = unit.named(_registered(scan, unit, shown, options), part)

@@ -150,7 +150,7 @@ def register_command(
     allowed = None if tolerance is None else tolerance_of(tolerance, "--tolerance")
     require_below_reach(allowed, reach)
     share = share_of_percent(required, "--required")
-    options["expected_deviation"] = options["expected_deviation"] or expected_deviation_of(None, allowed, None)
+    options["expected_deviation"] = expected_deviation_of(None, allowed, None, options["expected_deviation"])
     console, shown = consoles(quiet=quiet, as_json=as_json, apart=True)
     unit = shown_target(target, options["target_units"], options.pop("display_units"))
     options["target_units"], began = unit.units, unit.start(read_start(start))

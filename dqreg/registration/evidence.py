@@ -43,11 +43,9 @@ NEAR = 0.25
 # Patches that deviate are measured by so many standard deviations of most inliers at most, and by this share of the
 # size at least.
 USUAL, LEAST = 3.0, 3e-4
-# What displaces faces of a part by less, in sizes, leaves the pose where it is and is of how the part was made: half of
-# what patches may deviate, and what strains displace the surface, root mean square, or by twice as much anywhere. A
-# plate of 80 x 60 x 6 made 0.02 too thick was strained by 0.3 %, and a step of a block made 0.05 too high was another
-# part.
-PATCH_SCALE_DIAGONALS, STRAINED_DIAGONALS = PART_DEVIATION_DIAGONALS, PART_DEVIATION_DIAGONALS
+# What displaces faces of a part by no more than made parts deviate leaves the pose where it is: half of what patches
+# may, and what strains displace the surface, root mean square, or by so many times as much anywhere. A plate of 80 x 60
+# x 6 made 0.02 too thick was strained by 0.3 %, and a step of a block made 0.05 too high was another part.
 LARGEST_TO_USUAL = 2.0
 # Points from which the strain is fitted; share of strays from which on they may draw the fit: scans with 10 % of them
 # come to 0.09 and more, scans without, of other parts too, to 0.011.
@@ -105,7 +103,7 @@ def agreement_of(
         # Neighbours of a sparse scan tell faces from outliers no better than chance; their heights do.
         off = off if has_border else max(off, displaced_of(pairs, close, width, noise, surface, ratio))
         if off > DEVIATING_PATCH_SHARE:
-            off_far = patches_off(*asked, max(scale, PATCH_SCALE_DIAGONALS * size * ratio))[1]
+            off_far = patches_off(*asked, max(scale, PART_DEVIATION_DIAGONALS * size * ratio))[1]
             deformed = _deformed(pairs, on, kept, off_wholly, off_far, counted)
     return replaced(
         _amid(around, _counted(run, surface, pairs, close, max_distance, has_border=has_border, expected=expected)),
@@ -234,9 +232,8 @@ def _shape_of(
 ) -> _Shape:
     """How the counted points, (n,), differ from a part, of a noise and size; beside clutter without deformations.
 
-    What is smaller than what made parts deviate by times a ratio is none.
-
-    In a sparse scan, which knows no covariance, a strain is a pattern of one. Faults alone have an axis, if so asked.
+    What is smaller than what made parts deviate by, times a ratio, is none. In a sparse scan, which knows no
+    covariance, a strain is a pattern of one. Faults alone have an axis, if so asked.
     """
     rows = np.flatnonzero(counted & nonzero_rows(pairs.closest.normals))
     rows = rows[sample_rows(len(rows), STRAINED)]
@@ -245,13 +242,13 @@ def _shape_of(
     columns = feet, normals, pairs.point_to_plane[rows]
     strain = strain_of(*columns, clutter=clutter, strays=strays, faults=faults)
     if sparse and not strain.is_strained:
-        value, along = stretch_of(*columns, STRAINED_DIAGONALS * size * ratio)
+        value, along = stretch_of(*columns, PART_DEVIATION_DIAGONALS * size * ratio)
         strain = replaced(strain, value=value, sigma=0.0, along=(along[0], along[1], along[2]))
     width = root_mean_square(columns[2]) if len(rows) else 0.0
     deformation = 0.0
     if not clutter and may_be_deformed(width, noise, size * ratio):
         deformation = deformation_of(*columns, size * ratio, ON_A_PART)
-    matters = max(strain.shown, strain.most / LARGEST_TO_USUAL) >= STRAINED_DIAGONALS * size * ratio
+    matters = max(strain.shown, strain.most / LARGEST_TO_USUAL) >= PART_DEVIATION_DIAGONALS * size * ratio
     is_strained = strain.is_strained and (sparse or matters)
     is_bent = strain.is_bent and strain.bend >= MIN_BEND * ratio
     return _Shape(strain.value if is_strained else 0.0, strain.along, strain.bend if is_bent else 0.0, deformation)

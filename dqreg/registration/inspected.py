@@ -25,11 +25,15 @@ WORDS, NUMBERS = ("name", "kind", "outcome", "remark"), ("nominal", "low", "high
 EXPECTED_TOLERANCES = 2.0
 
 
-def expected_deviation_of(plan: Plan | None, tolerance: float | Tolerance | None, unit: str | None) -> float | None:
+def expected_deviation_of(
+    plan: Plan | None, tolerance: float | Tolerance | None, unit: str | None, given: float | None = None
+) -> float | None:
     """Deviation of the part to expect where a plan, and a tolerance in a unit, allow some; None where nothing is said.
 
-    What the plan says is its own word; else it is twice the largest deviation that is allowed anywhere.
+    What a caller gives wins, then what the plan says; else it is twice the largest deviation that is allowed anywhere.
     """
+    if given is not None:
+        return given
     planned = None if plan is None else plan_in(plan, unit)
     if planned is not None and planned.expected_deviation is not None:
         return planned.expected_deviation

@@ -51,10 +51,19 @@ class RobustFit:
         return scatter_of(self.rows, points, normals, self.left, self.weights, known, self.variance)
 
 
+def without_motion(displaced: FloatArray, motions: FloatArray, weights: FloatArray) -> FloatArray:
+    """Displacements, (n,), without the motions, (6, n), nearest to them."""
+    return np.asarray(displaced - best_motion(displaced, motions, weights) @ motions)
+
+
+def weighted_rms(values: FloatArray, weights: FloatArray) -> float:
+    """Root of the weighted mean square of numbers, (n,)."""
+    return float(np.sqrt(weights @ values**2 / weights.sum()))
+
+
 def unexplained(displaced: FloatArray, motions: FloatArray, weights: FloatArray) -> float:
     """Root mean square of displacements, (n,), without the motions, (6, n), nearest to them."""
-    left = displaced - best_motion(displaced, motions, weights) @ motions
-    return float(np.sqrt(weights @ left**2 / weights.sum()))
+    return weighted_rms(without_motion(displaced, motions, weights), weights)
 
 
 def best_motion(displaced: FloatArray, motions: FloatArray, weights: FloatArray) -> FloatArray:

@@ -13,7 +13,7 @@ from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.vector_rows import second_moment
 from dqreg.solvers.motion_words import Vector
 from dqreg.solvers.quadratic import JACOBIAN_ROWS, plane_rows
-from dqreg.trust.robust_fit import TINY, best_motion, robust_fit, unexplained, weights_of
+from dqreg.trust.robust_fit import TINY, robust_fit, weighted_rms, weights_of, without_motion
 
 # Correspondences without which no strain is asked for.
 MIN_CORRESPONDENCES = 300
@@ -112,8 +112,8 @@ def strain_of(
         return Strain()
     if median(np.abs(fit.left)) > worse * median(np.abs(residuals)):
         return Strain()
-    displaced = fitted[6:] @ rows[6:]
-    if unexplained(displaced, rows[:6], fit.weights) < least:
+    left = without_motion(fitted[6:] @ rows[6:], rows[:6], fit.weights)
+    if weighted_rms(left, fit.weights) < least:
         return Strain()
     scatter = fit.scatter(points, normals)
     if scatter is None:
@@ -123,7 +123,6 @@ def strain_of(
     sigmas = np.sqrt(np.diag(scatter)[12:]) * factor
     k = int(np.argmax(bends / sigmas)) if (sigmas > 0.0).all() else 0
     significant = STRAIN_SIGMAS_IN_CLUTTER if clutter else STRAIN_SIGMAS
-    left = displaced - best_motion(displaced, rows[:6], fit.weights) @ rows[:6]
     shown = root_mean_square(left), float(np.abs(left).max())
     return Strain(value, sigma, along, float(bends[k]), float(sigmas[k]), significant, *shown)
 

@@ -223,5 +223,6 @@ def test_a_part_out_of_tolerance_is_that_part(tmp_path: Path, capsys: pytest.Cap
     assert run(*common, "--tolerance", "0.02", "--expected-deviation", "0.4") == 3
     (tmp_path / "plan.toml").write_text("tolerance = 0.02\nexpected_deviation = 0.4\n", encoding="utf-8")
     assert run(*common, "--plan", tmp_path / "plan.toml") == 3
-    assert run(*common, "--tolerance", "0.1", "--expected-deviation", "-1") == 2
-    assert "must be a length above 0" in capsys.readouterr().err
+    for wrong in ("-1", "0"):
+        assert run(*common, "--tolerance", "0.1", "--expected-deviation", wrong) == 2
+        assert "must be a length above 0" in capsys.readouterr().err
