@@ -178,7 +178,7 @@ class CellSurface(CloudSurface):
         # Whether the points are known to lie in few rings: planes are sought among more neighbours where the next ones
         # make none. And where some were found.
         self.cells, self._look_at_rings, self.of_few_rings = cells, in_rings, of_few_rings
-        self.wide = np.zeros(len(cells.codes), dtype=bool)
+        self.wide, self.has_wide = np.zeros(len(cells.codes), dtype=bool), False
         self._cell_planes = planes
         # Median of how far the points were moved to the surface of their neighbours.
         self.smoothed_by = 0.0 if planes is None else median(np.abs(planes.heights))
@@ -225,7 +225,7 @@ class CellSurface(CloudSurface):
             # Of a plate whose points are strewn at random some neighbours lie in lines by chance.
             return
         fits.replace(rows[found], wide.taken(found))
-        self.wide[rows[found]] = True
+        self.wide[rows[found]] = self.has_wide = True
 
     def fit_cells(self) -> None:
         """Fit the planes of the cells, which whoever asks for matches needs."""
@@ -247,13 +247,23 @@ class CellSurface(CloudSurface):
 
     def on_rim(self, closest: Closest) -> BoolArray:
         """Whether the matches of some queries are boundary points: where cells make a plane, by these."""
+        rims, missing = self._rims
         # Rings end everywhere: a floor that one or two of them meet is all rim, and nothing else may hold a motion.
-        if self.wide.any() or self._in_lines:
+        if self.has_wide or self._in_lines:
             return np.zeros(len(closest.elements), dtype=bool)
+        searched = np.flatnonzero(np.take(missing, closest.elements))
+        if len(searched):
+            rows = closest.elements[searched]
+            # What is found depends on the cloud alone, so threads that meet here write the same.
+            rims[rows] = self._boundary.at(rows, closest.normals[searched])
+            missing[rows] = False
+        return np.take(rims, closest.elements)
+
+    @unlocked_property
+    def _rims(self) -> tuple[BoolArray, BoolArray]:
+        """Which of the points lie on a rim, and of which it is not known, (m,)."""
         _, rims, missing = self._of_cells
-        found, searched = rims[closest.elements], np.flatnonzero(missing[closest.elements])
-        found[searched] = self._boundary.at(closest.elements[searched], closest.normals[searched])
-        return found
+        return rims.copy(), missing.copy()
 
 
 def _least_held(normals: FloatArray) -> float:

@@ -5,21 +5,23 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dqreg._arrays import MAX_LENGTH, BoolArray, FloatArray, IntArray, dot, require_finite, require_workable
 from dqreg.errors import InputError
 from dqreg.geometry.boundary import CloudBoundary
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.morton import distinct_in_order
-from dqreg.geometry.neighbours import KdTree, NeighbourTree
+from dqreg.geometry.neighbours import (
+    CHUNK_QUERIES,
+    Candidates,
+    KdTree,
+    NeighbourTree,
+    followed,
+    followed_in_tree,
+)
 from dqreg.geometry.normals import PlaneFits, fit_planes_around, orient_towards
 from dqreg.geometry.surface import Closest, Hint, as_queries
 
-# Two distances that differ by less may be equal: then the tree decides.
-DISTANCE_ROUNDING = 1e-12
-# Queries that are followed in one go.
-CHUNK_QUERIES = 16_384
 # Nearest points of a query that are kept of derived clouds: with two the tree is asked again for a third of the queries
 # at each step.
 DERIVED_CANDIDATES = 4
@@ -178,6 +180,11 @@ class CloudSurface:
         if before.others is None or before._candidates is None:
             return None
         candidates = before._candidates
+        if isinstance(self._search, NeighbourTree):
+            # What stands at the matches is looked up at once where it is known of all points.
+            held = (self._points, self._normals, self._variances, self.order) if self._all_fitted else None
+            nearest = followed_in_tree(self._search, points, places, candidates, before.others, self._points, held)
+            return nearest if isinstance(nearest, Closest) else self._answer(*nearest)
         rows, distances, others = followed(points, places, candidates, before.others, self._points)
         asked = np.flatnonzero(distances >= others)
         if len(asked):
@@ -239,9 +246,7 @@ class CloudSurface:
         ranks[self.order] = np.arange(len(self.order))
         return ranks
 
-    def _answer(
-        self, rows: IntArray, distances: FloatArray, others: FloatArray, candidates: NDArray[np.int32]
-    ) -> Closest:
+    def _answer(self, rows: IntArray, distances: FloatArray, others: FloatArray, candidates: Candidates) -> Closest:
         from dqreg.kernels.follow_rows import look_up_rows
         from dqreg.kernels.threads import over_chunks
 
@@ -265,25 +270,3 @@ def _require_near(queries: FloatArray) -> None:
     if not squares <= MAX_LENGTH**2:
         require_finite(queries, "points")
         require_workable(queries, "points")
-
-
-def followed(
-    points: FloatArray,
-    places: FloatArray,
-    candidates: NDArray[np.int32],
-    others: FloatArray,
-    cloud: FloatArray,
-) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Nearest candidates of queries, how far they are, and what no other point is nearer than, (n,).
-
-    Given where they were, (n, 3), the candidates that were nearest there, (n, k) rows of the cloud, (m, 3), and what no
-    other was nearer than, (n,).
-    """
-    from dqreg.kernels.follow_rows import follow_rows
-    from dqreg.kernels.threads import as_plain, over_chunks
-
-    count = len(points)
-    rows, distances, bounds = np.zeros(count, dtype=np.int64), np.zeros(count), np.zeros(count)
-    given = as_plain(points), as_plain(places), candidates, as_plain(others), cloud
-    over_chunks(follow_rows, count, *given, 1.0 - DISTANCE_ROUNDING, rows, distances, bounds, chunk=CHUNK_QUERIES)
-    return rows, distances, bounds

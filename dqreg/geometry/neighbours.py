@@ -1,4 +1,7 @@
-"""Nearest points of a cloud: a compiled tree for neighbourhoods, Open3D's KD-tree for correspondences."""
+"""Nearest points of a cloud: a compiled tree for neighbourhoods, Open3D's KD-tree for correspondences.
+
+And these followed from where the same queries stood before: few of them need a search.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,18 @@ from numpy.typing import NDArray
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds
 from dqreg._open3d import load_open3d
+from dqreg.geometry.surface import Closest
 
+Candidates = NDArray[np.int32]
+# Of queries: nearest points, their distances, what no other point is nearer than, and candidates from now on.
+Followed = tuple[IntArray, FloatArray, FloatArray, Candidates]
+# What stands at the points of a cloud: these, normals and their variances, and numbers.
+Columns = tuple[FloatArray, FloatArray, FloatArray, IntArray]
+
+# Two distances that differ by less may be equal: then the tree decides.
+DISTANCE_ROUNDING = 1e-12
+# Queries that are followed in one go, and where the tree is asked as well.
+CHUNK_QUERIES, CHUNK_ASKED = 16_384, 512
 # Neighbours of its own points that a tree remembers: what normals and rims of a cloud are read from.
 KEPT_NEIGHBOURS = 24
 # Points are asked about leaf by leaf where these are so many at least, and of those from the first to the last row one
@@ -28,6 +42,11 @@ class NeighbourTree:
         self._found: IntArray = np.zeros((0, 0), dtype=np.int64)
         # Points in Morton order that few queries are asked of need no other order.
         self._tree = PointTree.of(points, in_order=in_order)
+
+    @property
+    def columns(self) -> tuple[FloatArray, FloatArray, int, IntArray]:
+        """Boxes, places in their order, places a leaf and the row of each place: what kernels ask."""
+        return self._tree.boxes, self._tree.places, self._tree.leaf, self._tree.rows
 
     def nearest(self, queries: FloatArray, count: int, within: float = np.inf) -> tuple[IntArray, FloatArray]:
         """Nearest points of each query, closest first; the size of the cloud where fewer are within a distance.
@@ -128,3 +147,50 @@ class KdTree:
         tensor = load_open3d().core.Tensor(queries - self._centre)
         indices, squared = self._search.knn_search(tensor, count)
         return indices.numpy().astype(np.int64).reshape(-1, count), np.sqrt(squared.numpy()).reshape(-1, count)
+
+
+def followed(
+    points: FloatArray, places: FloatArray, candidates: Candidates, others: FloatArray, cloud: FloatArray
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Nearest candidates of queries, how far they are, and what no other point is nearer than, (n,).
+
+    Given where they were, (n, 3), the candidates that were nearest there, (n, k) rows of the cloud, (m, 3), and what no
+    other was nearer than, (n,).
+    """
+    from dqreg.kernels.follow_rows import follow_rows
+    from dqreg.kernels.threads import as_plain, over_chunks
+
+    count = len(points)
+    rows, distances, bounds = np.zeros(count, dtype=np.int64), np.zeros(count), np.zeros(count)
+    given = as_plain(points), as_plain(places), candidates, as_plain(others), cloud
+    over_chunks(follow_rows, count, *given, 1.0 - DISTANCE_ROUNDING, rows, distances, bounds, chunk=CHUNK_QUERIES)
+    return rows, distances, bounds
+
+
+def followed_in_tree(
+    tree: NeighbourTree,
+    points: FloatArray,
+    places: FloatArray,
+    candidates: Candidates,
+    others: FloatArray,
+    cloud: FloatArray,
+    held: Columns | None,
+) -> Closest | Followed:
+    """The nearest points themselves, of a tree that kernels ask where none of the candidates is known to be it.
+
+    With what stands at them, where it is given.
+    """
+    from dqreg.kernels.follow_rows import follow_in_tree
+    from dqreg.kernels.threads import as_plain, over_chunks
+
+    count, looked_up = len(points), 0 if held is None else len(points)
+    rows, distances, bounds = np.zeros(count, dtype=np.int64), np.zeros(count), np.zeros(count)
+    found, (feet, normals) = np.zeros(candidates.shape, dtype=np.int32), np.zeros((2, looked_up, 3))
+    variances, elements = np.zeros(looked_up), np.zeros(looked_up, dtype=np.int64)
+    columns = (cloud, cloud, others, rows) if held is None else held
+    given = as_plain(points), as_plain(places), candidates, as_plain(others), 1.0 - DISTANCE_ROUNDING
+    results = rows, distances, bounds, found, feet, normals, variances, elements
+    over_chunks(follow_in_tree, count, *given, *tree.columns, *columns, *results, chunk=CHUNK_ASKED)
+    if held is None:
+        return rows, distances, bounds, found
+    return Closest(feet, normals, distances, elements, bounds, variances)._with(found)

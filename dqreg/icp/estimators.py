@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry.vector_rows import nonzero_rows
 from dqreg.icp.correspondences import Correspondences
-from dqreg.icp.rejectors import weights_by_distance, weights_by_height, weights_by_noise
+from dqreg.icp.lowered_weights import lowered_weights
+from dqreg.icp.weighing import NOTHING, counted
 from dqreg.rigid import single_pose
 from dqreg.solvers import Fit, Matches, solve_moments, svd
 from dqreg.solvers.moments import sums_of
@@ -146,37 +147,37 @@ def surfaces_to_surfaces(pairs: Correspondences, weights: FloatArray, noise: flo
 
     Between two clouds, where either side's planes are guesses, it beats point-to-plane; on an exact mesh it does not.
     """
-    weights = weights_by_height(pairs, weights)
+    return _between_planes(pairs, lowered_weights(pairs, weights, is_last=False), noise)
+
+
+def cells_to_cells(pairs: Correspondences, weights: FloatArray, noise: float) -> Fit:
+    """The same on the last level, where cells that stand far apart and points amid noise count less."""
+    return _between_planes(pairs, lowered_weights(pairs, weights, is_last=True), noise)
+
+
+def _between_planes(pairs: Correspondences, weights: FloatArray, noise: float) -> Fit:
     moments = pair_sums(pairs, weights)
     if moments[DIRECTION_PAIR_ROW] < MIN_PLANES:
         return points_only(pairs, weights, noise)
     return _newton_step(both_planes(pairs, weights, moments), pairs, weights)
 
 
-def cells_to_cells(pairs: Correspondences, weights: FloatArray, noise: float) -> Fit:
-    """The same on the last level, where cells that stand far apart and points amid noise count less."""
-    return surfaces_to_surfaces(pairs, weights_by_noise(pairs, weights_by_distance(pairs, weights)), noise)
-
-
 def both_planes(pairs: Correspondences, weights: FloatArray, moments: FloatArray) -> QuadraticForm:
     """The plane-to-plane cost, in units in which the distance between two sure and parallel planes counts once."""
-    scan, found, bend = pairs.scan, pairs.closest, _bend(moments)
-    standing = np.full(len(scan), bend) if found.variances is None else bend + found.variances
-    spreads, normals, turn = (standing, bend + scan._variances), (found.normals, scan.normals), pairs.T_target_source
+    scan, found, bend, turn = pairs.scan, pairs.closest, _bend(moments), pairs.T_target_source[:3, :3]
+    spreads = NOTHING if found.variances is None else found.variances, scan._variances
     origins = moments[MEAN_ROWS].reshape(2, 3) / moments[0]
-    form = plane_to_plane_form(
-        scan.points, found.points, normals, spreads, 2.0 * bend * weights, (origins[0], origins[1]), turn[:3, :3]
-    )
+    columns = scan.points, found.points, found.normals, scan.normals, turn, *spreads, weights, origins
+    form = _form_of(_disc_sums(columns, bend, 2.0 * bend), origins)
     return QuadraticForm(form, *origins)
 
 
 def _bend(moments: FloatArray) -> float:
     """Variance of every normal beyond that of its fit, rad^2, as far as the pairs show it."""
-    aside = float(moments[SQ_HEIGHT_ROW])
-    beside = 0.5 * (float(moments[SQ_DISTANCE_ROW]) - aside)
-    if not beside > 0.0:
-        return BEND_VARIANCE
-    return min(max(BEND_VARIANCE_SHARE * (0.5 * aside / beside) ** 2, MIN_BEND_VARIANCE), BEND_VARIANCE)
+    from dqreg.kernels.plane_pass import bend_of
+
+    squares = float(moments[SQ_HEIGHT_ROW]), float(moments[SQ_DISTANCE_ROW])
+    return bend_of(*squares, BEND_VARIANCE_SHARE, MIN_BEND_VARIANCE, BEND_VARIANCE)
 
 
 def pair_sums(pairs: Correspondences, weights: FloatArray) -> FloatArray:
@@ -184,9 +185,8 @@ def pair_sums(pairs: Correspondences, weights: FloatArray) -> FloatArray:
     from dqreg.kernels.threads import as_plain, over_chunks
     from dqreg.kernels.weighted_planes import OF_PAIRS, pair_moments
 
-    scan, found, nothing = pairs.scan, pairs.closest, np.zeros(0)
+    scan, found, scatter = pairs.scan, pairs.closest, counted(pairs.scan)[1]
     sums = np.zeros((max(-(-len(scan) // CHUNK_PAIRS), 1), OF_PAIRS))
-    scatter = nothing if scan.counts is None or scan.within is None else np.asarray(scan.scatter)
     columns = scan.points, pairs.T_target_source, found.points, found.normals, found.distances, scatter, weights
     over_chunks(pair_moments, len(scan), *map(as_plain, columns), CHUNK_PAIRS, sums, chunk=CHUNK_PAIRS)
     totals: FloatArray = sums.sum(axis=0)
@@ -200,7 +200,6 @@ def plane_to_plane_form(
     variances: tuple[FloatArray, FloatArray],
     weights: FloatArray,
     origins: tuple[FloatArray, FloatArray],
-    turn: FloatArray = IDENTITY,
 ) -> FloatArray:
     """Matrix (13, 13) of ``sum w d^T C^-1 d``, ``d = R p + t - q``: generalised ICP (Segal et al. 2009), C held fixed.
 
@@ -220,16 +219,21 @@ def plane_to_plane_form(
     so that a correspondence is a point, a plane along u and a plane along m. Where both normals agree and are sure,
     the plane counts and the point hardly does; where they differ, the correspondence fades.
     """
+    about = np.stack(origins)
+    return _form_of(_disc_sums((p, q, *directions, IDENTITY, *variances, weights, about), 0.0, 1.0), about)
+
+
+def _disc_sums(columns: Sequence[FloatArray], bend: float, factor: float) -> FloatArray:
+    """Sums over pairs of discs, see `disc_pair_sums`, of chunks, (k, 73)."""
     from dqreg.kernels.disc_pairs import disc_pair_sums
     from dqreg.kernels.pose_forms import SUMS
     from dqreg.kernels.threads import as_plain, over_chunks
 
-    about = np.stack(origins)
-    columns = (as_plain(column) for column in (p, q, *directions, turn, *variances, weights, about))
+    plain, count = [as_plain(column) for column in columns], len(columns[0])
     # Added chunk by chunk, so that the bits are the same for any number of threads.
-    sums = np.zeros((max(-(-len(p) // CHUNK_PAIRS), 1), SUMS))
-    over_chunks(disc_pair_sums, len(p), *columns, CHUNK_PAIRS, sums, chunk=CHUNK_PAIRS)
-    return _form_of(sums, about)
+    sums = np.zeros((max(-(-count // CHUNK_PAIRS), 1), SUMS))
+    over_chunks(disc_pair_sums, count, *plain, bend, factor, CHUNK_PAIRS, sums, chunk=CHUNK_PAIRS)
+    return sums
 
 
 def _form_of(sums: FloatArray, origins: FloatArray) -> FloatArray:

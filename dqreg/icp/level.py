@@ -196,7 +196,7 @@ class Level:
         width = mixture.scale / self.surface.diagonal
         # How well so many points of this width can place the part at all: no use in going on far below it. Between the
         # rings of a LiDAR distances are those of the rings, and heights over the planes are what places it.
-        if isinstance(self.surface, CellSurface) and self.surface.wide.any():
+        if isinstance(self.surface, CellSurface) and self.surface.has_wide:
             width = min(width, max(self.scan.noise, self.floor) / self.surface.diagonal)
         placed = width / float(np.sqrt(self.scan.represented))
         if self.patient:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -18,12 +18,25 @@ from dqreg.geometry.scan import Scan
 from dqreg.geometry.surface import Surface
 from dqreg.icp.acceleration import TOLERATED_RISE, Anderson
 from dqreg.icp.correspondences import Correspondences, find_correspondences, propagate
-from dqreg.icp.estimators import Estimator, points_and_normals
+from dqreg.icp.estimators import (
+    BEND_VARIANCE,
+    BEND_VARIANCE_SHARE,
+    CHUNK_PAIRS,
+    MIN_BEND_VARIANCE,
+    MIN_PLANES,
+    Estimator,
+    cells_to_cells,
+    points_and_normals,
+    points_only,
+    surfaces_to_surfaces,
+)
 from dqreg.icp.history import Iteration
+from dqreg.icp.lowered_weights import flat_planes, lowering_of
 from dqreg.icp.rejectors import Weight
 from dqreg.icp.stopping import Stopping
-from dqreg.icp.weighing import Weighed, weigh
+from dqreg.icp.weighing import CHUNK_ROWS, NOTHING, MixtureWeights, Weighed, counted, weigh
 from dqreg.rigid import single_pose
+from dqreg.solvers.newton import FLAT_CURVATURE_RATIO, LONGEST_RAD, MAX_STEPS, NO_GAIN_SHARE, ROUNDING_RISE_RATIO
 from dqreg.solvers.robust import InlierMixture, Kernel, LeastSquares
 from dqreg.solvers.status import INTERRUPTED, NO_POSE, Status
 
@@ -35,6 +48,9 @@ TIME_IS_UP: Final = object()
 MIN_CORRESPONDENCES = 6
 # Inliers that fix a pose at least.
 MIN_INLIERS = 3
+# How a step between planes is taken, see `kernels.plane_pass`.
+OF_BEND = BEND_VARIANCE_SHARE, MIN_BEND_VARIANCE, BEND_VARIANCE
+OF_NEWTON = NO_GAIN_SHARE, ROUNDING_RISE_RATIO, LONGEST_RAD, FLAT_CURVATURE_RATIO
 
 
 def contraction_of(history: tuple[Iteration, ...]) -> float | None:
@@ -147,13 +163,11 @@ class Icp:
         while True:
             began = time.perf_counter()
             pairs = before = find_correspondences(scan, surface, T, before)
-            weighed = weigh(pairs, self.kernel, self.rejectors)
+            weighed, T_next = self._step(pairs)
             weights = weighed.weights
             if weighed.used < self.fewest:
                 return Run(T, "no correspondences", tuple(history), pairs, weights)
-            try:
-                T_next = self.estimator(pairs, weights, self.kernel.scale).T_target_source
-            except DegenerateGeometryError:
+            if T_next is None:
                 return Run(T, "degenerate correspondences", tuple(history), pairs, weights)
             T_new, sound = anderson.propose(T, T_next, weighed.energy) if anderson else (T_next, True)
             motions.append(spread.motion(T, T_next) / surface.diagonal if sound else np.inf)
@@ -169,6 +183,19 @@ class Icp:
                 before = propagate(pairs, T)
             else:
                 slid = 0.0
+
+    def _step(self, pairs: Correspondences) -> tuple[Weighed, FloatArray | None]:
+        """Weights of correspondences and the pose that the estimator makes of them, None where there is none."""
+        weighed = None
+        try:
+            if (found := weighed_step(pairs, self.kernel, self.rejectors, self.estimator)) is not None:
+                return found
+            weighed = weigh(pairs, self.kernel, self.rejectors)
+            if weighed.used < self.fewest:
+                return weighed, None
+            return weighed, self.estimator(pairs, weighed.weights, self.kernel.scale).T_target_source
+        except DegenerateGeometryError:
+            return weighed or weigh(pairs, self.kernel, self.rejectors), None
 
     def _record(
         self, number: int, pairs: Correspondences, weighed: Weighed, T: FloatArray, motion: float, began: float
@@ -187,3 +214,42 @@ class Icp:
             seconds=time.perf_counter() - began,
             T_target_source=T,
         )
+
+
+def weighed_step(
+    pairs: Correspondences, kernel: Kernel, rejectors: Sequence[Weight], estimator: Estimator
+) -> tuple[Weighed, FloatArray] | None:
+    """Weights of correspondences and the pose of least cost, (4, 4); None where a loop has other parts, or many rows.
+
+    Those are weighed on several threads.
+    """
+    if len(pairs.scan) > CHUNK_ROWS or estimator not in (surfaces_to_surfaces, cells_to_cells):
+        return None
+    mixture = MixtureWeights.of(kernel, rejectors)
+    return None if mixture is None else _in_one_pass(pairs, mixture, is_last=estimator is cells_to_cells)
+
+
+def _in_one_pass(pairs: Correspondences, mixture: MixtureWeights, *, is_last: bool) -> tuple[Weighed, FloatArray]:
+    from dqreg.kernels.plane_pass import Stepping, plane_pass
+    from dqreg.kernels.threads import as_plain, ask_clock
+    from dqreg.kernels.weighing import SUMS
+
+    ask_clock()
+    scan, found = pairs.scan, pairs.closest
+    of_source = scan.points, pairs.moved, scan.normals, scan._rejecting_normals, scan._variances, *counted(scan)
+    variances = NOTHING if found.variances is None else found.variances
+    of_target = found.points, found.normals, found.distances, variances
+    plain = [as_plain(column) for column in (pairs.T_target_source, *of_source, *of_target)]
+    limits = (
+        mixture.limits(pairs),
+        lowering_of(pairs, is_last=is_last),
+        Stepping(MIN_PLANES, *OF_BEND, MAX_STEPS, *OF_NEWTON),
+    )
+    (weights, lowered), sums, T = np.zeros((2, len(scan))), np.zeros((1, SUMS)), np.zeros((4, 4))
+    more = flat_planes(pairs), as_plain(mixture.factors(pairs)), *limits, CHUNK_PAIRS
+    given: Any = *plain, *more, weights, lowered, sums, T
+    cost = plane_pass(*given)
+    weighed = mixture.weighed(weights, sums)
+    if math.isnan(cost) and weighed.used:
+        T = points_only(pairs, lowered, mixture.kernel.scale).T_target_source
+    return weighed, T

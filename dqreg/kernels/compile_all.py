@@ -255,7 +255,7 @@ def _signs() -> None:
 def _pairs() -> None:
     places, counts, none = np.zeros((1, 3)), np.zeros(1, dtype=np.int32), np.zeros(0, dtype=np.bool_)
     pair_differences(places, places, np.ones(4), 1, counts, none, places, FIRST[:0])
-    disc_pair_sums(0, 0, *(FLAT,) * 5, *(ONE,) * 3, np.zeros((2, 3)), 1, np.zeros((1, SUMS)))
+    disc_pair_sums(0, 0, *(FLAT,) * 5, *(ONE,) * 3, np.zeros((2, 3)), 1.0, 1.0, 1, np.zeros((1, SUMS)))
 
 
 def _many_problems() -> None:
@@ -274,6 +274,7 @@ STEPS: tuple[Callable[[], None], ...] = (
     _many_problems,
     compile_clouds.keep_maps,
     compile_clouds.look_along_rays,
+    compile_clouds.step_between_clouds,
     _rims,
     _pairs,
     _shared_noise,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from dqreg.kernels.cell_matches import planes_in_cells
@@ -10,11 +12,13 @@ from dqreg.kernels.cell_planes import cell_planes
 from dqreg.kernels.close_points import close_points, facing_matches
 from dqreg.kernels.depth_pixels import count_before, count_behind, directions_from, fill_nearest, least_around
 from dqreg.kernels.edge_planes import edge_plane_rows, with_others_rows
+from dqreg.kernels.follow_rows import follow_in_tree
 from dqreg.kernels.lined_runs import lined_runs
 from dqreg.kernels.majority_planes import majority_plane_rows
 from dqreg.kernels.morton import count_cells, morton_cells, new_places, sorted_rows, take_points
+from dqreg.kernels.plane_pass import Lowering, Stepping, bend_of, lower_weights, plane_pass
 from dqreg.kernels.plane_steps import FIGURES, step_on_planes, weigh_by_roughness
-from dqreg.kernels.point_tree import LEAF_POINTS
+from dqreg.kernels.point_tree import LEAF_POINTS, PointTree
 from dqreg.kernels.quadric_fits import quadric_residual_rows
 from dqreg.kernels.shift_counts import count_at_shifts, count_on_runs, runs_around
 from dqreg.kernels.split_sort import split_sorted_rows
@@ -25,6 +29,7 @@ from dqreg.kernels.voxel_nearest import distances_in_voxels
 from dqreg.kernels.voxel_planes import closest_in_voxels
 from dqreg.kernels.voxel_points import CELLS, SUMS, admit_points
 from dqreg.kernels.voxel_rows import VoxelSums, first_of_voxels, measured_rows, one_of_voxels
+from dqreg.kernels.weighing import SUMS as WEIGHED
 
 CORNERS = np.eye(3)
 FLAT, ONE = np.eye(3), np.zeros(3)
@@ -68,6 +73,24 @@ def look_along_rays() -> None:
     count_behind(np.zeros(0), image, FIRST, 1.0)
     least_around(image, image.copy())
     count_before(CORNERS[:0], FLAT, ONE, ONE, 1.0, image, np.zeros((1, 1), dtype=np.bool_), 1.0, 1.0, counts)
+
+
+def step_between_clouds() -> None:
+    """Followed matches, and one pass over them."""
+    rows, ones, nothing, numbers = CORNERS, np.ones(3), np.zeros(0), np.zeros(3, dtype=np.int64)
+    tree, nearest, none = PointTree.of(rows), np.zeros((3, 2), dtype=np.int32), np.zeros(0, dtype=bool)
+    held = tree.boxes, tree.places, tree.leaf, tree.rows, rows, rows, ones, numbers
+    found = numbers.copy(), np.zeros(3), np.zeros(3), nearest.copy(), np.eye(3), np.eye(3), np.zeros(3), numbers.copy()
+    follow_in_tree(0, 3, rows, rows, nearest, ones, 1.0, *held, *found)
+    of_source, of_target = (rows, rows, rows, rows, ones, nothing, nothing), (rows, rows, ones, ones)
+    limits, lowering = np.ones(5), Lowering(1.0, 1.0, 1.0, 1.0, 1.0)
+    stepping = Stepping(1, 0.5, 0.1, 1.0, 1, 1.0, 1.0, 1.0, 1.0)
+    how = none, nothing, limits, lowering, stepping, 3
+    results = np.zeros(3), np.zeros(3), np.zeros((1, WEIGHED)), np.eye(4)
+    given: Any = np.eye(4), *of_source, *of_target, *how, *results
+    plane_pass(*given)
+    lower_weights(rows, rows, rows, ones, none, ones, ones, lowering, np.ones(3))
+    bend_of(1.0, 2.0, 0.5, 0.1, 1.0)
 
 
 def keep_maps() -> None:

@@ -20,27 +20,31 @@ def disc_pair_sums(
     moving: FloatArray,
     weights: FloatArray,
     origins: FloatArray,
+    bend: float,
+    factor: float,
     chunk: int,
     sums: FloatArray,
 ) -> None:
     """Write the sums over pairs first to last in the row of their chunk, see `plane_to_plane_form`. O(1) a pair.
 
     What the sums are of says `form_of_sums`. Shapes: points p, places q, their normals and the source's own (n, 3),
-    these before a turn (3, 3); variances and weights (n,); origins (2, 3); sums (chunks, 73).
+    these before a turn (3, 3); variances, to which that of a bend is added, and weights, times a factor, (n,), those of
+    the places (0,) where they have none; origins (2, 3); sums (chunks, 73).
     """
     total = sums[first // chunk]
     # In names: elements of the array would be read again for every pair.
     xu, xv, xw, yu, yv, yw = turn[0, 0], turn[0, 1], turn[0, 2], turn[1, 0], turn[1, 1], turn[1, 2]
     zu, zv, zw = turn[2, 0], turn[2, 1], turn[2, 2]
     for i in range(first, last):
-        half = 0.5 * weights[i]
+        half = 0.5 * factor * weights[i]
         if half == 0.0:
             continue
         nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]
         u, v, w = own[i, 0], own[i, 1], own[i, 2]
         mx, my, mz = xu * u + xv * v + xw * w, yu * u + yv * v + yw * w, zu * u + zv * v + zw * w
-        a = 1.0 - min(max(standing[i], 0.0), 1.0) if nx != 0.0 or ny != 0.0 or nz != 0.0 else 0.0
-        b = 1.0 - min(max(moving[i], 0.0), 1.0) if mx != 0.0 or my != 0.0 or mz != 0.0 else 0.0
+        spread = bend + (standing[i] if len(standing) else 0.0)
+        a = 1.0 - min(max(spread, 0.0), 1.0) if nx != 0.0 or ny != 0.0 or nz != 0.0 else 0.0
+        b = 1.0 - min(max(bend + moving[i], 0.0), 1.0) if mx != 0.0 or my != 0.0 or mz != 0.0 else 0.0
         c = nx * mx + ny * my + nz * mz
         lean = b * c / (2.0 - b)
         ux, uy, uz = nx + lean * mx, ny + lean * my, nz + lean * mz

@@ -32,13 +32,11 @@ from dqreg.icp.estimators import (
     plane_to_plane_form,
     surfaces_to_surfaces,
 )
-from dqreg.icp.rejectors import (
+from dqreg.icp.lowered_weights import (
     HALF_WEIGHT_DISTANCES,
     HALF_WEIGHT_HEIGHTS,
     HALF_WEIGHT_VARIANCE,
-    weights_by_distance,
-    weights_by_height,
-    weights_by_noise,
+    lowered_weights,
 )
 from dqreg.rigid import pose, twist
 from dqreg.solvers import horn, solve
@@ -292,13 +290,13 @@ def test_cells_far_off_the_planes_for_most_count_less_and_points_do_not() -> Non
     closest = Closest(scan.points - heights[:, None] * up, up, np.abs(heights), np.arange(200))
     weights = rng.uniform(size=200)
     cells = CellSurface(means, Cells.of(means.points, 1e-9))
-    found = weights_by_height(Correspondences(scan, np.eye(4), closest, False, cells), weights) / weights
+    found = lowered_weights(Correspondences(scan, np.eye(4), closest, False, cells), weights, is_last=False) / weights
     # By hand: most are 0.01 off, whose normal standard deviation is 0.01 / 0.6745.
     size = HALF_WEIGHT_HEIGHTS * 0.01 / 0.67448975
     np.testing.assert_allclose(found, 1.0 / (1.0 + (heights / size) ** 2), rtol=1e-5)
     assert found[:20].max() < 0.1 < 0.9 < found[20:].min()
     of_points = Correspondences(scan, np.eye(4), closest, False, CloudSurface(means))
-    np.testing.assert_array_equal(weights_by_height(of_points, weights), weights)
+    np.testing.assert_array_equal(lowered_weights(of_points, weights, is_last=False), weights)
 
 
 def test_cells_that_stand_far_apart_count_by_how_far_a_bend_would_lift_them() -> None:
@@ -309,18 +307,18 @@ def test_cells_that_stand_far_apart_count_by_how_far_a_bend_would_lift_them() ->
     closest = Closest(scan.points - ways, up, ways[:, 0], np.arange(201))
     cells = CellSurface(means, Cells.of(means.points, 1e-9))
     weights = rng.uniform(size=201)
-    found = weights_by_distance(Correspondences(scan, np.eye(4), closest, False, cells), weights) / weights
+    found = lowered_weights(Correspondences(scan, np.eye(4), closest, False, cells), weights, is_last=True) / weights
     # By hand: the middle one is at 1. A bend lifts by the square of the way, its variance adds to that of noise, and
     # both are equal at the scale.
     np.testing.assert_allclose(1.0 / found, 1.0 + (ways[:, 0] / HALF_WEIGHT_DISTANCES) ** 4, rtol=1e-12)
     # A plane that was found flat far around leans, by the way.
-    cells.wide[::2] = True
-    found = weights_by_distance(Correspondences(scan, np.eye(4), closest, False, cells), weights) / weights
+    cells.wide[::2] = cells.has_wide = True
+    found = lowered_weights(Correspondences(scan, np.eye(4), closest, False, cells), weights, is_last=True) / weights
     np.testing.assert_allclose(
         1.0 / found, 1.0 + (ways[:, 0] / HALF_WEIGHT_DISTANCES) ** np.where(cells.wide, 2, 4), rtol=1e-12
     )
     of_points = Correspondences(scan, np.eye(4), closest, False, CloudSurface(means))
-    np.testing.assert_array_equal(weights_by_distance(of_points, weights), weights)
+    np.testing.assert_array_equal(lowered_weights(of_points, weights, is_last=True), weights)
 
 
 def test_points_whose_neighbourhoods_are_noise_count_next_to_nothing_where_a_stand_sees_them() -> None:
@@ -333,7 +331,7 @@ def test_points_whose_neighbourhoods_are_noise_count_next_to_nothing_where_a_sta
 
     def weighed(variances: FloatArray, scan: Scan, surface: CloudSurface) -> FloatArray:
         closest = Closest(scan.points, up, np.zeros(200), np.arange(200), None, variances)
-        return weights_by_noise(Correspondences(scan, np.eye(4), closest, False, surface), np.ones(200))
+        return lowered_weights(Correspondences(scan, np.eye(4), closest, False, surface), np.ones(200), is_last=True)
 
     # By hand: at ten times the variance of a half, one in 1 + 10^8.
     expected = np.where(np.arange(200) < 150, 1.0 / (1.0 + 1e8), 0.5)

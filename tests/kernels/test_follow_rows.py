@@ -6,7 +6,8 @@ import hypothesis.strategies as st
 import numpy as np
 from hypothesis import given, settings
 
-from dqreg.kernels.follow_rows import follow_rows, look_up_rows
+from dqreg.kernels.follow_rows import follow_in_tree, follow_rows, look_up_rows
+from dqreg.kernels.point_tree import PointTree
 
 
 @settings(deadline=None, max_examples=40)
@@ -50,3 +51,31 @@ def test_what_stands_at_rows_is_looked_up() -> None:
     np.testing.assert_array_equal(variances[1:], all_variances[some])
     np.testing.assert_array_equal(elements[1:], order[some])
     assert not points[0].any()
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 10_000), st.integers(1, 4), st.floats(0.0, 3.0), st.booleans())
+def test_the_tree_is_asked_where_no_candidate_is_sure(seed: int, k: int, way: float, look_up: bool) -> None:
+    rng = np.random.default_rng(seed)
+    cloud, before = rng.normal(size=(50, 3)), rng.normal(size=(40, 3))
+    tree, points = PointTree.of(cloud), before + way * rng.normal(size=(40, 3))
+    nearest, away = tree.nearest(before, k)
+    normals, variances, order = rng.normal(size=(50, 3)), rng.uniform(size=50), rng.permutation(50)
+    rows, distances, bounds = np.zeros(40, dtype=np.int64), np.zeros(40), np.zeros(40)
+    found, (feet, there) = np.zeros((40, k), dtype=np.int32), np.zeros((2, 40 if look_up else 0, 3))
+    spread, numbers = np.zeros(40), np.zeros(40, dtype=np.int64)
+    given = points, before, nearest.astype(np.int32), away[:, -1].copy(), 1.0 - 1e-12
+    held = tree.boxes, tree.places, tree.leaf, tree.rows, cloud, normals, variances, order
+    follow_in_tree(0, 40, *given, *held, rows, distances, bounds, found, feet, there, spread, numbers)
+    now = np.linalg.norm(points[:, None] - cloud, axis=2)
+    np.testing.assert_array_equal(rows, now.argmin(axis=1))
+    np.testing.assert_allclose(distances, now.min(axis=1), rtol=1e-12)
+    # No point but the candidates is nearer than the bound, which is what the next motion is measured by.
+    others = now.copy()
+    np.put_along_axis(others, found.astype(np.int64), np.inf, axis=1)
+    assert (others.min(axis=1) >= bounds - 1e-9).all()
+    if look_up:
+        np.testing.assert_array_equal(feet, cloud[rows])
+        np.testing.assert_array_equal(there, normals[rows])
+        np.testing.assert_array_equal(spread, variances[rows])
+        np.testing.assert_array_equal(numbers, order[rows])

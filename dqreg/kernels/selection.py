@@ -1,0 +1,64 @@
+"""Numbers by their rank, without sorting the others."""
+
+from __future__ import annotations
+
+from dqreg._arrays import FloatArray
+from dqreg.kernels.compiled import compiled
+
+
+@compiled
+def ranked(values: FloatArray, rank: int) -> float:
+    """The number of a rank, from 0, among finite values, which are moved: none before it is above, none behind below.
+
+    O(n) as a rule (Hoare 1961).
+    """
+    low, high = 0, len(values) - 1
+    while low < high:
+        # The middle one of three, so that values in order are no worst case.
+        a, b, c = values[low], values[(low + high) // 2], values[high]
+        pivot = max(min(a, b), min(max(a, b), c))
+        left, right = low, high
+        while left <= right:
+            while values[left] < pivot:
+                left += 1
+            while values[right] > pivot:
+                right -= 1
+            if left <= right:
+                values[left], values[right] = values[right], values[left]
+                left += 1
+                right -= 1
+        if rank <= right:
+            high = right
+        elif rank >= left:
+            low = left
+        else:
+            break
+    found: float = values[rank]
+    return found
+
+
+@compiled
+def median_of(values: FloatArray) -> float:
+    """Median of finite values, at least one, which are moved. O(n)."""
+    half = len(values) // 2
+    high = ranked(values, half)
+    if len(values) % 2:
+        return high
+    low = float(values[0])
+    for i in range(1, half):
+        low = max(low, values[i])
+    return 0.5 * (low + high)
+
+
+@compiled
+def quantile_of(values: FloatArray, share: float) -> float:
+    """Quantile of the same, between the two nearest, from the nearer of these. O(n)."""
+    place = share * (len(values) - 1)
+    below = int(place)
+    part, low = place - below, ranked(values, below)
+    if below + 1 >= len(values):
+        return low
+    high = float(values[below + 1])
+    for i in range(below + 2, len(values)):
+        high = min(high, values[i])
+    return low + (high - low) * part if part < 0.5 else high - (high - low) * (1.0 - part)
