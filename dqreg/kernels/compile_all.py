@@ -8,6 +8,7 @@ import numpy as np
 
 from dqreg.kernels import compile_clouds, second_process
 from dqreg.kernels.areas_by_direction import areas_by_direction
+from dqreg.kernels.both_sides import motion_shares, products_of_both
 from dqreg.kernels.cache import keep_beside_package
 from dqreg.kernels.coarse_to_fine_nearest import nearest_at_corners, nearest_from_coarser, planes_at_nodes
 from dqreg.kernels.components import components
@@ -25,7 +26,7 @@ from dqreg.kernels.many_poses import distinct_rows, log_likelihoods, mean_gains,
 from dqreg.kernels.mesh_faces import ENDS, MOMENTS, face_columns, solid_faces, surface_moments
 from dqreg.kernels.mesh_sides import number_sides
 from dqreg.kernels.motion_sums import COLUMNS as MOTION_SUMS
-from dqreg.kernels.motion_sums import motion_shares, motion_sums, products_of_both
+from dqreg.kernels.motion_sums import motion_sums
 from dqreg.kernels.near_rows import near_rows
 from dqreg.kernels.nearest_at_nodes import nearest_at_nodes
 from dqreg.kernels.neighbour_counts import rows_with_neighbours
@@ -34,7 +35,7 @@ from dqreg.kernels.one_sided_neighbourhoods import off_centre_rows
 from dqreg.kernels.pair_differences import pair_differences
 from dqreg.kernels.pair_keys import all_pair_keys, key_starts, order_of_keys, pair_keys
 from dqreg.kernels.pair_poses import pair_poses
-from dqreg.kernels.patch_pairs import binned_agreements, covariance_rows, nearest_others
+from dqreg.kernels.patch_pairs import binned_agreements, covariance_sums, nearest_others
 from dqreg.kernels.patch_sums import BESIDE, joined_sums, patch_sums
 from dqreg.kernels.planar_boundary import in_plane_sq_distances, interior_rows, near_fractions
 from dqreg.kernels.plane_elimination import eliminate_planes
@@ -157,7 +158,8 @@ def _shared_noise() -> None:
     binned_agreements(FLAT, FLAT, ONE, 1.0, np.zeros(2), np.zeros(2))
     patch_sums(0, 0, *(FLAT,) * 3, *(ONE,) * 2, FIRST, np.zeros((1, 3 + BESIDE)))
     joined_sums(FIRST, np.zeros((1, 2)), 0, 2, np.zeros((1, 2)))
-    covariance_rows(0, 0, FLAT, FLAT, 1.0, 1.0, FLAT, FLAT)
+    some = np.zeros((1, 3, 1)), np.zeros((1, 2, 1)), np.zeros((1, 1)), np.zeros((1, 2, 1))
+    covariance_sums(FLAT, FLAT, 1.0, 1.0, *some)
 
 
 def _patches() -> None:

@@ -7,6 +7,9 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.kernels.compiled import compiled
 
+# Pairs of one point that are looked at together.
+BLOCK = 64
+
 
 @compiled
 def nearest_others(points: FloatArray, nearest: FloatArray) -> float:
@@ -65,28 +68,59 @@ def binned_agreements(
 
 
 @compiled
-def covariance_rows(
-    first: int,
-    last: int,
+def covariance_sums(
     points: FloatArray,
     normals: FloatArray,
     sill: float,
     reach: float,
-    covariances: FloatArray,
-    along: FloatArray,
-) -> None:
-    """Write rows first to last of the covariances between points by the spherical model, each with no own.
+    pulls: FloatArray,
+    others: FloatArray,
+    between: FloatArray,
+    products: FloatArray,
+) -> float:
+    """Add what pairs nearer than reach say by their covariance, and return the squares of it along their normals.
 
-    They fall from the sill at no distance to zero from the reach on (Matheron 1963). Along the normals they are times
-    the cosine of both. Shapes: points and normals (m, 3), covariances and along (last - first, m). O(m) a row.
+    It falls from the sill at no distance to zero from the reach on, by the spherical model (Matheron 1963); no point
+    has one with itself. To `between` go the pulls of one times those of the other along the same axis, of each pair in
+    one order; to the products it times others, where it counts times the cosine of both normals. O(m^2), of pairs that
+    are near O(k) each. Shapes: points and normals (m, 3), pulls (m, 3, k), others and products (m, 2, k), between (k,
+    k); of k a multiple of 8 processors take several at a time.
     """
     count, xyz, uvw = len(points), points.T.copy(), normals.T.copy()
     x, y, z, u, v, w = xyz[0], xyz[1], xyz[2], uvw[0], uvw[1], uvw[2]
-    for i in range(first, last):
-        a, b, c, p, q, r, one, other = x[i], y[i], z[i], u[i], v[i], w[i], covariances[i - first], along[i - first]
-        for j in range(count):
+    squares, cosines, limit, total = np.zeros(count), np.zeros(count), reach * reach, 0.0
+    many = len(between)
+    along, beside, beyond = pulls.reshape(count, 3 * many), others.reshape(count, 2 * many), products.reshape(count, 2 * many)
+    pulled, held = np.zeros(3 * many), np.zeros(2 * many)
+    for i in range(count):
+        a, b, c, p, q, r = x[i], y[i], z[i], u[i], v[i], w[i]
+        for j in range(i):
             dx, dy, dz = a - x[j], b - y[j], c - z[j]
-            h = min(np.sqrt(dx * dx + dy * dy + dz * dz) / reach, 1.0)
-            one[j] = sill * (1.0 - h * (1.5 - 0.5 * h * h))
-            other[j] = one[j] * (p * u[j] + q * v[j] + r * w[j])
-        one[i] = other[i] = 0.0
+            squares[j] = dx * dx + dy * dy + dz * dz
+            cosines[j] = p * u[j] + q * v[j] + r * w[j]
+        pulled[:], held[:], some = 0.0, 0.0, False
+        for start in range(0, i, BLOCK):
+            end, near = min(start + BLOCK, i), 0
+            # Whether any is near at all processors tell of several at a time; most blocks hold none.
+            for j in range(start, end):
+                near += 1 if squares[j] < limit else 0
+            some = some or near > 0
+            for j in range(start, end if near else start):
+                if squares[j] >= limit:
+                    continue
+                h = np.sqrt(squares[j]) / reach
+                shared = sill * (1.0 - h * (1.5 - 0.5 * h * h))
+                same = shared * cosines[j]
+                total += same * same
+                for m in range(3 * many):
+                    pulled[m] += shared * along[j, m]
+                for m in range(2 * many):
+                    held[m] += same * beside[j, m]
+                    beyond[j, m] += same * beside[i, m]
+        for m in range(2 * many if some else 0):
+            beyond[i, m] += held[m]
+        for start in range(0, 3 * many if some else 0, many):
+            for k in range(many):
+                for m in range(many):
+                    between[k, m] += along[i, start + k] * pulled[start + m]
+    return 2.0 * total

@@ -34,7 +34,7 @@ class PatchSums(Protocol):
         ...
 
     def pulls(self, starts: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Sums of ``w J``, (k, m), and of ``w J n``, along each axis, (3, k, m)."""
+        """Sums of ``w J`` of each patch, (m, k), and of ``w J n``, along each axis, (m, 3, k)."""
         ...
 
 
@@ -67,7 +67,7 @@ class RowSums:
         """See `PatchSums`."""
         rows, weights = self.rows, self.weights
         along = [np.add.reduceat(rows * (weights * axis), starts, axis=1) for axis in self.normals.T]
-        return np.add.reduceat(rows * weights, starts, axis=1), np.stack(along)
+        return np.add.reduceat(rows * weights, starts, axis=1).T, np.stack(along).transpose(2, 0, 1)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -143,8 +143,8 @@ class MotionSums:
         sums = np.concatenate([self._joined(starts, ROTATIONS, PRODUCTS), normals], axis=1)
         # Translations displace along the normals: products with them are products with the normals.
         products = self._joined(starts, PRODUCTS, SMOOTH)
-        along = np.take(products, _PLACES[3:], axis=1).transpose(1, 2, 0)
-        return self.basis.T @ sums.T, self.basis.T @ along
+        along = np.take(products, _PLACES[3:].ravel(), axis=1).reshape(-1, 6)
+        return sums @ self.basis, (along @ self.basis).reshape(len(starts), 3, -1)
 
     def _joined(self, starts: IntArray, first: int, last: int) -> FloatArray:
         """Some of the columns, of patches with those starts."""

@@ -7,7 +7,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, IntArray, dot, median, product
+from dqreg._arrays import FloatArray, IntArray, median
 from dqreg.solvers.row_sums import PatchSums, RowSums
 
 # Patches of neighbouring correspondences whose noise may be common; the fewest from which a scatter can be estimated.
@@ -32,8 +32,8 @@ RANGE_COUNT, RANGE_RATIO = 16, 2.0**0.5
 SINGULAR_SHARE = 1e-9
 # Bins of the distances, up to the farthest range.
 DISTANCE_BINS = 256
-# Rows of the covariance between patches that are multiplied in one go: they stay in the cache.
-BLOCK_ROWS = 100
+# Unknowns are filled up to a multiple of this: as many at a time processors take.
+LANES = 8
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -106,7 +106,8 @@ def scatter_of_sums(
     if shared is None:
         return coarse
     pulls, along = sums.pulls(small)
-    between, left = patches.between_and_left(*shared, mix.T @ pulls, mix.T @ along, bread)
+    along = (along.reshape(-1, len(mix)) @ mix).reshape(len(pulls), 3, -1)
+    between, left = patches.between_and_left(*shared, pulls @ mix, along, bread)
     fine = _sandwich(bread, mix.T @ scores, variance * known)
     return larger(coarse, fine + bread @ (between / left) @ bread)
 
@@ -248,43 +249,27 @@ class _Patches:
     def between_and_left(
         self, sill: float, reach: float, pulls: FloatArray, along: FloatArray, bread: FloatArray
     ) -> tuple[FloatArray, float]:
-        """Sum of ``P S P^T`` over the pulls P along each axis for a covariance S between patches; its share left.
+        """Sum of ``P^T S P`` over the pulls P along each axis for a covariance S between patches; its share left.
 
-        That is what the fit leaves of it in their residuals: it has followed the rest. These are ``P e`` of the errors
-        e, so that products of theirs tell ``P K P^T`` where K was meant (Patterson and Thompson 1971).
+        That is what the fit leaves of it in their residuals: it has followed the rest. These are ``P^T e`` of the
+        errors e, so that products of theirs tell ``P^T K P`` where K was meant (Patterson and Thompson 1971).
 
-        Shapes: pulls (k, m): weighted rows of each patch, along (3, k, m), bread (k, k); returns (k, k).
+        Shapes: pulls (m, k): weighted rows of each patch, along (m, 3, k), bread (k, k); returns (k, k).
         """
-        # What the fit follows of errors is H e, H = X bread X^T W with the mean rows X.
-        hat, unknowns = product((pulls / self.weights).T, bread), len(pulls)
-        columns = np.ascontiguousarray(along.reshape(3 * unknowns, -1).T), np.concatenate([hat, pulls.T], axis=1)
-        products, other, squares = self._products(sill, reach, *columns)
-        between = np.asarray(np.einsum("akm,mal->kl", along, products.reshape(-1, 3, unknowns)))
-        held, pulled = other[:, :unknowns], other[:, unknowns:]
-        followed = 2.0 * float(np.vdot(held, pulled)) - float(np.vdot(hat.T @ held, pulled.T @ pulls.T))
-        return between, max(1.0 - followed / squares, MIN_NOISE_SHARE) if squares > 0.0 else 1.0
-
-    def _products(
-        self, sill: float, reach: float, columns: FloatArray, others: FloatArray
-    ) -> tuple[FloatArray, FloatArray, float]:
-        """A covariance between patches times columns, (m, k); along their normals times others, and its sum of squares.
-
-        Most of it is zeros, but BLAS multiplies some rows of it sooner than pairs can be told from them.
-        """
-        from dqreg.kernels.patch_pairs import covariance_rows
+        from dqreg.kernels.patch_pairs import covariance_sums
         from dqreg.kernels.threads import as_plain
 
-        count, squares = len(self.points), 0.0
-        found, beside = np.zeros(columns.shape), np.zeros(others.shape)
-        given = as_plain(self.points), as_plain(self.normals)
-        one, other = np.zeros((2, min(BLOCK_ROWS, count), count))
-        for k in range(0, count, BLOCK_ROWS):
-            part = slice(k, min(k + BLOCK_ROWS, count))
-            rows = slice(part.stop - k)
-            covariance_rows(k, part.stop, *given, sill, reach, one, other)
-            found[part], beside[part] = product(one[rows], columns), product(other[rows], others)
-            squares += dot(other[rows].ravel(), other[rows].ravel())
-        return found, beside, squares
+        count, unknowns = pulls.shape
+        # What the fit follows of errors is H e, H = X bread X^T W with the mean rows X.
+        hat, wide = (pulls / self.weights[:, None]) @ bread, unknowns + -unknowns % LANES
+        axes, others, found = np.zeros((count, 3, wide)), np.zeros((count, 2, wide)), np.zeros((count, 2, wide))
+        axes[:, :, :unknowns], others[:, 0, :unknowns], others[:, 1, :unknowns] = along, hat, pulls
+        between, given = np.zeros((wide, wide)), (as_plain(self.points), as_plain(self.normals))
+        squares = covariance_sums(*given, sill, reach, axes, others, between, found)
+        between = (between + between.T)[:unknowns, :unknowns]
+        held, pulled = found[:, 0, :unknowns], found[:, 1, :unknowns]
+        followed = 2.0 * float(np.vdot(held, pulled)) - float(np.vdot(hat.T @ held, pulled.T @ pulls))
+        return between, max(1.0 - followed / squares, MIN_NOISE_SHARE) if squares > 0.0 else 1.0
 
 
 def _spherical(h: FloatArray) -> FloatArray:

@@ -30,7 +30,7 @@ def unconfirmed(
     says of another, and an eigenvector of the information is any mixture of such two. What holds a motion by less than
     the least is nothing that there is to confirm.
     """
-    from dqreg.kernels.motion_sums import products_of_both
+    from dqreg.kernels.both_sides import products_of_both
     from dqreg.kernels.threads import as_plain, over_chunks
 
     sums = np.zeros((max(-(-len(weights) // JACOBIAN_ROWS), 1), 2, 21))
@@ -58,7 +58,7 @@ def carriers_of(
 
     A share is ``w (v . J)^2``, or, where the scan has normals of its own, the product of what both sides' say.
     """
-    from dqreg.kernels.motion_sums import motion_shares
+    from dqreg.kernels.both_sides import motion_shares
     from dqreg.kernels.threads import as_plain, over_chunks
 
     sums = np.zeros((max(-(-len(weights) // JACOBIAN_ROWS), 1), 2, vectors.shape[1]))

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from dqreg._arrays import FloatArray
-from dqreg.kernels.motion_sums import COLUMNS, motion_shares, motion_sums, products_of_both
+from dqreg.kernels.both_sides import motion_shares, products_of_both
+from dqreg.kernels.motion_sums import COLUMNS, motion_sums
 from dqreg.kernels.patch_sums import BESIDE, patch_sums
 from dqreg.solvers.quadratic import plane_rows
 from dqreg.solvers.row_sums import MotionSums, RowSums, squared

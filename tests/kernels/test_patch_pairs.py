@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dqreg.kernels.patch_pairs import binned_agreements, covariance_rows, nearest_others
+from dqreg.kernels.patch_pairs import BLOCK, binned_agreements, covariance_sums, nearest_others
 
 
 @settings(deadline=None)
@@ -30,15 +30,18 @@ def test_the_sums_are_those_of_all_pairs(seed: int, count: int, share: float) ->
 
 
 @pytest.mark.parametrize("reach", [0.1, 1.3, 100.0])
-def test_the_covariance_is_the_spherical_model(reach: float) -> None:
+@pytest.mark.parametrize("count", [1, 30, 2 * BLOCK + 7])
+def test_the_covariance_is_the_spherical_model(reach: float, count: int) -> None:
     rng = np.random.default_rng(0)
-    points, normals = rng.normal(size=(30, 3)), rng.normal(size=(30, 3))
+    points, normals = rng.normal(size=(2, count, 3))
     h = np.minimum(np.linalg.norm(points[:, None] - points, axis=2) / reach, 1.0)
-    expected = 2.0 * (1.0 - 1.5 * h + 0.5 * h**3)
-    np.fill_diagonal(expected, 0.0)
-    covariances, along = np.full((2, 12, 30), np.nan)
-    for k in (0, 12, 24):
-        rows = slice(k, min(k + 12, 30))
-        covariance_rows(k, rows.stop, points, normals, 2.0, reach, covariances, along)
-        np.testing.assert_allclose(covariances[: rows.stop - k], expected[rows], atol=1e-14)
-        np.testing.assert_allclose(along[: rows.stop - k], (expected * (normals @ normals.T))[rows], atol=1e-13)
+    covariance = 2.0 * (1.0 - 1.5 * h + 0.5 * h**3)
+    np.fill_diagonal(covariance, 0.0)
+    along = covariance * (normals @ normals.T)
+    pulls, others = rng.normal(size=(count, 3, 5)), rng.normal(size=(count, 2, 5))
+    between, products = np.zeros((5, 5)), np.zeros((count, 2, 5))
+    squares = covariance_sums(points, normals, 2.0, reach, pulls, others, between, products)
+    expected = np.einsum("iak,ij,jam->km", pulls, covariance, pulls)
+    np.testing.assert_allclose(between + between.T, expected, rtol=1e-11, atol=1e-9)
+    np.testing.assert_allclose(products, np.einsum("ij,jak->iak", along, others), rtol=1e-11, atol=1e-10)
+    np.testing.assert_allclose(squares, (along**2).sum(), rtol=1e-12)

@@ -1,0 +1,151 @@
+"""What the normals of both sides say of the six motions, and what weighs in a motion; rows stand in lanes, none is kept."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.kernels.compiled import compiled, inside_kernels
+from dqreg.kernels.motion_sums import motion_row
+
+# Rows that are added at once, as many lanes.
+LANES = 64
+# Numbers of a row: six motions by the target's normal, six by the scan's, its weight, the same with the sign by which
+# the normals agree, and the share of a point.
+WEIGHT, SIGNED = 12, 13
+SHARE, NUMBERS = 14, 15
+# For each motion six products of both sides, then six of the target's row with itself.
+PRODUCTS = 72
+
+
+@inside_kernels
+def _fill(
+    points: FloatArray,
+    normals: FloatArray,
+    own: FloatArray,
+    i: int,
+    weight: float,
+    centre: FloatArray,
+    lever: float,
+    rows: FloatArray,
+    lane: int,
+) -> None:
+    """Write row i of both sides, with its weight, to a lane."""
+    a, b, c, u, v, w = motion_row(points, normals, i, i, centre, lever)
+    rows[0, lane], rows[1, lane], rows[2, lane] = a, b, c
+    rows[3, lane], rows[4, lane], rows[5, lane] = u, v, w
+    a, b, c, x, y, z = motion_row(points, own, i, i, centre, lever)
+    rows[6, lane], rows[7, lane], rows[8, lane] = a, b, c
+    rows[9, lane], rows[10, lane], rows[11, lane] = x, y, z
+    rows[WEIGHT, lane], rows[SIGNED, lane] = weight, -weight if u * x + v * y + w * z < 0.0 else weight
+
+
+@inside_kernels
+def _add_products(rows: FloatArray, sums: FloatArray) -> None:
+    """Add the products of lanes, (NUMBERS, LANES), to sums, (PRODUCTS, LANES)."""
+    at = 0
+    for k in range(6):
+        for m in range(6):
+            for lane in range(LANES):
+                sums[at, lane] += rows[SIGNED, lane] * rows[k, lane] * rows[6 + m, lane]
+            at += 1
+        for m in range(k, 6):
+            for lane in range(LANES):
+                sums[at + m, lane] += rows[WEIGHT, lane] * rows[k, lane] * rows[m, lane]
+        at += 6
+
+
+@compiled
+def products_of_both(
+    first: int,
+    last: int,
+    points: FloatArray,
+    normals: FloatArray,
+    own: FloatArray,
+    weights: FloatArray,
+    centre: FloatArray,
+    lever: float,
+    chunk: int,
+    sums: FloatArray,
+) -> None:
+    """Add the products of the rows of both sides, and those of the target's rows where the scan has any. O(n).
+
+    Normals of the scan count up to sign; the products are symmetric ones, of triangles (0, 0), (0, 1), ... Shapes:
+    points, normals and own (n, 3), sums (chunks, 2, 21), zeros.
+    """
+    rows, added, waiting = np.zeros((NUMBERS, LANES)), np.zeros((PRODUCTS, LANES)), 0
+    for i in range(first, last):
+        if weights[i] == 0.0 or (own[i, 0] == 0.0 and own[i, 1] == 0.0 and own[i, 2] == 0.0):
+            continue
+        _fill(points, normals, own, i, weights[i], centre, lever, rows, waiting)
+        waiting += 1
+        # The last lanes of all are filled up with rows without weight.
+        if waiting == LANES:
+            _add_products(rows, added)
+            waiting = 0
+    rows[:, waiting:] = 0.0
+    _add_products(rows, added)
+    sides, at = sums[first // chunk], 0
+    for k in range(6):
+        for m in range(k, 6):
+            for lane in range(LANES):
+                sides[0, at] += 0.5 * (added[12 * k + m, lane] + added[12 * m + k, lane])
+                sides[1, at] += added[12 * k + 6 + m, lane]
+            at += 1
+
+
+@inside_kernels
+def _add_shares(rows: FloatArray, vectors: FloatArray, sums: FloatArray) -> None:
+    """Add the shares of lanes, (NUMBERS, LANES), in each motion, (m, 6), and their squares to sums, (2, m, LANES)."""
+    for m in range(len(vectors)):
+        a, b, c = vectors[m, 0], vectors[m, 1], vectors[m, 2]
+        u, v, w = vectors[m, 3], vectors[m, 4], vectors[m, 5]
+        for lane in range(LANES):
+            along = a * rows[0, lane] + b * rows[1, lane] + c * rows[2, lane]
+            along += u * rows[3, lane] + v * rows[4, lane] + w * rows[5, lane]
+            across = a * rows[6, lane] + b * rows[7, lane] + c * rows[8, lane]
+            across += u * rows[9, lane] + v * rows[10, lane] + w * rows[11, lane]
+            share = rows[SIGNED, lane] * along * across
+            sums[0, m, lane] += share
+            sums[1, m, lane] += share * share * rows[SHARE, lane]
+
+
+@compiled
+def motion_shares(
+    first: int,
+    last: int,
+    points: FloatArray,
+    normals: FloatArray,
+    own: FloatArray,
+    vectors: FloatArray,
+    weights: FloatArray,
+    counts: FloatArray,
+    centre: FloatArray,
+    lever: float,
+    chunk: int,
+    sums: FloatArray,
+) -> None:
+    """Add the shares ``w (v . J)^2`` of rows first to last in each motion, and their squares over the points of a row.
+
+    O(n m). Where there are normals of the other side, up to sign, a share is the product of what both say. A row is one
+    point where there are no counts. Shapes: points and normals (n, 3), own (n, 3) or (0, 3), vectors (m, 6) one a row,
+    sums (chunks, 2, m), zeros.
+    """
+    others = own if len(own) else normals
+    rows, added, waiting = np.zeros((NUMBERS, LANES)), np.zeros((2, len(vectors), LANES)), 0
+    for i in range(first, last):
+        if weights[i] == 0.0:
+            continue
+        _fill(points, normals, others, i, weights[i], centre, lever, rows, waiting)
+        rows[SHARE, waiting] = 1.0 / counts[i] if len(counts) else 1.0
+        waiting += 1
+        if waiting == LANES:
+            _add_shares(rows, vectors, added)
+            waiting = 0
+    rows[:, waiting:] = 0.0
+    _add_shares(rows, vectors, added)
+    sides = sums[first // chunk]
+    for m in range(len(vectors)):
+        for lane in range(LANES):
+            sides[0, m] += added[0, m, lane]
+            sides[1, m] += added[1, m, lane]
