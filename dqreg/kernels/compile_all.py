@@ -35,8 +35,8 @@ from dqreg.kernels.one_sided_neighbourhoods import off_centre_rows
 from dqreg.kernels.pair_differences import pair_differences
 from dqreg.kernels.pair_keys import all_pair_keys, key_starts, order_of_keys, pair_keys
 from dqreg.kernels.pair_poses import pair_poses
-from dqreg.kernels.patch_pairs import binned_agreements, covariance_sums, nearest_others
-from dqreg.kernels.patch_sums import BESIDE, joined_sums, patch_sums
+from dqreg.kernels.patch_pairs import best_range, binned_agreements, covariance_sums, nearest_others
+from dqreg.kernels.patch_sums import BESIDE, joined_sums, patch_means, patch_sums
 from dqreg.kernels.planar_boundary import in_plane_sq_distances, interior_rows, near_fractions
 from dqreg.kernels.plane_elimination import eliminate_planes
 from dqreg.kernels.plane_fits import fit_plane_rows
@@ -157,7 +157,9 @@ def _shared_noise() -> None:
     nearest_others(FLAT, np.zeros(3))
     binned_agreements(FLAT, FLAT, ONE, 1.0, np.zeros(2), np.zeros(2))
     patch_sums(0, 0, *(FLAT,) * 3, *(ONE,) * 2, FIRST, np.zeros((1, 3 + BESIDE)))
-    joined_sums(FIRST, np.zeros((1, 2)), 0, 2, np.zeros((1, 2)))
+    joined_sums(FIRST, np.zeros((1, 2)), FIRST, np.zeros((1, 1)))
+    patch_means(np.zeros((1, BESIDE)), 0.0, 1, *np.zeros((2, 1, 3)), *np.zeros((2, 1)))
+    best_range(ONE, np.zeros(2), np.zeros(2), 1.0, 1.0)
     some = np.zeros((1, 3, 1)), np.zeros((1, 2, 1)), np.zeros((1, 1)), np.zeros((1, 2, 1))
     covariance_sums(FLAT, FLAT, 1.0, 1.0, *some)
 

@@ -2,19 +2,38 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.kernels.compiled import compiled, inside_kernels
 
 Row = tuple[float, float, float, float, float, float]
 
-# First columns: six scores, then weight, weighted points, normals and residual, as of `patch_sums`;
-NORMALS = 10
-# then the squares of the residuals, the weighted rows of the rotations,
-SQUARES, ROTATIONS = 14, 15
-# and the products of rows among themselves, of a triangle (0, 0), (0, 1), ...: of all rows, and what the normals of a
-# smooth surface change in them.
-PRODUCTS, SMOOTH = 18, 39
+# Numbers of a row beside its six motions: residual and one. Of the products of all eight among themselves a sum has the
+# first four's with all, then the others' among themselves: processors take as many at a time.
+RESIDUAL, ONE = 6, 7
+HALF = 4
+# Then weighted points, and what the normals of a smooth surface change in the products of the motions, of a triangle
+# (0, 0), (0, 1), ...
+POINTS, SMOOTH = 48, 51
 COLUMNS = SMOOTH + 21
+
+
+def column(k: int, m: int) -> int:
+    """Where the products of numbers k and m of a row stand in a sum."""
+    k, m = min(k, m), max(k, m)
+    return 8 * k + m if k < HALF else 8 * HALF + HALF * (k - HALF) + m - HALF
+
+
+# Products of the motions, (6, 6); squares of the residuals;
+PRODUCTS = np.array([[column(k, m) for m in range(6)] for k in range(6)])
+SQUARES = column(RESIDUAL, RESIDUAL)
+# six scores, then weight, weighted points, normals and residual, as of `patch_sums`;
+NORMALS = [column(ONE, k) for k in (3, 4, 5)]
+SCORES = [column(k, RESIDUAL) for k in range(6)]
+OVER = np.array([*SCORES, column(ONE, ONE), *range(POINTS, SMOOTH), *NORMALS, column(ONE, RESIDUAL)])
+# and the weighted rows, by themselves and times the normal: translations displace along it.
+PULLS = np.array([column(k, m) for m in (ONE, 3, 4, 5) for k in range(6)])
 
 
 @inside_kernels
@@ -52,29 +71,30 @@ def motion_sums(
     """Add what patches first to last hold. O(n).
 
     Patches reach from their start to the next. Normals of the smooth surface may be the others. Shapes: points, normals
-    and smooth (n, 3), sums (m, 60), zeros.
+    and smooth (n, 3), sums (m, COLUMNS), zeros.
     """
     for g in range(first, last):
         end, own = starts[g + 1] if g + 1 < len(starts) else len(weights), sums[g]
         for i in range(starts[g], end):
-            w, r = weights[i], residuals[i]
+            w = weights[i]
             if w == 0.0:
                 continue
-            row = motion_row(points, normals, i, i, centre, lever)
-            pull = w * r
-            for k in range(6):
-                own[k] += pull * row[k]
-            own[6] += w
+            a, b, c, x, y, z = row = motion_row(points, normals, i, i, centre, lever)
+            numbers = a, b, c, x, y, z, residuals[i], 1.0
+            for k in range(HALF):
+                scaled = w * numbers[k]
+                for m in range(2 * HALF):
+                    own[8 * k + m] += scaled * numbers[m]
+            for k in range(HALF):
+                scaled = w * numbers[HALF + k]
+                for m in range(HALF):
+                    own[8 * HALF + HALF * k + m] += scaled * numbers[HALF + m]
             for k in range(3):
-                own[7 + k] += w * points[i, k]
-                own[NORMALS + k] += w * row[3 + k]
-            own[13] += pull
-            own[SQUARES] += pull * r
-            for k in range(3):
-                own[ROTATIONS + k] += w * row[k]
-            differs = smooth[i, 0] != row[3] or smooth[i, 1] != row[4] or smooth[i, 2] != row[5]
+                own[POINTS + k] += w * points[i, k]
+            if smooth[i, 0] == x and smooth[i, 1] == y and smooth[i, 2] == z:
+                continue
             # In a loop: each call would be compiled once more.
-            for part in range(3 if differs else 1):
-                if part == 2:
+            for part in range(2):
+                if part == 1:
                     row = motion_row(points, smooth, i, i, centre, lever)
-                add_products(row, -w if part == 1 else w, own, PRODUCTS if part == 0 else SMOOTH)
+                add_products(row, w if part == 1 else -w, own, SMOOTH)

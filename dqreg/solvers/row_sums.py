@@ -30,7 +30,7 @@ class PatchSums(Protocol):
         ...
 
     def over(self, starts: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Scores ``w J r`` of each patch, (k, m), and its weights, weighted points, normals and residuals, (8, m)."""
+        """Scores ``w J r`` of each patch, (m, k), and its weight, weighted points, normals and residual, (m, 8)."""
         ...
 
     def pulls(self, starts: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -61,7 +61,7 @@ class RowSums:
         sums = np.zeros((len(starts), many + BESIDE))
         columns = [as_plain(x) for x in (self.rows, self.points, self.normals, self.residuals, self.weights)]
         over_chunks(patch_sums, len(starts), *columns, starts, sums, chunk=_together(starts, len(self.weights)))
-        return sums[:, :many].T, sums[:, many:].T
+        return sums[:, :many], sums[:, many:]
 
     def pulls(self, starts: IntArray) -> tuple[FloatArray, FloatArray]:
         """See `PatchSums`."""
@@ -78,7 +78,7 @@ class MotionSums:
     """
 
     starts: IntArray  # (g,): First row of each patch
-    sums: FloatArray  # (g, 60): See `motion_sums`
+    sums: FloatArray  # (g, COLUMNS): See `motion_sums`
     basis: FloatArray  # (6, k): The unknowns, one a column
 
     @staticmethod
@@ -107,20 +107,20 @@ class MotionSums:
         """Sum of ``w r^2``."""
         from dqreg.kernels.motion_sums import SQUARES
 
-        return float(self.sums[:, SQUARES].sum())
+        return float(self._totals[SQUARES])
 
     def information(self) -> FloatArray:
         """See `PatchSums`."""
-        from dqreg.kernels.motion_sums import PRODUCTS, SMOOTH
+        from dqreg.kernels.motion_sums import PRODUCTS
 
-        found: FloatArray = self.basis.T @ squared(self._totals[PRODUCTS:SMOOTH]) @ self.basis
+        found: FloatArray = self.basis.T @ self._totals[PRODUCTS] @ self.basis
         return found
 
     def of_smooth(self) -> FloatArray:
         """The same with the normals of the smooth surface."""
-        from dqreg.kernels.motion_sums import SMOOTH
+        from dqreg.kernels.motion_sums import PRODUCTS, SMOOTH
 
-        found: FloatArray = self.information() + self.basis.T @ squared(self._totals[SMOOTH:]) @ self.basis
+        found: FloatArray = self.basis.T @ (self._totals[PRODUCTS] + squared(self._totals[SMOOTH:])) @ self.basis
         return found
 
     @cached_property
@@ -130,28 +130,24 @@ class MotionSums:
 
     def over(self, starts: IntArray) -> tuple[FloatArray, FloatArray]:
         """See `PatchSums`; each start is one of this one's."""
-        from dqreg.kernels.motion_sums import SQUARES
+        from dqreg.kernels.motion_sums import OVER
 
-        sums = self._joined(starts, 0, SQUARES).T
-        return self.basis.T @ sums[:6], sums[6:]
+        sums = self._joined(starts, OVER)
+        return sums[:, :6] @ self.basis, sums[:, 6:]
 
     def pulls(self, starts: IntArray) -> tuple[FloatArray, FloatArray]:
         """See `PatchSums`; each start is one of this one's."""
-        from dqreg.kernels.motion_sums import NORMALS, PRODUCTS, ROTATIONS, SMOOTH
+        from dqreg.kernels.motion_sums import PULLS
 
-        normals = self._joined(starts, NORMALS, NORMALS + 3)
-        sums = np.concatenate([self._joined(starts, ROTATIONS, PRODUCTS), normals], axis=1)
-        # Translations displace along the normals: products with them are products with the normals.
-        products = self._joined(starts, PRODUCTS, SMOOTH)
-        along = np.take(products, _PLACES[3:].ravel(), axis=1).reshape(-1, 6)
-        return sums @ self.basis, (along @ self.basis).reshape(len(starts), 3, -1)
+        found = (self._joined(starts, PULLS).reshape(-1, 6) @ self.basis).reshape(len(starts), 4, -1)
+        return found[:, 0], found[:, 1:]
 
-    def _joined(self, starts: IntArray, first: int, last: int) -> FloatArray:
+    def _joined(self, starts: IntArray, columns: IntArray) -> FloatArray:
         """Some of the columns, of patches with those starts."""
         from dqreg.kernels.patch_sums import joined_sums
 
-        found = np.zeros((len(starts), last - first))
-        joined_sums(np.searchsorted(self.starts, starts), self.sums, first, last, found)
+        found = np.zeros((len(starts), len(columns)))
+        joined_sums(np.searchsorted(self.starts, starts), self.sums, columns, found)
         return found
 
 

@@ -25,9 +25,8 @@ NEIGHBOUR_SIGMAS, SHARED_SIGMAS = 1.5, 3.0
 LIGHT_WEIGHT_SHARE = 0.1
 # A fit that follows more of the noise than this leaves too little to tell its size by.
 MIN_NOISE_SHARE = 0.25
-# Ranges tried: from that many distances between patches, so many by that factor, up to this fraction of the extent.
-SHORTEST_RANGE_DISTANCES, LONGEST_RANGE_EXTENTS = 1.5, 0.5
-RANGE_COUNT, RANGE_RATIO = 16, 2.0**0.5
+# Ranges tried, in distances between patches, and the longest as a fraction of the extent.
+RANGES, LONGEST_RANGE_EXTENTS = 1.5 * 2.0 ** (0.5 * np.arange(16)), 0.5
 # Information below this fraction of the largest is none: the smooth surface may constrain what the facets leave free.
 SINGULAR_SHARE = 1e-9
 # Bins of the distances, up to the farthest range.
@@ -97,10 +96,10 @@ def scatter_of_sums(
     if not values[0] > SINGULAR_SHARE * values[-1]:
         return None
     bread = np.asarray(np.linalg.inv(information), dtype=np.float64)
-    coarse = _with_model(_sandwich(bread, mix.T @ sums.over(large)[0], variance * known), variance * bread, len(large))
+    coarse = _with_model(_sandwich(bread, sums.over(large)[0] @ mix, variance * known), variance * bread, len(large))
     scores, beside = sums.over(small)
     patches = _Patches.of(beside)
-    if patches.neighbour_agreement() < NEIGHBOUR_SIGMAS:
+    if patches.agreement < NEIGHBOUR_SIGMAS:
         return coarse
     shared = patches.shared_noise()
     if shared is None:
@@ -108,7 +107,7 @@ def scatter_of_sums(
     pulls, along = sums.pulls(small)
     along = (along.reshape(-1, len(mix)) @ mix).reshape(len(pulls), 3, -1)
     between, left = patches.between_and_left(*shared, pulls @ mix, along, bread)
-    fine = _sandwich(bread, mix.T @ scores, variance * known)
+    fine = _sandwich(bread, scores @ mix, variance * known)
     return larger(coarse, fine + bread @ (between / left) @ bread)
 
 
@@ -135,8 +134,8 @@ def _starts(total: int, most: int, passed: FloatArray | None) -> IntArray:
 
 
 def _sandwich(bread: FloatArray, scores: FloatArray, known: FloatArray) -> FloatArray:
-    motions, count = scores.shape
-    meat = scores @ scores.T * count / (count - motions - 1.0) + known
+    count, motions = scores.shape
+    meat = scores.T @ scores * count / (count - motions - 1.0) + known
     scatter: FloatArray = bread @ meat @ bread
     return scatter
 
@@ -200,51 +199,30 @@ class _Patches:
     residuals: FloatArray
     weights: FloatArray  # Sums
     variance: float  # Mean square of the residuals of the others
+    agreement: float  # Of patches that follow each other, in standard errors of independent noise
 
     @staticmethod
     def of(sums: FloatArray) -> _Patches:
-        """From weights, and weighted points, normals and residuals, (8, m)."""
-        total = np.maximum(sums[0], np.finfo(float).tiny)
-        points, normals, means = (sums[1:4] / total).T, (sums[4:7] / total).T, sums[7] / total
-        light = total < LIGHT_WEIGHT_SHARE * total.max()
-        if light.any():
-            normals, means = np.where(light[:, None], 0.0, normals), np.where(light, 0.0, means)
-        return _Patches(points, normals, means, total, float(np.sum(means**2)) / np.count_nonzero(~light))
+        """From weights, and weighted points, normals and residuals, (m, 8)."""
+        from dqreg.kernels.patch_sums import patch_means
+        from dqreg.kernels.threads import as_plain
 
-    def neighbour_agreement(self) -> float:
-        """Agreement of patches that follow each other, in standard errors of independent noise."""
-        agreement = alike = 0.0
-        normals = np.ascontiguousarray(self.normals.T)
-        for step in range(1, NEXT_PATCHES + 1):
-            same = normals[0, step:] * normals[0, :-step]
-            same += normals[1, step:] * normals[1, :-step]
-            same += normals[2, step:] * normals[2, :-step]
-            agreement += float(self.residuals[step:] @ (self.residuals[:-step] * same))
-            alike += float(same @ same)
-        scale = self.variance * np.sqrt(alike)
-        return agreement / scale if scale > 0.0 else 0.0
+        points, normals = np.zeros((2, len(sums), 3))
+        residuals, weights = np.zeros((2, len(sums)))
+        means = points, normals, residuals, weights
+        return _Patches(*means, *patch_means(as_plain(sums), LIGHT_WEIGHT_SHARE, NEXT_PATCHES, *means))
 
     def shared_noise(self) -> tuple[float, float] | None:
         """Variance and range of the noise that neighbouring patches share; None where chance explains it."""
-        from dqreg.kernels.patch_pairs import binned_agreements, nearest_others
-        from dqreg.kernels.threads import as_plain
+        from dqreg.kernels.patch_pairs import best_range, binned_agreements, nearest_others
 
-        points, normals, nearest = as_plain(self.points), as_plain(self.normals), np.zeros(len(self.points))
-        far = LONGEST_RANGE_EXTENTS * nearest_others(points, nearest)
+        nearest, products, squared = np.zeros(len(self.points)), np.zeros(DISTANCE_BINS), np.zeros(DISTANCE_BINS)
+        far = LONGEST_RANGE_EXTENTS * nearest_others(self.points, nearest)
         if not far > 0.0:
             return None
-        products, squared = np.zeros(DISTANCE_BINS), np.zeros(DISTANCE_BINS)
-        binned_agreements(points, normals, as_plain(self.residuals), far, products, squared)
-        ranges = SHORTEST_RANGE_DISTANCES * median(nearest) * RANGE_RATIO ** np.arange(RANGE_COUNT)
-        ranges = ranges[(ranges > 0.0) & (ranges <= far)]
-        models = _spherical((np.arange(DISTANCE_BINS) + 0.5) * (far / DISTANCE_BINS) / ranges[:, None])
-        agreements, norms = models @ products, models**2 @ squared
-        errors = self.variance * np.sqrt(norms)
-        excess = np.divide(agreements, errors, out=np.zeros(len(ranges)), where=errors > 0.0)
-        if excess.max(initial=0.0) < SHARED_SIGMAS:
-            return None
-        best = int(excess.argmax())
-        return float(agreements[best] / norms[best]), float(ranges[best])
+        binned_agreements(self.points, self.normals, self.residuals, far, products, squared)
+        sill, reach, excess = best_range(median(nearest) * RANGES, products, squared, far, self.variance)
+        return None if excess < SHARED_SIGMAS else (sill, reach)
 
     def between_and_left(
         self, sill: float, reach: float, pulls: FloatArray, along: FloatArray, bread: FloatArray
@@ -257,23 +235,15 @@ class _Patches:
         Shapes: pulls (m, k): weighted rows of each patch, along (m, 3, k), bread (k, k); returns (k, k).
         """
         from dqreg.kernels.patch_pairs import covariance_sums
-        from dqreg.kernels.threads import as_plain
 
         count, unknowns = pulls.shape
         # What the fit follows of errors is H e, H = X bread X^T W with the mean rows X.
         hat, wide = (pulls / self.weights[:, None]) @ bread, unknowns + -unknowns % LANES
         axes, others, found = np.zeros((count, 3, wide)), np.zeros((count, 2, wide)), np.zeros((count, 2, wide))
         axes[:, :, :unknowns], others[:, 0, :unknowns], others[:, 1, :unknowns] = along, hat, pulls
-        between, given = np.zeros((wide, wide)), (as_plain(self.points), as_plain(self.normals))
-        squares = covariance_sums(*given, sill, reach, axes, others, between, found)
+        between = np.zeros((wide, wide))
+        squares = covariance_sums(self.points, self.normals, sill, reach, axes, others, between, found)
         between = (between + between.T)[:unknowns, :unknowns]
         held, pulled = found[:, 0, :unknowns], found[:, 1, :unknowns]
         followed = 2.0 * float(np.vdot(held, pulled)) - float(np.vdot(hat.T @ held, pulled.T @ pulls))
         return between, max(1.0 - followed / squares, MIN_NOISE_SHARE) if squares > 0.0 else 1.0
-
-
-def _spherical(h: FloatArray) -> FloatArray:
-    # Correlation at h ranges; positive definite in space, zero from one range on (Matheron 1963).
-    h = np.minimum(h, 1.0)
-    fading: FloatArray = 1.0 - h * (1.5 - 0.5 * h * h)
-    return fading

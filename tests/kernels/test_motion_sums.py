@@ -7,7 +7,7 @@ import pytest
 
 from dqreg._arrays import FloatArray
 from dqreg.kernels.both_sides import motion_shares, products_of_both
-from dqreg.kernels.motion_sums import COLUMNS, motion_sums
+from dqreg.kernels.motion_sums import COLUMNS, OVER, motion_sums
 from dqreg.kernels.patch_sums import BESIDE, patch_sums
 from dqreg.solvers.quadratic import plane_rows
 from dqreg.solvers.row_sums import MotionSums, RowSums, squared
@@ -55,7 +55,7 @@ def test_threads_of_patches_add_up_to_the_same_bits() -> None:
     # Of the same rows the plain kernel says the same of what it sums too.
     plain = np.zeros((4, 6 + BESIDE))
     patch_sums(0, 4, plane_rows(points, normals, CENTRE, LEVER), points, normals, residuals, weights, starts, plain)
-    np.testing.assert_allclose(whole[:, : 6 + BESIDE], plain, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(whole[:, OVER], plain, rtol=0, atol=1e-13)
     assert not whole[:, -21:].any()
 
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dqreg.kernels.patch_pairs import BLOCK, binned_agreements, covariance_sums, nearest_others
+from dqreg.kernels.patch_pairs import BLOCK, best_range, binned_agreements, covariance_sums, nearest_others
 
 
 @settings(deadline=None)
@@ -45,3 +45,19 @@ def test_the_covariance_is_the_spherical_model(reach: float, count: int) -> None
     np.testing.assert_allclose(between + between.T, expected, rtol=1e-11, atol=1e-9)
     np.testing.assert_allclose(products, np.einsum("ij,jak->iak", along, others), rtol=1e-11, atol=1e-10)
     np.testing.assert_allclose(squares, (along**2).sum(), rtol=1e-12)
+
+
+def test_the_range_that_explains_the_agreements_best_is_found() -> None:
+    rng = np.random.default_rng(3)
+    ranges, squared = np.array([0.0, 0.2, 0.4, 0.8, 1.6, 3.2]), rng.uniform(1.0, 2.0, 64)
+    h = (np.arange(64) + 0.5) * (2.0 / 64) / np.maximum(ranges, 1e-9)[:, None]
+    models = np.where(h < 1.0, 1.0 - 1.5 * h + 0.5 * h**3, 0.0)
+    products = 0.3 * models[3] * squared + 0.01 * rng.normal(size=64)
+    sill, reach, excess = best_range(ranges, products, squared, 2.0, 0.5)
+    agreements, norms = models @ products, models**2 @ squared
+    assert reach == 0.8
+    assert sill == pytest.approx(agreements[3] / norms[3])
+    assert excess == pytest.approx(agreements[3] / (0.5 * np.sqrt(norms[3])))
+    # Neither beyond the farthest, nor where chance explains it all.
+    assert best_range(ranges, products, squared, 0.5, 0.5)[1] <= 0.5
+    assert best_range(ranges, -products, squared, 2.0, 0.5) == (0.0, 0.0, 0.0)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
-from dqreg.kernels.patch_sums import BESIDE, joined_sums, patch_sums
+from dqreg.kernels.patch_sums import BESIDE, joined_sums, patch_means, patch_sums
 
 
 def test_patches_hold_what_numpy_sums() -> None:
@@ -21,5 +22,25 @@ def test_patches_hold_what_numpy_sums() -> None:
 
 def test_patches_of_several_hold_the_sums_of_all_of_them() -> None:
     sums, places, found = np.random.default_rng(1).normal(size=(9, 5)), np.array([0, 2, 3]), np.zeros((3, 3))
-    joined_sums(places, sums, 1, 4, found)
-    np.testing.assert_allclose(found, np.add.reduceat(sums[:, 1:4], places, axis=0), rtol=0, atol=1e-13)
+    joined_sums(places, sums, np.array([4, 0, 2]), found)
+    np.testing.assert_allclose(found, np.add.reduceat(sums[:, [4, 0, 2]], places, axis=0), rtol=0, atol=1e-13)
+
+
+def test_means_leave_light_patches_out_and_agree_with_their_next() -> None:
+    rng = np.random.default_rng(2)
+    sums = rng.normal(size=(40, BESIDE))
+    sums[:, 0] = np.where(np.arange(40) % 9 == 4, 1e-3, rng.uniform(0.5, 1.0, 40))
+    sums[7] = 0.0
+    (points, normals), (residuals, weights) = np.zeros((2, 40, 3)), np.zeros((2, 40))
+    variance, agreement = patch_means(sums, 0.1, 3, points, normals, residuals, weights)
+    light = sums[:, 0] < 0.1
+    total = np.maximum(sums[:, 0], np.finfo(float).tiny)[:, None]
+    means = np.where(light[:, None], 0.0, sums[:, 4:] / total)
+    np.testing.assert_array_equal(points, sums[:, 1:4] / total)
+    np.testing.assert_array_equal(np.column_stack([normals, residuals]), means)
+    np.testing.assert_array_equal(weights, total[:, 0])
+    assert variance == pytest.approx(float((residuals[~light] ** 2).mean()))
+    apart = np.subtract.outer(np.arange(40), np.arange(40))
+    cosines = np.where((apart > 0) & (apart <= 3), normals @ normals.T, 0.0)
+    expected = float(residuals @ cosines @ residuals) / (variance * np.linalg.norm(cosines))
+    assert agreement == pytest.approx(expected)

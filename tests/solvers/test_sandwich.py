@@ -166,7 +166,7 @@ def test_what_shared_noise_adds_and_leaves_are_products_of_matrices(count: int) 
     bread = half @ half.T / count
     h = np.minimum(np.linalg.norm(points[:, None] - points, axis=2) / 1.3, 1.0)
     shared = 2.0 * (1.0 - 1.5 * h + 0.5 * h**3) * ~np.eye(count, dtype=bool)
-    found, left = _Patches(points, normals, rng.normal(size=count), weights, 1.0).between_and_left(
+    found, left = _Patches(points, normals, rng.normal(size=count), weights, 1.0, 0.0).between_and_left(
         2.0, 1.3, pulls, along, bread
     )
     np.testing.assert_allclose(found, sum(p.T @ shared @ p for p in along.transpose(1, 0, 2)), rtol=0, atol=1e-10)
