@@ -1,4 +1,4 @@
-"""What the normals of both sides say of the six motions, and what weighs in a motion; rows stand in lanes, none is kept."""
+"""What the normals of both sides say of the six motions, and what weighs in one; rows stand in lanes, none is kept."""
 
 from __future__ import annotations
 

@@ -160,8 +160,7 @@ def _shared_noise() -> None:
     joined_sums(FIRST, np.zeros((1, 2)), FIRST, np.zeros((1, 1)))
     patch_means(np.zeros((1, BESIDE)), 0.0, 1, *np.zeros((2, 1, 3)), *np.zeros((2, 1)))
     best_range(ONE, np.zeros(2), np.zeros(2), 1.0, 1.0)
-    some = np.zeros((1, 3, 1)), np.zeros((1, 2, 1)), np.zeros((1, 1)), np.zeros((1, 2, 1))
-    covariance_sums(FLAT, FLAT, 1.0, 1.0, *some)
+    covariance_sums(FLAT, FLAT, 1.0, 1.0, *np.zeros((4, 3, 1)))
 
 
 def _patches() -> None:

@@ -50,8 +50,15 @@ def binned_agreements(
     What is added are the product of both residuals times the cosine of their normals, and the square of the cosine.
     Shapes: points and normals (m, 3), residuals (m,); products and squared (bins,), of equal widths from 0 to far.
     """
-    bins, count, xyz, uvw = len(products), len(points), points.T.copy(), normals.T.copy()
-    x, y, z, u, v, w = xyz[0], xyz[1], xyz[2], uvw[0], uvw[1], uvw[2]
+    bins, count, held = len(products), 0, np.zeros((7, len(points)))
+    for i in range(len(points)):
+        # Without a normal nothing is added.
+        if normals[i, 0] != 0.0 or normals[i, 1] != 0.0 or normals[i, 2] != 0.0:
+            for k in range(3):
+                held[k, count], held[3 + k, count] = points[i, k], normals[i, k]
+            held[6, count] = residuals[i]
+            count += 1
+    x, y, z, u, v, w, off = held[0], held[1], held[2], held[3], held[4], held[5], held[6]
     places, cosines = np.zeros(count), np.zeros(count)
     for i in range(count):
         a, b, c, p, q, r, scale = x[i], y[i], z[i], u[i], v[i], w[i], bins / far
@@ -63,7 +70,7 @@ def binned_agreements(
         for j in range(i):
             if places[j] < bins:
                 k, same = int(places[j]), cosines[j]
-                products[k] += residuals[i] * residuals[j] * same
+                products[k] += off[i] * off[j] * same
                 squared[k] += same * same
 
 
@@ -100,58 +107,52 @@ def covariance_sums(
     normals: FloatArray,
     sill: float,
     reach: float,
-    pulls: FloatArray,
+    columns: FloatArray,
     others: FloatArray,
-    between: FloatArray,
-    products: FloatArray,
+    earlier: FloatArray,
+    all_others: FloatArray,
 ) -> float:
-    """Add what pairs nearer than reach say by their covariance, and return the squares of it along their normals.
+    """Add what points nearer than reach have in common by their covariance; the sum of its squares along the normals.
 
     It falls from the sill at no distance to zero from the reach on, by the spherical model (Matheron 1963); no point
-    has one with itself. To `between` go the pulls of one times those of the other along the same axis, of each pair in
-    one order; to the products it times others, where it counts times the cosine of both normals. O(m^2), of pairs that
-    are near O(k) each. Shapes: points and normals (m, 3), pulls (m, 3, k), others and products (m, 2, k), between (k,
-    k); of k a multiple of 8 processors take several at a time.
+    has one with itself. Along the normals it is times the cosine of both. Added are the columns of all points before
+    each, times the covariance, and the others of all points, times that along the normals. O(m^2), and O(k) for each
+    pair that is near. Shapes: points and normals (m, 3), columns and earlier (m, k), others and all_others (m, n); of
+    multiples of 8 processors take several at a time.
     """
     count, xyz, uvw = len(points), points.T.copy(), normals.T.copy()
     x, y, z, u, v, w = xyz[0], xyz[1], xyz[2], uvw[0], uvw[1], uvw[2]
     squares, cosines, limit, total = np.zeros(count), np.zeros(count), reach * reach, 0.0
-    many = len(between)
-    along, beside, beyond = (
-        pulls.reshape(count, 3 * many),
-        others.reshape(count, 2 * many),
-        products.reshape(count, 2 * many),
-    )
-    pulled, held = np.zeros(3 * many), np.zeros(2 * many)
+    drawn, held = np.zeros(columns.shape[1]), np.zeros(others.shape[1])
     for i in range(count):
         a, b, c, p, q, r = x[i], y[i], z[i], u[i], v[i], w[i]
+        drawn[:], held[:] = 0.0, 0.0
         for j in range(i):
             dx, dy, dz = a - x[j], b - y[j], c - z[j]
             squares[j] = dx * dx + dy * dy + dz * dz
-            cosines[j] = p * u[j] + q * v[j] + r * w[j]
-        pulled[:], held[:], some = 0.0, 0.0, False
         for start in range(0, i, BLOCK):
             end, near = min(start + BLOCK, i), 0
             # Whether any is near at all processors tell of several at a time; most blocks hold none.
             for j in range(start, end):
                 near += 1 if squares[j] < limit else 0
-            some = some or near > 0
-            for j in range(start, end if near else start):
+            if near == 0:
+                continue
+            for j in range(start, end):
+                cosines[j] = p * u[j] + q * v[j] + r * w[j]
+            for j in range(start, end):
                 if squares[j] >= limit:
                     continue
                 h = np.sqrt(squares[j]) / reach
                 shared = sill * (1.0 - h * (1.5 - 0.5 * h * h))
-                same = shared * cosines[j]
-                total += same * same
-                for m in range(3 * many):
-                    pulled[m] += shared * along[j, m]
-                for m in range(2 * many):
-                    held[m] += same * beside[j, m]
-                    beyond[j, m] += same * beside[i, m]
-        for m in range(2 * many if some else 0):
-            beyond[i, m] += held[m]
-        for start in range(0, 3 * many if some else 0, many):
-            for k in range(many):
-                for m in range(many):
-                    between[k, m] += along[i, start + k] * pulled[start + m]
+                along = shared * cosines[j]
+                total += along * along
+                for m in range(columns.shape[1]):
+                    drawn[m] += shared * columns[j, m]
+                for m in range(others.shape[1]):
+                    held[m] += along * others[j, m]
+                    all_others[j, m] += along * others[i, m]
+        for m in range(columns.shape[1]):
+            earlier[i, m] += drawn[m]
+        for m in range(others.shape[1]):
+            all_others[i, m] += held[m]
     return 2.0 * total

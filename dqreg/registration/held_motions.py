@@ -98,12 +98,14 @@ def followed_by(run: Alignment, surface: Surface) -> float:
     rows = rows[aside <= SAME_FACE_SIGMAS * size]
     if not size > 0.0:
         return 1.0
+    # Displaced to both sides at once.
+    rows = np.concatenate([rows, rows])
     moved, found = np.take(pairs.moved, rows, axis=0), pairs.closest._taken(rows)
-    normals, sides = found.normals, []
-    for step in (size, -size):
-        points = moved + step * normals
-        closest = surface.closest(points, (moved, found))
-        along = row_dots(points - closest.points, closest.normals)
-        along *= np.where(row_dots(closest.normals, normals) < 0.0, -1.0, 1.0)
-        sides.append(np.clip(along, -SAME_FACE_SIGMAS * size, SAME_FACE_SIGMAS * size))
-    return float(np.clip(np.mean(sides[0] - sides[1]) / (2.0 * size), MIN_FOLLOWED_SHARE, 1.0))
+    steps = np.repeat([size, -size], len(rows) // 2)
+    points = moved + steps[:, None] * found.normals
+    closest = surface.closest(points, (moved, found))
+    along = row_dots(points - closest.points, closest.normals)
+    along *= np.where(row_dots(closest.normals, found.normals) < 0.0, -1.0, 1.0)
+    along = np.clip(along, -SAME_FACE_SIGMAS * size, SAME_FACE_SIGMAS * size)
+    ahead, behind = along[: len(rows) // 2], along[len(rows) // 2 :]
+    return float(np.clip(np.mean(ahead - behind) / (2.0 * size), MIN_FOLLOWED_SHARE, 1.0))

@@ -7,7 +7,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, IntArray, median
+from dqreg._arrays import FloatArray, IntArray, median, product
 from dqreg.solvers.row_sums import PatchSums, RowSums
 
 # Patches of neighbouring correspondences whose noise may be common; the fewest from which a scatter can be estimated.
@@ -239,11 +239,12 @@ class _Patches:
         count, unknowns = pulls.shape
         # What the fit follows of errors is H e, H = X bread X^T W with the mean rows X.
         hat, wide = (pulls / self.weights[:, None]) @ bread, unknowns + -unknowns % LANES
-        axes, others, found = np.zeros((count, 3, wide)), np.zeros((count, 2, wide)), np.zeros((count, 2, wide))
+        axes, earlier = np.zeros((2, count, 3, wide))
+        others, found = np.zeros((2, count, 2, wide))
         axes[:, :, :unknowns], others[:, 0, :unknowns], others[:, 1, :unknowns] = along, hat, pulls
-        between = np.zeros((wide, wide))
-        squares = covariance_sums(self.points, self.normals, sill, reach, axes, others, between, found)
-        between = (between + between.T)[:unknowns, :unknowns]
+        columns = (each.reshape(count, -1) for each in (axes, others, earlier, found))
+        squares = covariance_sums(self.points, self.normals, sill, reach, *columns)
+        half = product(axes.reshape(-1, wide).T, earlier.reshape(-1, wide))[:unknowns, :unknowns]
         held, pulled = found[:, 0, :unknowns], found[:, 1, :unknowns]
         followed = 2.0 * float(np.vdot(held, pulled)) - float(np.vdot(hat.T @ held, pulled.T @ pulls))
-        return between, max(1.0 - followed / squares, MIN_NOISE_SHARE) if squares > 0.0 else 1.0
+        return half + half.T, max(1.0 - followed / squares, MIN_NOISE_SHARE) if squares > 0.0 else 1.0
