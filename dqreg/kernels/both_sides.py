@@ -6,7 +6,6 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.kernels.compiled import compiled, inside_kernels
-from dqreg.kernels.motion_sums import motion_row
 
 # Rows that are added at once, as many lanes.
 LANES = 64
@@ -30,14 +29,15 @@ def _fill(
     rows: FloatArray,
     lane: int,
 ) -> None:
-    """Write row i of both sides, with its weight, to a lane."""
-    a, b, c, u, v, w = motion_row(points, normals, i, i, centre, lever)
-    rows[0, lane], rows[1, lane], rows[2, lane] = a, b, c
+    """Write row i of both sides, see `motion_row`, with its weight, to a lane."""
+    x, y, z = (points[i, 0] - centre[0]) / lever, (points[i, 1] - centre[1]) / lever, (points[i, 2] - centre[2]) / lever
+    u, v, w = normals[i, 0], normals[i, 1], normals[i, 2]
+    p, q, r = own[i, 0], own[i, 1], own[i, 2]
+    rows[0, lane], rows[1, lane], rows[2, lane] = y * w - z * v, z * u - x * w, x * v - y * u
     rows[3, lane], rows[4, lane], rows[5, lane] = u, v, w
-    a, b, c, x, y, z = motion_row(points, own, i, i, centre, lever)
-    rows[6, lane], rows[7, lane], rows[8, lane] = a, b, c
-    rows[9, lane], rows[10, lane], rows[11, lane] = x, y, z
-    rows[WEIGHT, lane], rows[SIGNED, lane] = weight, -weight if u * x + v * y + w * z < 0.0 else weight
+    rows[6, lane], rows[7, lane], rows[8, lane] = y * r - z * q, z * p - x * r, x * q - y * p
+    rows[9, lane], rows[10, lane], rows[11, lane] = p, q, r
+    rows[WEIGHT, lane], rows[SIGNED, lane] = weight, -weight if u * p + v * q + w * r < 0.0 else weight
 
 
 @inside_kernels
