@@ -24,9 +24,9 @@ def near_fractions(
     """
     count = min(count, table.shape[1])
     for i in range(first, last):
-        held = 0
+        held, line = 0, U(lines[i])
         for j in range(count):
-            held += near[table[lines[i], j]]
+            held += near[U(table[line, U(j)])]
         shares[i] = held / count
 
 

@@ -37,6 +37,8 @@ PLANE_MEETING_SPACINGS = 1.5
 SAME_RIM_SPACINGS = 1.2
 # of so many nearest ones, and look the same way.
 NEAREST_RIMS, SAME_RIM_COS = 4, 0.7
+# Places whose neighbours one thread looks at in one go: to hand over fewer takes longer.
+CHUNK_PLACES = 8_192
 # Points on rims without which nothing is said.
 MIN_RIM_POINTS = 30
 
@@ -89,7 +91,7 @@ class Faces:
         rows = np.flatnonzero(near)
         lines, beside = tree.beside(rows, SPACE_NEIGHBOURS)
         shares = np.zeros(len(rows))
-        over_chunks(near_fractions, len(rows), lines, beside, SPACE_NEIGHBOURS, near, shares)
+        over_chunks(near_fractions, len(rows), lines, beside, SPACE_NEIGHBOURS, near, shares, chunk=CHUNK_PLACES)
         return Faces(rows, lines, beside, shares)
 
     def flat(self, share: float = IN_PLANE_SHARE) -> IntArray:
@@ -176,7 +178,8 @@ def surrounded(
     places, found = np.full(len(points), -1), np.zeros(len(asked), dtype=bool)
     places[held] = np.arange(len(held))
     given = asked, flat, held, places, as_plain(points), *neighbours
-    over_chunks(interior_rows, len(asked), *given, beside, PLANE_NEIGHBOURS + 1, 2.0 * within, OPEN_COS, found)
+    limits = PLANE_NEIGHBOURS + 1, 2.0 * within, OPEN_COS
+    over_chunks(interior_rows, len(asked), *given, beside, *limits, found, chunk=CHUNK_PLACES)
     return found
 
 
