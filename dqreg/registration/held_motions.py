@@ -107,5 +107,5 @@ def followed_by(run: Alignment, surface: Surface) -> float:
     along = row_dots(points - closest.points, closest.normals)
     along *= np.where(row_dots(closest.normals, found.normals) < 0.0, -1.0, 1.0)
     along = np.clip(along, -SAME_FACE_SIGMAS * size, SAME_FACE_SIGMAS * size)
-    ahead, behind = along[: len(rows) // 2], along[len(rows) // 2 :]
-    return float(np.clip(np.mean(ahead - behind) / (2.0 * size), MIN_FOLLOWED_SHARE, 1.0))
+    share = (along[: len(rows) // 2] - along[len(rows) // 2 :]).sum() / (size * len(rows))
+    return min(max(float(share), MIN_FOLLOWED_SHARE), 1.0)

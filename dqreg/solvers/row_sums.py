@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray, product
+from dqreg._records import replaced
 
 # Information below this fraction of what all correspondences could give with the longest lever is rounding or facets,
 # not shape.
@@ -79,6 +79,7 @@ class MotionSums:
 
     starts: IntArray  # (g,): First row of each patch
     sums: FloatArray  # (g, COLUMNS): See `motion_sums`
+    totals: FloatArray  # (COLUMNS,): Of all patches
     basis: FloatArray  # (6, k): The unknowns, one a column
 
     @staticmethod
@@ -101,32 +102,31 @@ class MotionSums:
         columns = [as_plain(x) for x in (points, normals, smooth, residuals, weights, centre)]
         chunk = _together(starts, len(weights))
         over_chunks(motion_sums, len(starts), *columns, float(lever), starts, sums, chunk=chunk)
-        return MotionSums(starts, sums, basis)
+        return MotionSums(starts, sums, np.ones(len(starts)) @ sums, basis)
+
+    def combined(self, motions: FloatArray) -> MotionSums:
+        """The same for combinations of the unknowns, (k, m), one a column."""
+        return replaced(self, basis=self.basis @ motions)
 
     def squares(self) -> float:
         """Sum of ``w r^2``."""
         from dqreg.kernels.motion_sums import SQUARES
 
-        return float(self._totals[SQUARES])
+        return float(self.totals[SQUARES])
 
     def information(self) -> FloatArray:
         """See `PatchSums`."""
         from dqreg.kernels.motion_sums import PRODUCTS
 
-        found: FloatArray = self.basis.T @ self._totals[PRODUCTS] @ self.basis
+        found: FloatArray = self.basis.T @ self.totals[PRODUCTS] @ self.basis
         return found
 
     def of_smooth(self) -> FloatArray:
         """The same with the normals of the smooth surface."""
         from dqreg.kernels.motion_sums import PRODUCTS, SMOOTH
 
-        found: FloatArray = self.basis.T @ (self._totals[PRODUCTS] + squared(self._totals[SMOOTH:])) @ self.basis
+        found: FloatArray = self.basis.T @ (self.totals[PRODUCTS] + squared(self.totals[SMOOTH:])) @ self.basis
         return found
-
-    @cached_property
-    def _totals(self) -> FloatArray:
-        totals: FloatArray = self.sums.sum(axis=0)
-        return totals
 
     def over(self, starts: IntArray) -> tuple[FloatArray, FloatArray]:
         """See `PatchSums`; each start is one of this one's."""

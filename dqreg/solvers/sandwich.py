@@ -73,30 +73,18 @@ def scatter_of(
     return scatter_of_sums(sums, patch_starts(len(weights), None), known, variance)
 
 
-def scatter_of_sums(
-    sums: PatchSums,
-    starts: Starts,
-    known: FloatArray,
-    variance: float,
-    *,
-    motions: FloatArray | None = None,
-) -> FloatArray | None:
-    """The same from sums over patches, given the starts of these.
-
-    Where the rows are combined to motions, (k, m), one a column, known and returned are of those. Shapes: known (m, m).
-    """
+def scatter_of_sums(sums: PatchSums, starts: Starts, known: FloatArray, variance: float) -> FloatArray | None:
+    """The same from sums over patches, given the starts of these."""
     large, small = starts.large, starts.small
-    information = sums.information()
-    mix = np.eye(len(information)) if motions is None else motions
     # Patches tell the scatter of fewer unknowns than there are of them.
-    if len(large) < MIN_PATCHES or len(large) <= mix.shape[1] + 1:
+    if len(large) < MIN_PATCHES or len(large) <= len(known) + 1:
         return None
-    information = mix.T @ information @ mix + known
+    information = sums.information() + known
     values = np.linalg.eigvalsh(information)
     if not values[0] > SINGULAR_SHARE * values[-1]:
         return None
     bread = np.asarray(np.linalg.inv(information), dtype=np.float64)
-    coarse = _with_model(_sandwich(bread, sums.over(large)[0] @ mix, variance * known), variance * bread, len(large))
+    coarse = _with_model(_sandwich(bread, sums.over(large)[0], variance * known), variance * bread, len(large))
     scores, beside = sums.over(small)
     patches = _Patches.of(beside)
     if patches.agreement < NEIGHBOUR_SIGMAS:
@@ -104,10 +92,8 @@ def scatter_of_sums(
     shared = patches.shared_noise()
     if shared is None:
         return coarse
-    pulls, along = sums.pulls(small)
-    along = (along.reshape(-1, len(mix)) @ mix).reshape(len(pulls), 3, -1)
-    between, left = patches.between_and_left(*shared, pulls @ mix, along, bread)
-    fine = _sandwich(bread, scores @ mix, variance * known)
+    between, left = patches.between_and_left(*shared, *sums.pulls(small), bread)
+    fine = _sandwich(bread, scores, variance * known)
     return larger(coarse, fine + bread @ (between / left) @ bread)
 
 

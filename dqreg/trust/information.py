@@ -218,7 +218,7 @@ def _scatter(
     scatter = None
     if starts is not None and by_shape.shape[1]:
         # Facets have an information of their own.
-        scatter = scatter_of_sums(sums, starts, variance * known, variance, motions=by_shape)
+        scatter = scatter_of_sums(sums.combined(by_shape), starts, variance * known, variance)
     if scatter is not None:
         scatter = with_known(with_few(scatter, *few), known)
     if scatter is None and alone.shape[1]:
