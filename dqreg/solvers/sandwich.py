@@ -26,7 +26,8 @@ LIGHT_WEIGHT_SHARE = 0.1
 # A fit that follows more of the noise than this leaves too little to tell its size by.
 MIN_NOISE_SHARE = 0.25
 # Ranges tried, in distances between patches, and the longest as a fraction of the extent.
-RANGES, LONGEST_RANGE_EXTENTS = 1.5 * 2.0 ** (0.5 * np.arange(16)), 0.5
+RANGES: FloatArray = np.asarray(1.5 * 2.0 ** (0.5 * np.arange(16)), dtype=np.float64)
+LONGEST_RANGE_EXTENTS = 0.5
 # Information below this fraction of the largest is none: the smooth surface may constrain what the facets leave free.
 SINGULAR_SHARE = 1e-9
 # Bins of the distances, up to the farthest range.
