@@ -73,7 +73,9 @@ def products_of_both(
     Normals of the scan count up to sign; the products are symmetric ones, of triangles (0, 0), (0, 1), ... Shapes:
     points, normals and own (n, 3), sums (chunks, 2, 21), zeros.
     """
-    rows, added, waiting = np.zeros((NUMBERS, LANES)), np.zeros((PRODUCTS, LANES)), 0
+    rows, added = np.zeros((NUMBERS, LANES)), np.zeros((PRODUCTS, LANES))
+    # Of the type of other numbers: for a plain one what it is given to would be compiled once more.
+    waiting = none = int(np.int64(0))
     for i in range(first, last):
         if weights[i] == 0.0 or (own[i, 0] == 0.0 and own[i, 1] == 0.0 and own[i, 2] == 0.0):
             continue
@@ -82,7 +84,7 @@ def products_of_both(
         # The last lanes of all are filled up with rows without weight.
         if waiting == LANES:
             _add_products(rows, added)
-            waiting = 0
+            waiting = none
     rows[:, waiting:] = 0.0
     _add_products(rows, added)
     sides, at = sums[first // chunk], 0
@@ -132,7 +134,8 @@ def motion_shares(
     sums (chunks, 2, m), zeros.
     """
     others = own if len(own) else normals
-    rows, added, waiting = np.zeros((NUMBERS, LANES)), np.zeros((2, len(vectors), LANES)), 0
+    rows, added = np.zeros((NUMBERS, LANES)), np.zeros((2, len(vectors), LANES))
+    waiting = none = int(np.int64(0))
     for i in range(first, last):
         if weights[i] == 0.0:
             continue
@@ -141,7 +144,7 @@ def motion_shares(
         waiting += 1
         if waiting == LANES:
             _add_shares(rows, vectors, added)
-            waiting = 0
+            waiting = none
     rows[:, waiting:] = 0.0
     _add_shares(rows, vectors, added)
     sides = sums[first // chunk]

@@ -73,6 +73,8 @@ def motion_sums(
     Patches reach from their start to the next. Normals of the smooth surface may be the others. Shapes: points, normals
     and smooth (n, 3), sums (m, COLUMNS), zeros.
     """
+    # Of the type of other numbers: for a plain one what it is given to would be compiled once more.
+    changes = int(np.int64(SMOOTH))
     for g in range(first, last):
         end, own = starts[g + 1] if g + 1 < len(starts) else len(weights), sums[g]
         for i in range(starts[g], end):
@@ -97,4 +99,4 @@ def motion_sums(
             for part in range(2):
                 if part == 1:
                     row = motion_row(points, smooth, i, i, centre, lever)
-                add_products(row, w if part == 1 else -w, own, SMOOTH)
+                add_products(row, w if part == 1 else -w, own, changes)

@@ -26,14 +26,14 @@ LIGHT_WEIGHT_SHARE = 0.1
 # A fit that follows more of the noise than this leaves too little to tell its size by.
 MIN_NOISE_SHARE = 0.25
 # Ranges tried, in distances between patches, and the longest as a fraction of the extent.
-RANGES: FloatArray = np.asarray(1.5 * 2.0 ** (0.5 * np.arange(16)), dtype=np.float64)
+RANGE_DISTANCES: FloatArray = np.asarray(1.5 * 2.0 ** (0.5 * np.arange(16)), dtype=np.float64)
 LONGEST_RANGE_EXTENTS = 0.5
 # Information below this fraction of the largest is none: the smooth surface may constrain what the facets leave free.
 SINGULAR_SHARE = 1e-9
 # Bins of the distances, up to the farthest range.
 DISTANCE_BINS = 256
 # Unknowns are filled up to a multiple of this: as many at a time processors take.
-LANES = 8
+UNKNOWNS_TOGETHER = 8
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -208,7 +208,7 @@ class _Patches:
         if not far > 0.0:
             return None
         binned_agreements(self.points, self.normals, self.residuals, far, products, squared)
-        sill, reach, excess = best_range(median(nearest) * RANGES, products, squared, far, self.variance)
+        sill, reach, excess = best_range(median(nearest) * RANGE_DISTANCES, products, squared, far, self.variance)
         return None if excess < SHARED_SIGMAS else (sill, reach)
 
     def between_and_left(
@@ -225,7 +225,7 @@ class _Patches:
 
         count, unknowns = pulls.shape
         # What the fit follows of errors is H e, H = X bread X^T W with the mean rows X.
-        hat, wide = (pulls / self.weights[:, None]) @ bread, unknowns + -unknowns % LANES
+        hat, wide = (pulls / self.weights[:, None]) @ bread, unknowns + -unknowns % UNKNOWNS_TOGETHER
         axes, earlier = np.zeros((2, count, 3, wide))
         others, found = np.zeros((2, count, 2, wide))
         axes[:, :, :unknowns], others[:, 0, :unknowns], others[:, 1, :unknowns] = along, hat, pulls
