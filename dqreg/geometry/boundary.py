@@ -186,23 +186,29 @@ def lie_in_rings(points: FloatArray, order: IntArray) -> bool:
     it, however many planes there are on walls: there is a direction that more lines lie across than normals along.
     Those of a grazed part that are wider than noise are planes still.
     """
-    from dqreg.kernels.lined_runs import lined_runs
-    from dqreg.kernels.threads import as_plain, over_chunks
-
-    length = min(RUN_POINTS, len(order))
-    if length <= NEIGHBOUR_COUNT:
+    lined, axes, sums, _ = runs_of(points, order, NEIGHBOUR_COUNT)
+    if not len(lined):
         return False
-    begins = sample_rows(len(order) - length + 1, RUN_COUNT)
-    count = len(begins)
-    lined, axes, sums = np.zeros(count, dtype=bool), np.zeros((count, 3)), np.zeros((count, 2))
-    given = as_plain(points), order, begins, length, NEIGHBOUR_COUNT, LINE_VARIANCE_RATIO
-    over_chunks(lined_runs, count, *given, lined, axes, sums)
     # Copies of one point are no line.
-    known = np.isfinite(axes[:, 0])
+    known = np.isfinite(axes[:, 0, 0])
     planes, count = known & ~lined, int(np.count_nonzero(known))
     if np.count_nonzero(known & lined) > RING_SHARE * count or not planes.any():
         return count > 0
     variance = np.median(sums[planes, 0]) / (NEIGHBOUR_COUNT - 3)
-    lines, normals = axes[known & lined & (sums[:, 1] <= MIN_SPREAD_RATIO * NEIGHBOUR_COUNT * variance)], axes[planes]
+    thin = known & lined & (sums[:, 1] <= MIN_SPREAD_RATIO * NEIGHBOUR_COUNT * variance)
+    lines, normals = axes[thin, 1], axes[planes, 0]
     excess = len(lines) * np.eye(3) - lines.T @ lines - normals.T @ normals
     return bool(np.linalg.eigvalsh(excess)[-1] > BY_CHANCE * count)
+
+
+def runs_of(points: FloatArray, order: IntArray, count: int) -> tuple[BoolArray, FloatArray, FloatArray, FloatArray]:
+    """Neighbourhoods of so many amid runs of points, see `lined_runs`, and the point in the middle of each, (m, 3)."""
+    from dqreg.kernels.lined_runs import lined_runs
+    from dqreg.kernels.threads import as_plain, over_chunks
+
+    length = min(RUN_POINTS, len(order))
+    begins = sample_rows(len(order) - length + 1, RUN_COUNT if length > count else 0)
+    lined, axes, sums = np.zeros(len(begins), dtype=bool), np.zeros((len(begins), 2, 3)), np.zeros((len(begins), 2))
+    given = as_plain(points), order, begins, length, count, LINE_VARIANCE_RATIO
+    over_chunks(lined_runs, len(begins), *given, lined, axes, sums)
+    return lined, axes, sums, np.take(points, order[begins + length // 2], axis=0)

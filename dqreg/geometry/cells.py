@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray, median
+from dqreg.geometry.beams import along_beams
 from dqreg.geometry.boundary import LINE_VARIANCE_RATIO, ONE_SIDED
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.cloud_surface import CloudSurface
@@ -172,13 +173,15 @@ class CellSurface(CloudSurface):
         cells: Cells,
         planes: CellPlanes | None = None,
         in_rings: Callable[[], bool] = bool,
+        beams: Callable[[], FloatArray | None] | None = None,
         *,
         of_few_rings: bool = False,
     ) -> None:
         # Whether the points are known to lie in few rings: planes are sought among more neighbours where the next ones
-        # make none. And where some were found.
+        # make none. And where some were found, and where none is to be had.
         self.cells, self._look_at_rings, self.of_few_rings = cells, in_rings, of_few_rings
-        self.wide, self.has_wide = np.zeros(len(cells.codes), dtype=bool), False
+        self._find_beams, self.has_wide = beams, False
+        self.wide, self._bare = np.zeros((2, len(cells.codes)), dtype=bool)
         self._cell_planes = planes
         # Median of how far the points were moved to the surface of their neighbours.
         self.smoothed_by = 0.0 if planes is None else median(np.abs(planes.heights))
@@ -205,13 +208,14 @@ class CellSurface(CloudSurface):
         fits, known = planes.fits, planes.fits.known
         if known.any():
             self._widen(fits, known)
-        return fits, planes.rims, ~fits.known
+        return fits, planes.rims, ~fits.known & ~self._bare
 
     def _widen(self, fits: PlaneFits, known: BoolArray) -> None:
         """In few rings, replace planes across two faces, and of cells along a line, by those that most neighbours hold.
 
         Where a ring of a LiDAR meets a floor its neighbours are on that ring or on the wall beyond: the plane through
-        both stands across them, and few as they are, nothing else may hold a motion.
+        both stands across them, and few as they are, nothing else may hold a motion. Where no plane holds so many there
+        is none.
         """
         noise = float(np.median(fits.residuals[known]))
         doubtful = ~known | (fits.residuals > MIXED_RESIDUAL_RATIO * noise)
@@ -224,8 +228,15 @@ class CellSurface(CloudSurface):
         if len(found) < FEWEST_WIDE * len(known):
             # Of a plate whose points are strewn at random some neighbours lie in lines by chance.
             return
-        fits.replace(rows[found], wide.taken(found))
-        self.wide[rows[found]] = self.has_wide = True
+        fits.replace(rows, wide)
+        found, origin = rows[found], None if self._find_beams is None else self._find_beams()
+        if origin is not None:
+            # Round a corner all points of a ring lie in one plane, that of its beams.
+            found = found[~along_beams(np.take(self._points, found, axis=0), fits.normals[found], origin)]
+        self.wide[found], self.has_wide = True, bool(len(found))
+        # The next ones would make a plane along a ring or across faces.
+        self._bare[rows] = ~self.wide[rows]
+        fits.clear(self._bare)
 
     def fit_cells(self) -> None:
         """Fit the planes of the cells, which whoever asks for matches needs."""
@@ -238,12 +249,15 @@ class CellSurface(CloudSurface):
         self._planes_at(np.flatnonzero(self._of_cells[2]))
 
     def _fitted_around(self, rows: IntArray) -> PlaneFits:
-        fits = self._of_cells[0].taken(rows)
-        return _completed(fits, lambda missing: fit_planes_around(self._tree, self._points, rows[missing]))
+        fits, _, missing = self._of_cells
+        around = missing[rows]
+        return _completed(fits.taken(rows), around, lambda at: fit_planes_around(self._tree, self._points, rows[at]))
 
     def _all_planes(self) -> PlaneFits | None:
-        fits = self._of_cells[0].taken(np.arange(len(self._points)))
-        return _completed(fits, lambda rows: fit_planes(self._tree, self._points, np.take(self._points, rows, axis=0)))
+        fits, _, missing = self._of_cells
+        fits = fits.taken(np.arange(len(missing)))
+        at = self._points
+        return _completed(fits, missing, lambda rows: fit_planes(self._tree, at, np.take(at, rows, axis=0)))
 
     def on_rim(self, closest: Closest) -> BoolArray:
         """Whether the matches of some queries are boundary points: where cells make a plane, by these."""
@@ -271,9 +285,9 @@ def _least_held(normals: FloatArray) -> float:
     return float(np.linalg.eigvalsh(normals.T @ normals)[0]) / max(len(normals), 1)
 
 
-def _completed(fits: PlaneFits, fitted: Callable[[IntArray], PlaneFits]) -> PlaneFits:
-    """Planes with those that are missing fitted."""
-    missing = np.flatnonzero(~fits.known)
-    if len(missing):
-        fits.replace(missing, fitted(missing))
+def _completed(fits: PlaneFits, missing: BoolArray, fitted: Callable[[IntArray], PlaneFits]) -> PlaneFits:
+    """Planes with those that are missing, (m,), fitted."""
+    rows = np.flatnonzero(missing)
+    if len(rows):
+        fits.replace(rows, fitted(rows))
     return fits

@@ -21,6 +21,9 @@ TRIED_NEIGHBOURS, MIN_APART_SIN = 8, 0.4
 MIN_HELD_NEIGHBOURS, HELD_ROUNDS = 6, 3
 # Where a plane is sought among more neighbours: so many, every which of them planes are tried through.
 WIDE_NEIGHBOURS, TRIED_STEP = 40, 3
+# Share of these that it holds. A line and one more point make a plane, and with another line by chance: of 9,000 planes
+# of cells under 16 rings those that were no face held 13 at most, but for one in ten, the others 14 and more.
+WIDE_SHARE = 0.4
 # Times of the usual residual's square that the second variance of those it holds has at least. Noise alone has one: of
 # a ring whose points scatter along the beams, what seems the plane is that of the beams.
 MIN_SPREAD_RATIO = 9.0
@@ -58,6 +61,10 @@ class PlaneFits:
         self.normals[rows], self.residuals[rows], self.lever[rows] = others.normals, others.residuals, others.lever
         if self.gaps is not None and others.gaps is not None:
             self.gaps[rows] = others.gaps
+
+    def clear(self, rows: BoolArray) -> None:
+        """Take those of some of the points away, (n,)."""
+        self.normals[rows], self.residuals[rows], self.lever[rows] = np.nan, np.nan, 0.0
 
     @property
     def known(self) -> BoolArray:
@@ -160,7 +167,8 @@ def fit_wide_planes(tree: NeighbourTree, cloud: FloatArray, rows: IntArray, nois
     scatters = np.einsum("ij,ijk,ijl->ikl", held, arms, arms)
     squares, axes = np.linalg.eigh(scatters)
     least, small, large = squares.T
-    known = found & held[:, 0] & (count >= MIN_HELD_NEIGHBOURS) & (small > MIN_SPREAD_RATIO * noise**2 * count)
+    fewest = max(MIN_HELD_NEIGHBOURS, WIDE_SHARE * neighbours.shape[1])
+    known = found & held[:, 0] & (count >= fewest) & (small > MIN_SPREAD_RATIO * noise**2 * count)
     with np.errstate(divide="ignore", invalid="ignore"):
         # Of as many neighbours as others are of, that hold their normals as well.
         levers = np.where(known, 1.0 / (1.0 / small + 1.0 / large) / NORMAL_NEIGHBOURS, 0.0)

@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 
 from dqreg._arrays import FloatArray, bounds
+from dqreg.geometry.beams import origin_of_beams
 from dqreg.geometry.boundary import lie_in_rings
 from dqreg.geometry.cells import Cells, CellSurface
 from dqreg.geometry.cloud import PointCloud
@@ -85,7 +86,8 @@ class VoxelCloud:
         planes = cells.planes() if smooth else None
         cells = cells if planes is None else cells.smoothed(planes)
         even, in_rings = points_of(cloud, cells), partial(lie_in_rings, cloud.points, cells.order)
-        return VoxelCloud(size, even, CellSurface(even, cells, planes, in_rings, of_few_rings=of_few_rings))
+        beams = partial(origin_of_beams, cloud.points, cells.order)
+        return VoxelCloud(size, even, CellSurface(even, cells, planes, in_rings, beams, of_few_rings=of_few_rings))
 
     @staticmethod
     def across_lines(

@@ -57,7 +57,7 @@ def fit_neighbourhoods() -> None:
     quadric_residual_rows(0, 0, corners, rows, np.zeros((1, 3)), 0.5, np.zeros(1))
     majority_plane_rows(0, 0, corners, rows, corners, np.zeros((1, 3), dtype=np.int64), 1, 0.5, 0.5, np.zeros(1))
     edge_plane_rows(0, 0, corners, rows, 1, 0.5, 1.0, 1, 1, np.zeros((1, 3)), np.zeros(1), none)
-    lined_runs(0, 0, corners, FIRST, FIRST, 1, 1, 0.5, none, np.zeros((1, 3)), np.zeros((1, 2)))
+    lined_runs(0, 0, corners, FIRST, FIRST, 1, 1, 0.5, none, np.zeros((1, 2, 3)), np.zeros((1, 2)))
     with_others_rows(0, 0, FIRST, corners, corners, 1.0, 0.5, 0.5, 1, none)
     near, far, motion = np.full(3, -1), np.zeros(3), np.eye(4)[:3].copy()
     close_points(0, 0, np.zeros((1, 6)), corners, LEAF_POINTS, FIRST, corners, corners, motion, 1.0, 1.0, near, far)

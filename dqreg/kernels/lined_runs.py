@@ -1,4 +1,4 @@
-"""Neighbourhoods amid runs of points in an order of space: lines or planes, and along which axes."""
+"""Neighbourhoods amid runs of points in an order of space: whether they are lines, and along which axes they lie."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ def lined_runs(
     axes: FloatArray,
     sums: FloatArray,
 ) -> None:
-    """Write which points amid runs first to last have their neighbours along a line, and this line or else the normal.
+    """Write which points amid runs first to last have their neighbours along a line, and their least and longest axis.
 
-    The nearest of the run, so many; a line is where their second variance is at most a share of the first. The axis is
+    The nearest of the run, so many; a line is where their second variance is at most a share of the first. The axes are
     NaN of copies of one point. The sums are those of squares along the least and the second axis. O(length) a run.
-    Shapes: points (n, 3), order (n,), begins (m,), lined (m,), axes (m, 3), sums (m, 2).
+    Shapes: points (n, 3), order (n,), begins (m,), lined (m,), axes (m, 2, 3), sums (m, 2).
     """
     rows, squares = np.zeros(count, np.int64), np.zeros(count)
     a, v = np.zeros(ELEMENTS), np.zeros((3, 3))
     for i in range(first, last):
         _nearest_of_run(points, order, begins[i], length, rows, squares)
         if not squares[count - 1] > 0.0:
-            axes[i, 0] = axes[i, 1] = axes[i, 2] = np.nan
+            axes[i] = np.nan
             continue
         _scatter(points, rows, a)
         diagonalise(a, v)
@@ -44,7 +44,7 @@ def lined_runs(
         sums[i, 0], sums[i, 1] = a[least], a[3 - least - most]
         lined[i] = sums[i, 1] <= line * a[most]
         for k in range(3):
-            axes[i, k] = v[k, most if lined[i] else least]
+            axes[i, 0, k], axes[i, 1, k] = v[k, least], v[k, most]
 
 
 @inside_kernels

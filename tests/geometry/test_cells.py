@@ -181,9 +181,9 @@ def test_where_cells_make_no_plane_their_nearest_ones_do() -> None:
 
 
 def test_planes_that_are_fitted_ahead_have_the_bits_of_those_fitted_where_they_are_met() -> None:
-    # A line off the sheet, where cells make no plane.
-    line = np.column_stack([np.linspace(4.0, 9.0, 300), np.zeros(300), np.ones(300)])
-    cloud = PointCloud(np.vstack([sheet(3, 8_000), line]))
+    # Points far apart off the sheet, where cells make no plane.
+    few = np.random.default_rng(0).uniform([4.0, -2.5, -2.5], [9.0, 2.5, 2.5], size=(80, 3))
+    cloud = PointCloud(np.vstack([sheet(3, 8_000), few]))
     ahead, met = (VoxelCloud.of(cloud, 0.25).surface for _ in range(2))
     assert ahead is not None
     assert met is not None

@@ -104,7 +104,10 @@ def test_where_hardly_a_sure_plane_holds_a_direction_planes_are_sought_among_mor
     on_floor = np.abs(surface._points[:, 2] + 1.2) < 0.03
     by_next, sought = surface.cells.planes().fits.normals[on_floor, 2], surface.normals[on_floor, 2]
     assert (np.abs(by_next) > 0.98).mean() < 0.7
-    assert (np.abs(sought) > 0.98).mean() > 0.85
+    # Some cells, by a wall or a column, have none.
+    held = sought != 0.0
+    assert held.mean() > 0.8
+    assert (np.abs(sought[held]) > 0.98).mean() > 0.9
     assert surface.wide[on_floor].any()
 
 
