@@ -7,12 +7,20 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray, median
+from dqreg._arrays import BoolArray, FloatArray, IntArray, dot
 from dqreg.geometry.beams import along_beams
 from dqreg.geometry.boundary import LINE_VARIANCE_RATIO, ONE_SIDED
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.cloud_surface import CloudSurface
-from dqreg.geometry.morton import ASIDE_POINTS, CodeArray, Ends, edge_of_cells, morton_codes, sorted_codes
+from dqreg.geometry.morton import (
+    ASIDE_POINTS,
+    CodeArray,
+    Ends,
+    codes_on_grid,
+    corner_and_cells,
+    edge_of_cells,
+    sorted_codes,
+)
 from dqreg.geometry.normals import NORMAL_NEIGHBOURS, PlaneFits, fit_planes, fit_planes_around, fit_wide_planes
 from dqreg.geometry.surface import Closest
 from dqreg.kernels.threads import unlocked_property
@@ -55,6 +63,8 @@ class CellPlanes:
     fits: PlaneFits
     rims: BoolArray  # (m,): Which of the means lie on a rim
     heights: FloatArray  # (m,): From the mean along the normal to the surface that the neighbours make; 0 if unknown
+    usual: float  # Median of the residuals; NaN where there is no plane
+    smoothed_by: float  # Median of how high the surface is, either way
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,63 +73,57 @@ class Cells:
 
     size: float  # Edge
     codes: CodeArray  # (m,): Numbers along the Z-order curve
-    order: IntArray  # (n,): Rows of the cloud, cell by cell
-    starts: IntArray  # (m,): Where each cell begins among these
     counts: FloatArray  # (m,): Points in each
     points: FloatArray  # (m, 3): Their means, or these moved to the surface that the neighbours make
     scatters: FloatArray  # (m, 6): Sums of products of their offsets from the mean: xx, yy, zz, xy, xz, yz
+    _grid: tuple[FloatArray, FloatArray, float]  # The cloud, (n, 3), and what `corner_and_cells` says of it
 
     @staticmethod
     def of(points: FloatArray, size: float, ends: Ends | None = None) -> Cells:
         """Cells of points, (n, 3), of an edge: wider where the extent has too many of them."""
-        from dqreg.kernels.cell_moments import cell_moments
+        from dqreg.kernels.grid_cells import cells_of_points
         from dqreg.kernels.threads import as_plain, aside
 
-        order, keys = sorted_codes(morton_codes(points, size, ends))
-        given = as_plain(points), keys, order
-        starts, moments = aside(cell_moments, *given) if len(points) > ASIDE_POINTS else cell_moments(*given)
-        counts, means, scatters = (np.ascontiguousarray(x) for x in (moments[:, 0], moments[:, 1:4], moments[:, 4:]))
-        return Cells(edge_of_cells(points, size, ends), keys[starts], order, starts, counts, means, scatters)
+        low, per_edge = corner_and_cells(points, size, ends)
+        given = as_plain(points), as_plain(low), per_edge
+        found = aside(cells_of_points, *given) if len(points) > ASIDE_POINTS else cells_of_points(*given)
+        return Cells(edge_of_cells(points, size, ends), *found, (points, low, per_edge))
+
+    @unlocked_property
+    def order(self) -> IntArray:
+        """Rows of the cloud, cell by cell, (n,)."""
+        return sorted_codes(codes_on_grid(*self._grid))[0]
+
+    @unlocked_property
+    def starts(self) -> IntArray:
+        """Where each cell begins among these, (m,)."""
+        ends: IntArray = np.cumsum(self.counts).astype(np.int64)
+        return ends - self.counts.astype(np.int64)
 
     @property
     def unevenness(self) -> float:
         """How many others the points have in their cell, over what points strewn at random would have; about 1."""
-        counts = self.counts
-        return float((counts**2).mean() / counts.mean() / (counts.mean() + 1.0))
+        mean = self.counts.mean()
+        return float(dot(self.counts, self.counts) / len(self.counts) / mean / (mean + 1.0))
 
     @property
     def lined_share(self) -> float:
         """Share of the cells of many points whose points lie along a line, as on one ring of a LiDAR; 0 for none."""
-        told = self.counts >= TOLD_POINTS
-        xx, yy, zz, xy, xz, yz = self.scatters[told].T
-        products = xx * yy + xx * zz + yy * zz - xy**2 - xz**2 - yz**2
-        lined = products <= LINED_PRODUCTS * (xx + yy + zz) ** 2
-        return float(lined.mean()) if len(lined) else 0.0
+        from dqreg.kernels.cell_smoothing import share_of_lined
+
+        return share_of_lined(self.counts, self.scatters, TOLD_POINTS, LINED_PRODUCTS)
 
     def planes(self) -> CellPlanes:
         """Planes at the means where neighbouring cells make one.
 
         Where they are too few, those of cells of twice the edge are asked, so many times.
         """
-        found, rims = np.zeros((len(self.codes), 7)), np.zeros(len(self.codes), dtype=bool)
-        cells, asked, parents = self, np.ones(len(self.codes), dtype=bool), np.arange(len(self.codes))
-        for level in range(EDGE_LEVELS):
-            rows, on_rim, starts = cells._planes(asked)
-            if not level:
-                found, rims, missing = rows, on_rim, np.arange(len(rows))
-            else:
-                found[missing, :5], rims[missing] = rows[parents, :5], on_rim[parents]
-                found[missing, 6] = 0.0
-            left = ~np.isfinite(found[missing, 0])
-            missing = missing[left]
-            if not len(missing) or level == EDGE_LEVELS - 1:
-                break
-            parents = np.searchsorted(starts, parents[left], side="right") - 1
-            cells = cells._joined(starts)
-            asked = np.zeros(len(cells.codes), dtype=bool)
-            asked[parents] = True
-        fits = PlaneFits(found[:, :3].copy(), found[:, 3], found[:, 4], NORMAL_NEIGHBOURS, found[:, 5])
-        return CellPlanes(self.points, fits, rims, np.where(fits.known, found[:, 6], 0.0))
+        from dqreg.kernels.cell_smoothing import plane_columns
+
+        found, rims = self._planes(np.ones(len(self.codes), dtype=bool), EDGE_LEVELS)
+        normals, residuals, levers, gaps, heights, usual, height = plane_columns(found)
+        fits = PlaneFits(normals, residuals, levers, NORMAL_NEIGHBOURS, gaps)
+        return CellPlanes(self.points, fits, rims, heights, usual, height)
 
     def smoothed(self, planes: CellPlanes) -> Cells:
         """The same with each mean moved along its normal to the surface that the neighbouring means make.
@@ -128,40 +132,31 @@ class Cells:
         of the query: a loop between such clouds follows only a part of what the pose is off, and its residuals, small
         as they were chosen, tell too small a variance.
         """
-        fits, known, moved = planes.fits, planes.fits.known, self.points.copy()
-        residuals = fits.residuals[known]
-        if len(residuals):
-            usual = SHAPE_RESIDUAL_RATIO * median(residuals)
-            shares = np.divide(usual, residuals, out=np.ones(len(residuals)), where=residuals > usual) ** 2
-            moved[known] += (shares * planes.heights[known])[:, None] * fits.normals[known]
-        return dataclasses.replace(self, points=moved)
+        from dqreg.kernels.cell_smoothing import smoothed_means
 
-    def _planes(self, asked: BoolArray) -> tuple[FloatArray, BoolArray, IntArray]:
-        """The same of some of the cells by these alone, see `cell_planes`, and where each block of eight begins."""
-        from dqreg.kernels.cell_moments import table_of
+        fits = planes.fits
+        given = self.points, fits.normals, fits.residuals, planes.heights, SHAPE_RESIDUAL_RATIO * planes.usual
+        return dataclasses.replace(self, points=smoothed_means(*given))
+
+    def _planes(self, asked: BoolArray, levels: int) -> tuple[FloatArray, BoolArray]:
+        """Planes of some of the cells, see `cell_planes`, and which of these lie on a rim."""
+        from dqreg.kernels.cell_blocks import cell_blocks, hand_down, joined_cells
         from dqreg.kernels.cell_planes import cell_planes
         from dqreg.kernels.threads import over_chunks
 
-        blocks = self.codes >> np.uint64(3)
-        starts = np.flatnonzero(np.r_[True, blocks[1:] != blocks[:-1]])
-        blocks, starts = blocks[starts], np.r_[starts, len(self.codes)]
-        weights = np.minimum(self.counts, MAX_COUNTED_POINTS)
-        scatters = self.scatters * (weights / self.counts)[:, None]
+        starts, blocks, table, *counted = cell_blocks(self.codes, self.counts, self.scatters, MAX_COUNTED_POINTS)
         found, rims = np.zeros((len(self.codes), 7)), np.zeros(len(self.codes), dtype=bool)
-        given = starts, blocks, table_of(blocks), self.points, weights, scatters
+        given = starts, blocks, table, self.points, *counted
         limits = REACH_EDGES * self.size, MIN_PLANE_POINTS, MIN_PLANE_VARIANCE_RATIO, ONE_SIDED, LINE_VARIANCE_RATIO
-        over_chunks(cell_planes, len(blocks), *given, *limits, asked, found, rims, chunk=CHUNK_BLOCKS)
-        return found, rims, starts
-
-    def _joined(self, starts: IntArray) -> Cells:
-        """Cells of twice the edge, given where each block of eight begins."""
-        from dqreg.kernels.cell_moments import joined_moments
-
-        firsts = starts[:-1]
-        moments = joined_moments(starts, self.counts, self.points, self.scatters)
-        counts, means, scatters = (np.ascontiguousarray(x) for x in (moments[:, 0], moments[:, 1:4], moments[:, 4:]))
-        codes = self.codes[firsts] >> np.uint64(3)
-        return Cells(2.0 * self.size, codes, self.order, self.starts[firsts], counts, means, scatters)
+        over_chunks(cell_planes, len(starts) - 1, *given, *limits, asked, found, rims, chunk=CHUNK_BLOCKS)
+        if levels > 1:
+            *joined, asked = joined_cells(starts, self.counts, self.points, self.scatters, found)
+            if asked.any():
+                codes = self.codes[starts[:-1]] >> np.uint64(3)
+                cloud, low, per_edge = self._grid
+                wide = Cells(2.0 * self.size, codes, *joined, (cloud, low, 0.5 * per_edge))
+                hand_down(starts, *wide._planes(asked, levels - 1), found, rims)
+        return found, rims
 
 
 class CellSurface(CloudSurface):
@@ -184,7 +179,7 @@ class CellSurface(CloudSurface):
         self.wide, self._bare = np.zeros((2, len(cells.codes)), dtype=bool)
         self._cell_planes = planes
         # Median of how far the points were moved to the surface of their neighbours.
-        self.smoothed_by = 0.0 if planes is None else median(np.abs(planes.heights))
+        self.smoothed_by = 0.0 if planes is None else planes.smoothed_by
         super().__init__(points, derived=True)
 
     @property
@@ -205,24 +200,22 @@ class CellSurface(CloudSurface):
     def _of_cells(self) -> tuple[PlaneFits, BoolArray, BoolArray]:
         """Planes where neighbouring cells make one, which of these lie on a rim, and where there is none, (m,)."""
         planes = self.cells.planes() if self._cell_planes is None else self._cell_planes
-        fits, known = planes.fits, planes.fits.known
-        if known.any():
-            self._widen(fits, known)
-        return fits, planes.rims, ~fits.known & ~self._bare
+        if np.isfinite(planes.usual):
+            self._widen(planes.fits, planes.usual)
+        return planes.fits, planes.rims, ~planes.fits.known & ~self._bare
 
-    def _widen(self, fits: PlaneFits, known: BoolArray) -> None:
+    def _widen(self, fits: PlaneFits, noise: float) -> None:
         """In few rings, replace planes across two faces, and of cells along a line, by those that most neighbours hold.
 
         Where a ring of a LiDAR meets a floor its neighbours are on that ring or on the wall beyond: the plane through
         both stands across them, and few as they are, nothing else may hold a motion. Where no plane holds so many there
         is none.
         """
-        noise = float(np.median(fits.residuals[known]))
-        doubtful = ~known | (fits.residuals > MIXED_RESIDUAL_RATIO * noise)
-        sure = fits.normals[~doubtful]
-        if not (self.of_few_rings or (_least_held(sure) < LEAST_HELD and self.in_rings)):
+        most = MIXED_RESIDUAL_RATIO * noise
+        if not (self.of_few_rings or (_least_held(fits, most) < LEAST_HELD and self.in_rings)):
             return
-        rows = np.flatnonzero(doubtful)
+        known = fits.known
+        rows = np.flatnonzero(~known | (fits.residuals > most))
         wide = fit_wide_planes(self._tree, self._points, rows, noise, HELD_RESIDUALS * noise)
         found = np.flatnonzero(wide.known)
         if len(found) < FEWEST_WIDE * len(known):
@@ -280,9 +273,12 @@ class CellSurface(CloudSurface):
         return rims.copy(), missing.copy()
 
 
-def _least_held(normals: FloatArray) -> float:
-    """Share of unit normals, (n, 3), in the direction that they hold least."""
-    return float(np.linalg.eigvalsh(normals.T @ normals)[0]) / max(len(normals), 1)
+def _least_held(fits: PlaneFits, most: float) -> float:
+    """Share of the normals of planes that leave no more, in the direction that they hold least."""
+    from dqreg.kernels.cell_smoothing import held_by_sure
+
+    held, count = held_by_sure(fits.normals, fits.residuals, most)
+    return float(np.linalg.eigvalsh(held)[0]) / max(count, 1)
 
 
 def _completed(fits: PlaneFits, missing: BoolArray, fitted: Callable[[IntArray], PlaneFits]) -> PlaneFits:

@@ -81,16 +81,27 @@ def morton_codes(points: FloatArray, size: float = 0.0, ends: Ends | None = None
     >>> morton_codes(np.array([[0.0, 0, 0], [0.4, 0, 0], [0, 0, 1.2]]), 1.0).tolist()
     [0, 0, 1]
     """
-    from dqreg.kernels.morton import BITS, morton_cells
+    return codes_on_grid(points, *corner_and_cells(points, size, ends))
+
+
+def codes_on_grid(points: FloatArray, low: FloatArray, per_length: float) -> CodeArray:
+    """The same in cells from a corner on, (3,), of which there are so many a length."""
+    from dqreg.kernels.morton import morton_cells
     from dqreg.kernels.threads import as_plain, over_chunks
+
+    codes = np.zeros(len(points), dtype=np.uint64)
+    over_chunks(morton_cells, len(points), as_plain(points), as_plain(low), per_length, codes, chunk=CHUNK_POINTS)
+    return codes
+
+
+def corner_and_cells(points: FloatArray, size: float = 0.0, ends: Ends | None = None) -> tuple[FloatArray, float]:
+    """Corner from which cells of an edge begin, (3,), and how many of them there are a length; see `edge_of_cells`."""
+    from dqreg.kernels.morton import BITS
 
     low, high = bounds(points) if ends is None else ends
     extent = float((high - low).max())
     cells = 0.0 if extent == 0.0 else (2**BITS - 1) / extent
-    cells = min(cells, 1.0 / size) if size > 0.0 else cells
-    codes = np.zeros(len(points), dtype=np.uint64)
-    over_chunks(morton_cells, len(points), as_plain(points), as_plain(low), float(cells), codes, chunk=CHUNK_POINTS)
-    return codes
+    return low, float(min(cells, 1.0 / size) if size > 0.0 else cells)
 
 
 def edge_of_cells(points: FloatArray, size: float = 0.0, ends: Ends | None = None) -> float:

@@ -85,8 +85,8 @@ class VoxelCloud:
             return VoxelCloud(size, cloud, None)
         planes = cells.planes() if smooth else None
         cells = cells if planes is None else cells.smoothed(planes)
-        even, in_rings = points_of(cloud, cells), partial(lie_in_rings, cloud.points, cells.order)
-        beams = partial(origin_of_beams, cloud.points, cells.order)
+        even, in_rings = points_of(cloud, cells), partial(_lie_in_rings, cloud, cells)
+        beams = partial(_origin_of_beams, cloud, cells)
         return VoxelCloud(size, even, CellSurface(even, cells, planes, in_rings, beams, of_few_rings=of_few_rings))
 
     @staticmethod
@@ -119,7 +119,7 @@ class VoxelCloud:
         cells, is_dense = Cells.of(points, size, cloud._ends), len(points) > DENSE_RATIO * count
         # Of a dense cloud, which has cells in any case, it is asked later or not at all, but where these are lines.
         may_be_few = cells.lined_share > FEW_RINGS_SHARE if is_dense else len(points) >= RINGED_RATIO * MIN_VOXEL_POINTS
-        if may_be_few and lie_in_rings(points, cells.order):
+        if may_be_few and _lie_in_rings(cloud, cells):
             size = _across_rings(cloud, first_size(points, count, cloud._ends, RINGED_RATIO))
             return VoxelCloud.across_lines(cloud, size, of_few_rings=True)
         if not is_dense and len(points) > evenly_dense * count and cells.unevenness <= STAND_UNEVENNESS:
@@ -128,6 +128,14 @@ class VoxelCloud:
         if is_uneven or VoxelCloud.of(cloud, size, cells=cells, smooth=False).in_lines:
             return VoxelCloud.across_lines(cloud, size, cells=cells)
         return VoxelCloud(0.0, cloud, None)
+
+
+def _lie_in_rings(cloud: PointCloud, cells: Cells) -> bool:
+    return lie_in_rings(cloud.points, cells.order)
+
+
+def _origin_of_beams(cloud: PointCloud, cells: Cells) -> FloatArray | None:
+    return origin_of_beams(cloud.points, cells.order)
 
 
 def _across_rings(cloud: PointCloud, size: float) -> float:

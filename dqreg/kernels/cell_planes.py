@@ -5,16 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
-from dqreg.kernels.cell_moments import Codes, slot_of
+from dqreg.kernels.cell_blocks import BLOCKS, CELLS, Slots, cells_around
 from dqreg.kernels.compiled import compiled, inside_kernels
 from dqreg.kernels.many_axes import AXES, LANES, ROWS, diagonalise_lanes
+from dqreg.kernels.morton import Codes
 from dqreg.kernels.plane_fits import least_of_lane
 
-# Every third bit of a Morton code, from the lowest on: the number of a cell along one axis.
-ALONG_Z = np.uint64(0x1249249249249249)
-ALONG_Y, ALONG_X = ALONG_Z << np.uint64(1), ALONG_Z << np.uint64(2)
-# Blocks of two cells a side, and those around one; cells of these.
-BLOCKS, CELLS = 27, 8
 # Cells around one without which there are no sides to it.
 MIN_CELLS = 8
 # What is kept of a cell until its plane is fitted: weight, cells, squared distance of the farthest, sum of the offsets,
@@ -30,7 +26,7 @@ def cell_planes(
     last: int,
     starts: IntArray,
     blocks: Codes,
-    table: IntArray,
+    table: Slots,
     means: FloatArray,
     weights: FloatArray,
     scatters: FloatArray,
@@ -53,6 +49,7 @@ def cell_planes(
     surface that its neighbours make, see `_height`; NaN where there is no plane.
     """
     near, within = np.zeros(BLOCKS * CELLS, np.int64), np.zeros(BLOCKS * CELLS, np.int64)
+    found_blocks = np.zeros(BLOCKS + 1, np.int64)
     lanes, kept = np.zeros((ROWS, LANES)), np.zeros((KEPT_ROWS, LANES))
     rows, places = np.zeros(LANES, np.int64), np.zeros((4, BLOCKS * CELLS))
     # Of the type that it has later: for plain zeros what it is given to would be compiled once more.
@@ -61,7 +58,7 @@ def cell_planes(
     for block in range(first, last):
         if not asked[starts[block] : starts[block + 1]].any():
             continue
-        count = _cells_around(blocks[block], starts, blocks, table, near)
+        count = cells_around(block, starts, blocks, table, found_blocks, near)
         for k in range(count):
             for axis in range(3):
                 places[axis, k] = means[near[k], axis]
@@ -137,32 +134,6 @@ def _height(lane: int, least: int, lanes: FloatArray, kept: FloatArray) -> float
     bend = with_h / left if left > MIN_BEND_SHARE * kept[13, lane] else 0.0
     over_plane: float = h - bend * (kept[9, lane] - per_a * a - per_b * b)
     return over_plane
-
-
-@inside_kernels
-def _cells_around(block: np.uint64, starts: IntArray, blocks: Codes, table: IntArray, near: IntArray) -> int:
-    """Write the cells of a block and of those around it; how many they are."""
-    count, rest = 0, block & ~(ALONG_X | ALONG_Y | ALONG_Z)
-    for x in range(-1, 2):
-        beside_x = rest | _moved(block, ALONG_X, x)
-        for y in range(-1, 2):
-            beside_xy = beside_x | _moved(block, ALONG_Y, y)
-            for z in range(-1, 2):
-                row = table[slot_of(beside_xy | _moved(block, ALONG_Z, z), blocks, table)]
-                if row >= 0:
-                    for cell in range(starts[row], starts[row + 1]):
-                        near[count] = cell
-                        count += 1
-    return count
-
-
-@inside_kernels
-def _moved(code: np.uint64, mask: np.uint64, step: int) -> np.uint64:
-    """Number of a cell along an axis or of one next to it; beyond the ends it starts from the other one."""
-    one, part = mask & (~mask + np.uint64(1)), code & mask
-    if step > 0:
-        return ((part | ~mask) + one) & mask
-    return (part - one) & mask if step < 0 else part
 
 
 @inside_kernels

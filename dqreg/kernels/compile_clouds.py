@@ -6,13 +6,15 @@ from typing import Any
 
 import numpy as np
 
+from dqreg.kernels.cell_blocks import cell_blocks, hand_down, joined_cells
 from dqreg.kernels.cell_matches import planes_in_cells
-from dqreg.kernels.cell_moments import cell_moments, joined_moments, table_of
 from dqreg.kernels.cell_planes import cell_planes
+from dqreg.kernels.cell_smoothing import held_by_sure, plane_columns, share_of_lined, smoothed_means
 from dqreg.kernels.close_points import close_points, facing_matches
 from dqreg.kernels.depth_pixels import count_before, count_behind, directions_from, fill_nearest, least_around
 from dqreg.kernels.edge_planes import edge_plane_rows, with_others_rows
 from dqreg.kernels.follow_rows import follow_in_tree
+from dqreg.kernels.grid_cells import cells_of_points
 from dqreg.kernels.lined_runs import lined_runs
 from dqreg.kernels.majority_planes import majority_plane_rows
 from dqreg.kernels.morton import count_cells, morton_cells, new_places, sorted_rows, take_points
@@ -44,11 +46,16 @@ def order_points() -> None:
     take_points(0, 2, CORNERS, sorted_rows(codes)[0], np.zeros((2, 3)))
     split_sorted_rows(codes)
     count_cells(codes)
-    cell_moments(CORNERS, codes, FIRST)
-    table, edges = table_of(codes[:1]), (1.0,) * 5
-    none, scatters = np.zeros(0, np.bool_), np.zeros((0, 6))
-    joined_moments(FIRST, ONE, FLAT, scatters)
-    cell_planes(0, 0, FIRST, codes, table, FLAT, ONE, scatters, *edges, none, np.zeros((0, 7)), none.copy())
+    codes, counts, means, scatters = cells_of_points(CORNERS, np.zeros(3), 1.0)
+    starts, *blocks = cell_blocks(codes, counts, scatters, 1.0)
+    fits, rims, asked, edges = np.zeros((3, 7)), np.zeros(3, np.bool_), np.ones(3, np.bool_), (1.0,) * 5
+    cell_planes(0, len(starts) - 1, starts, *blocks[:2], means, *blocks[2:], *edges, asked, fits, rims)
+    joined_cells(starts, counts, means, scatters, fits)
+    hand_down(starts, fits[: len(starts) - 1], rims[: len(starts) - 1], fits, rims)
+    normals, residuals, _, _, heights, usual, _ = plane_columns(fits)
+    smoothed_means(means, normals, residuals, heights, usual)
+    held_by_sure(normals, residuals, 1.0)
+    share_of_lined(counts, scatters, 1.0, 1.0)
 
 
 def fit_neighbourhoods() -> None:
