@@ -21,7 +21,7 @@ from dqreg.geometry.morton import (
     edge_of_cells,
     sorted_codes,
 )
-from dqreg.geometry.normals import NORMAL_NEIGHBOURS, PlaneFits, fit_planes, fit_planes_around, fit_wide_planes
+from dqreg.geometry.normals import NORMAL_NEIGHBOURS, PlaneFits, fit_planes_around, fit_planes_at, fit_wide_planes
 from dqreg.geometry.surface import Closest
 from dqreg.kernels.threads import unlocked_property
 
@@ -238,7 +238,8 @@ class CellSurface(CloudSurface):
         self._enter(rows, fits.taken(rows))
 
     def fit_rest(self) -> None:
-        """Fit planes where neighbouring cells make none."""
+        """Fit planes where neighbouring cells make none; the tree is built for many queries before."""
+        self._tree.build()
         self._planes_at(np.flatnonzero(self._of_cells[2]))
 
     def _fitted_around(self, rows: IntArray) -> PlaneFits:
@@ -249,8 +250,7 @@ class CellSurface(CloudSurface):
     def _all_planes(self) -> PlaneFits | None:
         fits, _, missing = self._of_cells
         fits = fits.taken(np.arange(len(missing)))
-        at = self._points
-        return _completed(fits, missing, lambda rows: fit_planes(self._tree, at, np.take(at, rows, axis=0)))
+        return _completed(fits, missing, lambda rows: fit_planes_at(self._tree, self._points, rows))
 
     def on_rim(self, closest: Closest) -> BoolArray:
         """Whether the matches of some queries are boundary points: where cells make a plane, by these."""

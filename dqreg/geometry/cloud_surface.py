@@ -78,7 +78,7 @@ class CloudSurface:
         self._known = np.full(size, given is not None)
         if derived:
             # Two clouds are prepared beside each other, and `cached_property` of Python 3.11 has one lock for all.
-            vars(self)["_tree"] = NeighbourTree(self._points)
+            vars(self)["_tree"] = NeighbourTree(self._points, late=True)
         self._search: KdTree | NeighbourTree = self._tree if derived else KdTree(self._points)
         self._kept = DERIVED_CANDIDATES if derived or size > MANY_POINTS else OPEN3D_CANDIDATES
         low, high = cloud._ends

@@ -84,6 +84,17 @@ def morton_codes(points: FloatArray, size: float = 0.0, ends: Ends | None = None
     return codes_on_grid(points, *corner_and_cells(points, size, ends))
 
 
+def cells_by_edge(points: FloatArray, ends: Ends, finest: int) -> IntArray:
+    """How many cells hold points at each edge, so many times the least one doubled to begin with, and on from there."""
+    from dqreg.kernels import morton
+    from dqreg.kernels.threads import as_plain
+
+    low, per_length = corner_and_cells(points, ends=ends)
+    if len(points) <= SPLIT_SORT_CODES:
+        return morton.filled_cells(as_plain(points), as_plain(low), per_length, 3 * finest)
+    return morton.count_cells(sorted_codes(codes_on_grid(points, low, per_length) >> np.uint64(3 * finest))[1])
+
+
 def codes_on_grid(points: FloatArray, low: FloatArray, per_length: float) -> CodeArray:
     """The same in cells from a corner on, (3,), of which there are so many a length."""
     from dqreg.kernels.morton import morton_cells

@@ -6,6 +6,7 @@ And these followed from where the same queries stood before: few of them need a 
 from __future__ import annotations
 
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,9 @@ from numpy.typing import NDArray
 from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds
 from dqreg._open3d import load_open3d
 from dqreg.geometry.surface import Closest
+
+if TYPE_CHECKING:
+    from dqreg.kernels.point_tree import PointTree
 
 Candidates = NDArray[np.int32]
 # Of queries: nearest points, their distances, what no other point is nearer than, and candidates from now on.
@@ -29,40 +33,64 @@ KEPT_NEIGHBOURS = 24
 # Points are asked about leaf by leaf where these are so many at least, and of those from the first to the last row one
 # in so many.
 MIN_DENSE_POINTS, ONE_IN = 256, 4
+# Points for each of the queries, from which on building a tree costs more than asking it.
+FEW_QUERIES = 4
 
 
 class NeighbourTree:
-    """Compiled tree of points; built once, read-only afterwards."""
+    """Compiled tree of points; read-only for whoever asks.
 
-    def __init__(self, points: FloatArray, *, in_order: bool = False) -> None:
+    Points in Morton order that few queries are asked of need no other order, in which a tree is built in a tenth of the
+    time. Late ones are put in another order when many queries are asked of them at once, or `build` asks so.
+    """
+
+    def __init__(self, points: FloatArray, *, in_order: bool = False, late: bool = False) -> None:
         from dqreg.kernels.point_tree import PointTree
 
         self.size = len(points)
-        self._points, self._in_order = points, in_order
+        self._points, self._late = points, late
         self._found: IntArray = np.zeros((0, 0), dtype=np.int64)
-        # Points in Morton order that few queries are asked of need no other order.
-        self._tree = PointTree.of(points, in_order=in_order)
+        # With whether its places are the rows; written at once, as threads may meet where it is late.
+        self._tree = PointTree.of(points, in_order=in_order or late), in_order or late
+
+    def build(self) -> None:
+        """Put the points in the order that many queries are answered soonest in; threads that meet make the same."""
+        from dqreg.kernels.point_tree import PointTree
+
+        if self._late:
+            self._tree = PointTree.of(self._points), False
+            self._late = False
+
+    def is_of(self, points: FloatArray) -> bool:
+        """Whether it is the tree of these very points."""
+        return points is self._points
+
+    def _for(self, queries: int) -> tuple[PointTree, bool]:
+        if self._late and FEW_QUERIES * queries > self.size:
+            self.build()
+        return self._tree
 
     @property
     def columns(self) -> tuple[FloatArray, FloatArray, int, IntArray]:
         """Boxes, places in their order, places a leaf and the row of each place: what kernels ask."""
-        return self._tree.boxes, self._tree.places, self._tree.leaf, self._tree.rows
+        tree, _ = self._tree
+        return tree.boxes, tree.places, tree.leaf, tree.rows
 
     def nearest(self, queries: FloatArray, count: int, within: float = np.inf) -> tuple[IntArray, FloatArray]:
         """Nearest points of each query, closest first; the size of the cloud where fewer are within a distance.
 
         Shapes: indices (m, k), distances (m, k).
         """
-        return self._tree.nearest(queries, min(count, self.size), within)
+        return self._for(len(queries))[0].nearest(queries, min(count, self.size), within)
 
     def nearest_to(self, rows: IntArray, count: int) -> tuple[IntArray, FloatArray]:
         """The same of some of the points, (m,) rows: in Morton order each begins at its own place."""
         from dqreg.kernels.point_tree import MAX_OWN_NEIGHBOURS
 
-        count = min(count, self.size)
-        if self._in_order or count > MAX_OWN_NEIGHBOURS or not _are_dense(rows):
+        count, (tree, in_order) = min(count, self.size), self._for(len(rows))
+        if in_order or count > MAX_OWN_NEIGHBOURS or not _are_dense(rows):
             return self.nearest_beside(np.take(self._points, rows, axis=0), rows, count)
-        found, distances = self._tree.nearest_of(rows, count)
+        found, distances = tree.nearest_of(rows, count)
         left = np.flatnonzero(found[:, 0] < 0)
         if len(left):
             found[left], distances[left] = self.nearest(np.take(self._points, rows[left], axis=0), count)
@@ -72,12 +100,13 @@ class NeighbourTree:
         self, queries: FloatArray, rows: IntArray, count: int, within: float = np.inf
     ) -> tuple[IntArray, FloatArray]:
         """The same of queries near some of the points, (m,) rows; where fewer are within a distance, that distance."""
-        places = {"at": rows} if self._in_order else {}
-        return self._tree.nearest(queries, min(count, self.size), within, **places)
+        tree, in_order = self._for(len(queries))
+        places = {"at": rows} if in_order else {}
+        return tree.nearest(queries, min(count, self.size), within, **places)
 
     def have_near(self, count: int, within: float) -> BoolArray:
         """Which points have so many within a distance, themselves among them, (n,)."""
-        return self._tree.have_near(count, within)
+        return self._for(self.size)[0].have_near(count, within)
 
     def around(self, rows: IntArray) -> tuple[NDArray[np.int32], FloatArray]:
         """Nearest points of points of the cloud itself, each found once.

@@ -15,7 +15,7 @@ from dqreg.errors import InputError
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.cloud_surface import CloudSurface
 from dqreg.geometry.morton import distinct_in_order, in_order
-from dqreg.geometry.neighbours import NeighbourTree
+from dqreg.geometry.neighbours import FEW_QUERIES, NeighbourTree
 from dqreg.geometry.normals import NORMAL_NEIGHBOURS, ScanPlanes, fit_planes_at, sample_rows
 from dqreg.geometry.scan_measures import THINNED_POINTS, measure_all, measure_pieces, parts_of
 from dqreg.geometry.spacing import Spread
@@ -27,8 +27,6 @@ COLUMNS = "normals", "levers", "residuals"
 OF_ALL = "oriented", "spacing", "noise", "total", "quiet"
 # Planes that leave more of their lever's length lie across an edge: half and half of a right angle it is 0.5.
 MAX_FLAT_RESIDUAL = 0.45
-# Points for each of the queries, from which on building a tree costs more than asking it.
-FEW_QUERIES = 4
 
 
 @dataclasses.dataclass(frozen=True)

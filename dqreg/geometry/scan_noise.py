@@ -59,7 +59,7 @@ def noise_of(
     if len(rows) < MIN_QUADRICS or fits.count < NORMAL_NEIGHBOURS or not planes > FAR_BELOW * spacing:
         return planes, planes
     # They were found for the planes, where these are not many.
-    around = tree.nearest(at[rows], NORMAL_NEIGHBOURS)[0] if fits.neighbours is None else fits.neighbours[rows]
+    around = fits.neighbours[rows] if fits.neighbours is not None else _around(tree, at, rows)
     left = _quadric_residuals(points, around, fits.normals[rows])
     if len(left) < MIN_ROUND_SHARE * len(rows):
         return planes, planes
@@ -68,6 +68,11 @@ def noise_of(
         faces = _off_majorities(points, around, fits.normals[rows])
         quiet = min(quiet, quantile(faces, FACE_QUANTILE) / MAJORITY_SIGMAS) if len(faces) >= MIN_QUADRICS else quiet
     return planes, min(planes, SLANTED_NOISE_RATIO * quiet)
+
+
+def _around(tree: NeighbourTree, at: FloatArray, rows: IntArray) -> IntArray:
+    found = tree.nearest_to(rows, NORMAL_NEIGHBOURS) if tree.is_of(at) else tree.nearest(at[rows], NORMAL_NEIGHBOURS)
+    return found[0]
 
 
 def _quadric_residuals(points: FloatArray, neighbours: IntArray, normals: FloatArray) -> FloatArray:

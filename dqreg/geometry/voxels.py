@@ -12,7 +12,7 @@ from dqreg.geometry.beams import origin_of_beams
 from dqreg.geometry.boundary import lie_in_rings
 from dqreg.geometry.cells import Cells, CellSurface
 from dqreg.geometry.cloud import PointCloud
-from dqreg.geometry.morton import Ends, morton_codes, sorted_codes
+from dqreg.geometry.morton import Ends, cells_by_edge
 
 # A cloud is downsampled from so many times the wanted points on: below, it costs accuracy and saves little.
 DENSE_RATIO = 3.0
@@ -159,15 +159,14 @@ def first_size(points: FloatArray, count: int, ends: Ends | None = None, dense: 
 
 def cell_size(points: FloatArray, count: int, ends: Ends | None = None) -> float:
     """Edge of the cubic cells of which the points fill about so many."""
-    from dqreg.kernels.morton import BITS, count_cells
+    from dqreg.kernels.morton import BITS
 
     if len(points) <= count:
         return 0.0
     # Dropping three bits of a Morton code doubles the edge: one sort counts the cells of every such size.
     ends = bounds(points) if ends is None else ends
-    codes = morton_codes(points, ends=ends)
     for finest in (COARSER_DOUBLINGS, 0):
-        filled = count_cells(sorted_codes(codes >> np.uint64(3 * finest))[1])
+        filled = cells_by_edge(points, ends, finest)
         if filled[0] > count:
             break
     else:

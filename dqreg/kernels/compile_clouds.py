@@ -17,7 +17,7 @@ from dqreg.kernels.follow_rows import follow_in_tree
 from dqreg.kernels.grid_cells import cells_of_points
 from dqreg.kernels.lined_runs import lined_runs
 from dqreg.kernels.majority_planes import majority_plane_rows
-from dqreg.kernels.morton import count_cells, morton_cells, new_places, sorted_rows, take_points
+from dqreg.kernels.morton import count_cells, filled_cells, morton_cells, new_places, sorted_rows, take_points
 from dqreg.kernels.plane_pass import Lowering, Stepping, bend_of, lower_weights, plane_pass
 from dqreg.kernels.plane_steps import FIGURES, step_on_planes, weigh_by_roughness
 from dqreg.kernels.point_tree import LEAF_POINTS, PointTree
@@ -46,6 +46,7 @@ def order_points() -> None:
     take_points(0, 2, CORNERS, sorted_rows(codes)[0], np.zeros((2, 3)))
     split_sorted_rows(codes)
     count_cells(codes)
+    filled_cells(CORNERS, np.zeros(3), 1.0, 0)
     codes, counts, means, scatters = cells_of_points(CORNERS, np.zeros(3), 1.0)
     starts, *blocks = cell_blocks(codes, counts, scatters, 1.0)
     fits, rims, asked, edges = np.zeros((3, 7)), np.zeros(3, np.bool_), np.ones(3, np.bool_), (1.0,) * 5
