@@ -257,7 +257,7 @@ def prepare_scan(
     (100, 50, 1.0, 0.0)
     """
     order = distinct_in_order(cloud.points, cloud._ends) if surface is None else surface.order
-    points = in_order(cloud.points, order)
+    points = in_order(cloud.points, order) if surface is None else surface._points
     if len(points) < FEWEST_POINTS:
         raise InputError(
             f"a scan needs finite points at {FEWEST_POINTS} places at least to fix a pose; the {len(cloud)} points of "

@@ -73,22 +73,23 @@ def joined_cells(
         np.zeros(count, np.bool_),
     )
     for block in range(count):
-        first, last = starts[block], starts[block + 1]
+        first, last, missing = U(starts[block]), U(starts[block + 1]), False
         total = mx = my = mz = 0.0
         for i in range(first, last):
             w = counts[i]
             total, mx, my, mz = total + w, mx + w * means[i, 0], my + w * means[i, 1], mz + w * means[i, 2]
-            asked[block] |= np.isnan(fits[i, 0])
+            missing |= np.isnan(fits[i, 0])
         mx, my, mz = mx / total, my / total, mz / total
         totals[block], middles[block, 0], middles[block, 1], middles[block, 2] = total, mx, my, mz
+        xx = yy = zz = xy = xz = yz = 0.0
         for i in range(first, last):
             w, x, y, z = counts[i], means[i, 0] - mx, means[i, 1] - my, means[i, 2] - mz
-            spreads[block, 0] += scatters[i, 0] + w * x * x
-            spreads[block, 1] += scatters[i, 1] + w * y * y
-            spreads[block, 2] += scatters[i, 2] + w * z * z
-            spreads[block, 3] += scatters[i, 3] + w * x * y
-            spreads[block, 4] += scatters[i, 4] + w * x * z
-            spreads[block, 5] += scatters[i, 5] + w * y * z
+            xx, yy = xx + (scatters[i, 0] + w * x * x), yy + (scatters[i, 1] + w * y * y)
+            zz, xy = zz + (scatters[i, 2] + w * z * z), xy + (scatters[i, 3] + w * x * y)
+            xz, yz = xz + (scatters[i, 4] + w * x * z), yz + (scatters[i, 5] + w * y * z)
+        spreads[block, 0], spreads[block, 1], spreads[block, 2] = xx, yy, zz
+        spreads[block, 3], spreads[block, 4], spreads[block, 5] = xy, xz, yz
+        asked[block] = missing
     return totals, middles, spreads, asked
 
 
@@ -104,37 +105,41 @@ def hand_down(starts: IntArray, wide: FloatArray, on_rim: BoolArray, fits: Float
 
 
 @inside_kernels
-def cells_around(block: int, starts: IntArray, blocks: Codes, table: Slots, rows: IntArray, near: IntArray) -> int:
-    """Write the cells of a block and of those around it; how many they are. There is room for rows of 27 and one."""
-    none, shift, mask = len(blocks) - 1, U(64), U(len(table) - 1)
-    bits = len(table)
+def cells_around(
+    block: int, starts: IntArray, blocks: Codes, table: Slots, beside: Codes, rows: IntArray, near: IntArray
+) -> int:
+    """Write the cells of a block and of those around it; how many they are. There is room for nine codes, 28 rows."""
+    none, shift, mask, bits = len(blocks) - 1, U(64), U(len(table) - 1), len(table)
     while bits > 1:
         bits, shift = bits // 2, shift - U(1)
-    code, found, count = blocks[block], 0, 0
+    code, found, count = blocks[block], U(0), U(0)
+    put_beside(code, ALONG_X, beside[:3])
+    put_beside(code, ALONG_Y, beside[3:6])
+    put_beside(code, ALONG_Z, beside[6:])
     rest = code & OTHERS
-    for x in range(-1, 2):
-        beside_x = rest | moved_along(code, ALONG_X, x)
-        for y in range(-1, 2):
-            beside_xy = beside_x | moved_along(code, ALONG_Y, y)
-            for z in range(-1, 2):
-                beside = beside_xy | moved_along(code, ALONG_Z, z)
-                slot = (beside * FACTOR) >> shift
+    for x in range(3):
+        for y in range(3, 6):
+            xy = rest | beside[x] | beside[y]
+            for z in range(6, 9):
+                wanted = xy | beside[z]
+                slot = (wanted * FACTOR) >> shift
+                row = np.int64(table[slot])
                 # Both are looked at in any case: which blocks are there is as good as random.
-                while (table[slot] != none) & (blocks[table[slot]] != beside):
+                while (row != none) & (blocks[U(row)] != wanted):
                     slot = (slot + U(1)) & mask
-                rows[found] = table[slot]
-                found += 1 if table[slot] != none else 0
+                    row = np.int64(table[slot])
+                rows[found] = row
+                found += U(1) if row != none else U(0)
     for k in range(found):
-        for cell in range(starts[rows[k]], starts[rows[k] + 1]):
+        row = rows[U(k)]
+        for cell in range(starts[U(row)], starts[U(row + 1)]):
             near[count] = cell
-            count += 1
-    return count
+            count += U(1)
+    return int(count)
 
 
 @inside_kernels
-def moved_along(code: np.uint64, mask: np.uint64, step: int) -> np.uint64:
-    """Number of a cell along an axis or of one next to it; beyond the ends it starts from the other one."""
-    one, part = mask & (~mask + np.uint64(1)), code & mask
-    if step > 0:
-        return ((part | ~mask) + one) & mask
-    return (part - one) & mask if step < 0 else part
+def put_beside(code: np.uint64, mask: np.uint64, three: Codes) -> None:
+    """Write the numbers of a cell along an axis less one, its own and one more; beyond the ends at the other one."""
+    one, own = mask & (~mask + U(1)), code & mask
+    three[0], three[1], three[2] = (own - one) & mask, own, ((own | ~mask) + one) & mask

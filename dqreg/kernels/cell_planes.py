@@ -49,7 +49,7 @@ def cell_planes(
     surface that its neighbours make, see `_height`; NaN where there is no plane.
     """
     near, within = np.zeros(BLOCKS * CELLS, np.int64), np.zeros(BLOCKS * CELLS, np.int64)
-    found_blocks = np.zeros(BLOCKS + 1, np.int64)
+    beside, found_blocks = np.zeros(9, np.uint64), np.zeros(BLOCKS + 1, np.int64)
     lanes, kept = np.zeros((ROWS, LANES)), np.zeros((KEPT_ROWS, LANES))
     rows, places = np.zeros(LANES, np.int64), np.zeros((4, BLOCKS * CELLS))
     # Of the type that it has later: for plain zeros what it is given to would be compiled once more.
@@ -58,7 +58,7 @@ def cell_planes(
     for block in range(first, last):
         if not asked[starts[block] : starts[block + 1]].any():
             continue
-        count = cells_around(block, starts, blocks, table, found_blocks, near)
+        count = cells_around(block, starts, blocks, table, beside, found_blocks, near)
         for k in range(count):
             for axis in range(3):
                 places[axis, k] = means[near[k], axis]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.kernels.compiled import compiled, inside_kernels
-from dqreg.kernels.kd_order import MANY_KEYS, part_keys
+from dqreg.kernels.compiled import compiled
+from dqreg.kernels.spreads import median_of
 
 
 @compiled
@@ -80,19 +80,3 @@ def share_of_lined(counts: FloatArray, scatters: FloatArray, told: float, produc
             small = xx * yy + xx * zz + yy * zz - xy * xy - xz * xz - yz * yz
             lined += small <= products * (total * total)
     return lined / many if many else 0.0
-
-
-@inside_kernels
-def median_of(values: FloatArray, count: int) -> float:
-    """Median of the first so many values, which are put in another order; NaN of none."""
-    if count == 0:
-        return float(np.nan)
-    order, sample, half = np.zeros(count, np.int64), np.zeros(MANY_KEYS[1]), count // 2
-    part_keys(values, order, 0, count - 1, half, sample)
-    high = values[half]
-    if count % 2 == 1:
-        return float(high)
-    low = values[0]
-    for i in range(1, half):
-        low = max(low, values[i])
-    return float(0.5 * (low + high))

@@ -24,6 +24,7 @@ from dqreg.kernels.point_tree import LEAF_POINTS, PointTree
 from dqreg.kernels.quadric_fits import quadric_residual_rows
 from dqreg.kernels.shift_counts import count_at_shifts, count_on_runs, runs_around
 from dqreg.kernels.split_sort import split_sorted_rows
+from dqreg.kernels.spreads import scatter_of_most
 from dqreg.kernels.sweep_steps import step_on_planes_of_sweep
 from dqreg.kernels.swept_rows import swept_rows
 from dqreg.kernels.voxel_blocks import put_blocks
@@ -57,6 +58,7 @@ def order_points() -> None:
     smoothed_means(means, normals, residuals, heights, usual)
     held_by_sure(normals, residuals, 1.0)
     share_of_lined(counts, scatters, 1.0, 1.0)
+    scatter_of_most(CORNERS, 1.0)
 
 
 def fit_neighbourhoods() -> None:

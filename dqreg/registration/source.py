@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -79,6 +79,27 @@ def centre_source(
     scale: float = 1.0,
 ) -> CentredSource:
     """Read a source, convert its unit, and move it to its own middle; of a mesh, a sample that the seed decides."""
+    return read_source(source, seed).centred(source_units, target_units, scale)
+
+
+class ReadSource(NamedTuple):
+    """A source as it was read and checked, in its own frame and unit."""
+
+    cloud: PointCloud
+    mesh: Mesh | None  # That the points were drawn from
+    strays: Strays | None
+
+    def centred(self, source_units: str | None, target_units: str | None, scale: float = 1.0) -> CentredSource:
+        """The same in the target's unit, moved to its own middle."""
+        scale = scale * factor(source_units or self.cloud.units, target_units)
+        origin = 0.5 * scale * np.add(*self.cloud._ends)
+        cloud = self.cloud if self.mesh else without_signs(self.cloud)
+        unsided = None if cloud is self.cloud else self.cloud.normals
+        return CentredSource(cloud._moved(-origin, scale), origin, scale, self.mesh, unsided, self.strays)
+
+
+def read_source(source: Any, seed: int | np.random.Generator) -> ReadSource:
+    """A source from whatever `dqreg.register` takes."""
     geometry = open_geometry(source, "source")
     mesh = geometry if isinstance(geometry, Mesh) else None
     strays = None
@@ -86,12 +107,8 @@ def centre_source(
         geometry = sample_mesh(geometry, MESH_SAMPLES, np.random.default_rng(seed))
     else:
         geometry, strays = without_strays(geometry)
-    scale = scale * factor(source_units or geometry.units, target_units)
     require_spread(geometry.points, "source")
-    origin = 0.5 * scale * np.add(*geometry._ends)
-    cloud = geometry if mesh else without_signs(geometry)
-    unsided = None if cloud is geometry else geometry.normals
-    return CentredSource(cloud._moved(-origin, scale), origin, scale, mesh, unsided, strays)
+    return ReadSource(geometry, mesh, strays)
 
 
 def require_spread(points: FloatArray, name: str) -> None:

@@ -24,7 +24,7 @@ def turn_one(a: FloatArray, v: FloatArray) -> None:
 
 def matrices(count: int) -> np.ndarray:
     """Elements of scatters, one a column: full, flat, on a line, none, with elements whose squares vanish."""
-    spread = np.random.default_rng(0).normal(size=(count, 3, 3)) * 10.0 ** np.arange(count)[:, None, None]
+    spread = np.random.default_rng(0).normal(size=(count, 3, 3)) * 10.0 ** np.linspace(0.0, 63.0, count)[:, None, None]
     spread[1::5, :, 2] = 0.0
     spread[2::5, :, 1:] = 0.0
     spread[3::5] *= np.eye(3)
