@@ -87,7 +87,8 @@ class Cells:
         low, per_edge = corner_and_cells(points, size, ends)
         given = as_plain(points), as_plain(low), per_edge
         found = aside(cells_of_points, *given) if len(points) > ASIDE_POINTS else cells_of_points(*given)
-        return Cells(edge_of_cells(points, size, ends), *found, (points, low, per_edge))
+        codes, counts, means, scatters = found
+        return Cells(edge_of_cells(points, size, ends), codes, counts, means, scatters, (points, low, per_edge))
 
     @unlocked_property
     def order(self) -> IntArray:
@@ -144,17 +145,18 @@ class Cells:
         from dqreg.kernels.cell_planes import cell_planes
         from dqreg.kernels.threads import over_chunks
 
-        starts, blocks, table, *counted = cell_blocks(self.codes, self.counts, self.scatters, MAX_COUNTED_POINTS)
+        of_blocks = cell_blocks(self.codes, self.counts, self.scatters, MAX_COUNTED_POINTS)
+        starts, blocks, table, weights, weighted = of_blocks
         found, rims = np.zeros((len(self.codes), 7)), np.zeros(len(self.codes), dtype=bool)
-        given = starts, blocks, table, self.points, *counted
+        given = starts, blocks, table, self.points, weights, weighted
         limits = REACH_EDGES * self.size, MIN_PLANE_POINTS, MIN_PLANE_VARIANCE_RATIO, ONE_SIDED, LINE_VARIANCE_RATIO
         over_chunks(cell_planes, len(starts) - 1, *given, *limits, asked, found, rims, chunk=CHUNK_BLOCKS)
         if levels > 1:
-            *joined, asked = joined_cells(starts, self.counts, self.points, self.scatters, found)
+            counts, means, scatters, asked = joined_cells(starts, self.counts, self.points, self.scatters, found)
             if asked.any():
                 codes = self.codes[starts[:-1]] >> np.uint64(3)
                 cloud, low, per_edge = self._grid
-                wide = Cells(2.0 * self.size, codes, *joined, (cloud, low, 0.5 * per_edge))
+                wide = Cells(2.0 * self.size, codes, counts, means, scatters, (cloud, low, 0.5 * per_edge))
                 hand_down(starts, *wide._planes(asked, levels - 1), found, rims)
         return found, rims
 
@@ -249,8 +251,7 @@ class CellSurface(CloudSurface):
 
     def _all_planes(self) -> PlaneFits | None:
         fits, _, missing = self._of_cells
-        fits = fits.taken(np.arange(len(missing)))
-        return _completed(fits, missing, lambda rows: fit_planes_at(self._tree, self._points, rows))
+        return _completed(fits.copied(), missing, lambda rows: fit_planes_at(self._tree, self._points, rows))
 
     def on_rim(self, closest: Closest) -> BoolArray:
         """Whether the matches of some queries are boundary points: where cells make a plane, by these."""

@@ -101,7 +101,8 @@ class NeighbourTree:
     ) -> tuple[IntArray, FloatArray]:
         """The same of queries near some of the points, (m,) rows; where fewer are within a distance, that distance."""
         tree, in_order = self._for(len(queries))
-        places = {"at": rows} if in_order else {}
+        # For rows at steps the kernel would be compiled once more.
+        places = {"at": np.ascontiguousarray(rows)} if in_order else {}
         return tree.nearest(queries, min(count, self.size), within, **places)
 
     def have_near(self, count: int, within: float) -> BoolArray:

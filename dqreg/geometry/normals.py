@@ -56,6 +56,11 @@ class PlaneFits:
         gaps = None if self.gaps is None else self.gaps[rows]
         return PlaneFits(np.take(self.normals, rows, axis=0), self.residuals[rows], self.lever[rows], self.count, gaps)
 
+    def copied(self) -> PlaneFits:
+        """The same to put others in."""
+        gaps = None if self.gaps is None else self.gaps.copy()
+        return PlaneFits(self.normals.copy(), self.residuals.copy(), self.lever.copy(), self.count, gaps)
+
     def replace(self, rows: IntArray, others: PlaneFits) -> None:
         """Put others at some of the points."""
         self.normals[rows], self.residuals[rows], self.lever[rows] = others.normals, others.residuals, others.lever

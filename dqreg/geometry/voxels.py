@@ -181,10 +181,11 @@ def cell_size(points: FloatArray, count: int, ends: Ends | None = None) -> float
 
 def points_of(cloud: PointCloud, cells: Cells) -> PointCloud:
     """One point for each cell, with the mean of the normals of those in it."""
-    normals = None
-    if cloud.normals is not None:
-        columns = [np.add.reduceat(column[cells.order], cells.starts) for column in cloud.normals.T]
-        normals = np.column_stack(columns)
-        cancelled = np.abs(normals).max(axis=1) <= 1e-6 * cells.counts
-        normals[cancelled] = cloud.normals[cells.order[cells.starts[cancelled]]]
+    if cloud.normals is None:
+        # Of points that were checked nothing has to be checked again.
+        return cloud._changed(points=cells.points, times=None, _known_ends=bounds(cells.points))
+    columns = [np.add.reduceat(column[cells.order], cells.starts) for column in cloud.normals.T]
+    normals = np.column_stack(columns)
+    cancelled = np.abs(normals).max(axis=1) <= 1e-6 * cells.counts
+    normals[cancelled] = cloud.normals[cells.order[cells.starts[cancelled]]]
     return cloud._standing_for(cells.points, normals)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
-from dqreg.kernels.cell_blocks import BLOCKS, CELLS, Slots, cells_around
+from dqreg.kernels.cell_blocks import BLOCKS, CELLS, cells_around
 from dqreg.kernels.compiled import compiled, inside_kernels
+from dqreg.kernels.grid_cells import Slots
 from dqreg.kernels.many_axes import AXES, LANES, ROWS, diagonalise_lanes
 from dqreg.kernels.morton import Codes
 from dqreg.kernels.plane_fits import least_of_lane

@@ -18,7 +18,7 @@ def plane_columns(
     Then the median of the residuals of those that are there, NaN of none, and of how high all are, zero where there is
     no plane. Shapes: fits (m, 7).
     """
-    m, known = len(fits), 0
+    m, known = len(fits), int(np.int64(0))
     normals, residuals, levers, gaps, heights = np.zeros((m, 3)), np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m)
     left, high = np.zeros(m), np.zeros(m)
     for i in range(m):

@@ -49,9 +49,10 @@ def order_points() -> None:
     count_cells(codes)
     filled_cells(CORNERS, np.zeros(3), 1.0, 0)
     codes, counts, means, scatters = cells_of_points(CORNERS, np.zeros(3), 1.0)
-    starts, *blocks = cell_blocks(codes, counts, scatters, 1.0)
+    starts, blocks, table, weights, weighted = cell_blocks(codes, counts, scatters, 1.0)
     fits, rims, asked, edges = np.zeros((3, 7)), np.zeros(3, np.bool_), np.ones(3, np.bool_), (1.0,) * 5
-    cell_planes(0, len(starts) - 1, starts, *blocks[:2], means, *blocks[2:], *edges, asked, fits, rims)
+    given = starts, blocks, table, means, weights, weighted
+    cell_planes(0, len(starts) - 1, *given, *edges, asked, fits, rims)
     joined_cells(starts, counts, means, scatters, fits)
     hand_down(starts, fits[: len(starts) - 1], rims[: len(starts) - 1], fits, rims)
     normals, residuals, _, _, heights, usual, _ = plane_columns(fits)

@@ -56,7 +56,8 @@ def cells_of_points(
 def numbered(points: FloatArray, low: FloatArray, per_edge: float, cells: Slots) -> Codes:
     """Write the cell of each point, counted in the order in which they come, and return their keys."""
     table, keys = np.full(FIRST_SLOTS, -1, np.int32), np.zeros(FIRST_SLOTS // 2, np.uint64)
-    at, count = 0, 0
+    # Of the type that they have later: for plain zeros what they are given to would be compiled once more.
+    at = count = int(np.int64(0))
     while True:
         # Arrays that are replaced in a loop over points would be counted for each of these.
         at, count = number_on(points, low, per_edge, at, count, table, keys, cells)

@@ -172,7 +172,9 @@ def count_cells(codes: Codes) -> IntArray:
 def filled_cells(points: FloatArray, low: FloatArray, cells: float, dropped: int) -> IntArray:
     """The same of points, whose codes are those of `morton_cells` without so many bits. O(n)."""
     codes = np.zeros(len(points), np.uint64)
-    morton_cells(0, len(points), points, low, cells, codes)
+    # Of the type that it has elsewhere: for a plain zero it would be compiled once more.
+    first = int(np.int64(0))
+    morton_cells(first, len(points), points, low, cells, codes)
     for i in range(len(codes)):
         codes[i] >>= np.uint64(dropped)
     return count_cells(sorted_rows(codes)[1])

@@ -49,8 +49,10 @@ def median_of(values: FloatArray, count: int) -> float:
     """Median of the first so many values, which are put in another order; NaN of none."""
     if count == 0:
         return float(np.nan)
-    order, sample, half = np.zeros(count, np.int64), np.zeros(MANY_KEYS[1]), count // 2
-    part_keys(values, order, 0, count - 1, half, sample)
+    order, sample = np.zeros(count, np.int64), np.zeros(MANY_KEYS[1])
+    # Of the type that it has elsewhere: for a plain zero what it is given to would be compiled once more.
+    first, half = int(np.int64(0)), count // 2
+    part_keys(values, order, first, count - 1, half, sample)
     high = values[half]
     if count % 2 == 1:
         return float(high)
@@ -64,8 +66,9 @@ def median_of(values: FloatArray, count: int) -> float:
 def quantile_of(values: FloatArray, share: float) -> float:
     """Quantile of values, one at least, between the two nearest; they are put in another order."""
     n, place = len(values), share * (len(values) - 1)
-    order, sample, below = np.zeros(n, np.int64), np.zeros(MANY_KEYS[1]), int(place)
-    part_keys(values, order, 0, n - 1, below, sample)
+    order, sample = np.zeros(n, np.int64), np.zeros(MANY_KEYS[1])
+    first, below = int(np.int64(0)), int(place)
+    part_keys(values, order, first, n - 1, below, sample)
     low, part = values[below], place - below
     if below + 1 == n:
         return float(low)

@@ -113,11 +113,7 @@ class Problem(SourceAndTarget):
             )
             raise InputError(f"{given} leaves the pose to start=, and there is none: give start, or {but}")
         with watch.stage("read"):
-            # Arrays alone are read beside: what else a caller gives may have state of its own.
-            is_beside = (
-                isinstance(source, np.ndarray) and isinstance(target, np.ndarray) and len(source) > BESIDE_POINTS
-            )
-            read = Later(lambda: read_source(source, options.seed), beside=is_beside)
+            read = Later(lambda: read_source(source, options.seed), beside=_may_be_beside(source, target))
             index, chord = index_for(target, source, options.source_units)
             # What was prepared is built already, and clouds are built as they are asked.
             is_built = index is getattr(target, "indexed", target) or index.kind == "cloud"
@@ -223,6 +219,11 @@ class Problem(SourceAndTarget):
         return PoseConstraints.centred(
             options.freedom, options.prior, T_reference, self.source.origin, self.target.origin
         )
+
+
+def _may_be_beside(source: Any, target: Any) -> bool:
+    """Whether a source may be read beside the target: arrays alone, as what else there is may have state of its own."""
+    return type(source) is type(target) is np.ndarray and source.size > 3 * BESIDE_POINTS
 
 
 def read_start(start: Any, prior: Any, dof: Any) -> FloatArray | None:

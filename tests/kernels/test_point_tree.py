@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dqreg.geometry.morton import morton_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.kernels import threads
 from dqreg.kernels.point_tree import CHUNK_QUERIES, NO_PLACES, PointTree
@@ -130,3 +131,15 @@ def test_points_have_others_near_where_the_last_of_the_nearest_is_near(
     tree, within = PointTree.of(points, in_order=in_order), float(rng.uniform(0.0, 2.0))
     apart = brute_force(points, points, count)[1][:, -1]
     np.testing.assert_array_equal(tree.have_near(count, within), apart <= within)
+
+
+def test_a_late_tree_answers_as_one_that_is_built_at_once() -> None:
+    points = np.random.default_rng(5).normal(size=(3_000, 3))
+    points = points[morton_order(points)]
+    late, built = NeighbourTree(points, late=True), NeighbourTree(points)
+    few, many = np.arange(0, 3_000, 31), np.arange(0, 3_000, 2)
+    for rows in (few, many, few):
+        for one, other in zip(late.nearest_to(rows, 9), built.nearest_to(rows, 9), strict=True):
+            np.testing.assert_array_equal(one, other)
+        for one, other in zip(late.nearest(points[rows] + 0.1, 4), built.nearest(points[rows] + 0.1, 4), strict=True):
+            np.testing.assert_array_equal(one, other)
