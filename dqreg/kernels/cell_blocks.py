@@ -6,7 +6,7 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.kernels.compiled import compiled, inside_kernels
-from dqreg.kernels.grid_cells import FACTOR, Slots, U
+from dqreg.kernels.grid_cells import KEY_FACTOR, Slots, U
 from dqreg.kernels.morton import Codes
 
 # Slots a block: nearly all that are looked for and not there meet a free slot at once.
@@ -16,9 +16,7 @@ ALONG_Z = np.uint64(0x1249249249249249)
 ALONG_Y, ALONG_X = ALONG_Z << np.uint64(1), ALONG_Z << np.uint64(2)
 OTHERS = ~(ALONG_X | ALONG_Y | ALONG_Z)
 # Blocks of two cells a side, and those around one; cells of these.
-BLOCKS, CELLS = 27, 8
-# Numbers of a cell: its points, their mean, and the scatter xx, yy, zz, xy, xz, yz about that.
-MOMENTS = 10
+BLOCKS_AROUND, BLOCK_CELLS = 27, 8
 
 
 @compiled
@@ -49,7 +47,7 @@ def cell_blocks(
         slots, shift = 2 * slots, shift - U(1)
     table, mask = np.full(slots, count, np.int32), U(slots - 1)
     for row in range(count):
-        slot = (blocks[row] * FACTOR) >> shift
+        slot = (blocks[row] * KEY_FACTOR) >> shift
         while table[slot] != count:
             slot = (slot + U(1)) & mask
         table[slot] = row
@@ -122,7 +120,7 @@ def cells_around(
             xy = rest | beside[x] | beside[y]
             for z in range(6, 9):
                 wanted = xy | beside[z]
-                slot = (wanted * FACTOR) >> shift
+                slot = (wanted * KEY_FACTOR) >> shift
                 row = np.int64(table[slot])
                 # Both are looked at in any case: which blocks are there is as good as random.
                 while (row != none) & (blocks[U(row)] != wanted):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
-from dqreg.kernels.cell_blocks import BLOCKS, CELLS, cells_around
+from dqreg.kernels.cell_blocks import BLOCK_CELLS, BLOCKS_AROUND, cells_around
 from dqreg.kernels.compiled import compiled, inside_kernels
 from dqreg.kernels.grid_cells import Slots
 from dqreg.kernels.many_axes import AXES, LANES, ROWS, diagonalise_lanes
@@ -49,10 +49,10 @@ def cell_planes(
     (m,), fits (m, 7): normal, residual, lever, distance to the next mean, height along the normal from the mean to the
     surface that its neighbours make, see `_height`; NaN where there is no plane.
     """
-    near, within = np.zeros(BLOCKS * CELLS, np.int64), np.zeros(BLOCKS * CELLS, np.int64)
-    beside, found_blocks = np.zeros(9, np.uint64), np.zeros(BLOCKS + 1, np.int64)
+    near, within = np.zeros(BLOCKS_AROUND * BLOCK_CELLS, np.int64), np.zeros(BLOCKS_AROUND * BLOCK_CELLS, np.int64)
+    beside, found_blocks = np.zeros(9, np.uint64), np.zeros(BLOCKS_AROUND + 1, np.int64)
     lanes, kept = np.zeros((ROWS, LANES)), np.zeros((KEPT_ROWS, LANES))
-    rows, places = np.zeros(LANES, np.int64), np.zeros((4, BLOCKS * CELLS))
+    rows, places = np.zeros(LANES, np.int64), np.zeros((4, BLOCKS_AROUND * BLOCK_CELLS))
     # Of the type that it has later: for plain zeros what it is given to would be compiled once more.
     none = int(np.int64(0))
     waiting = none

@@ -13,14 +13,14 @@ Slots = NDArray[np.int32]
 
 U = np.uint64
 # A factor that scatters neighbouring keys over a table, of which the upper bits are taken.
-FACTOR = np.uint64(0x9E3779B97F4A7C15)
+KEY_FACTOR = np.uint64(0x9E3779B97F4A7C15)
 # Slots of the first table; it is doubled as soon as half of them are taken.
 FIRST_SLOTS = 1 << 15
 # Bits of a number along one axis, three of which make a key.
 ONE_AXIS = (1 << BITS) - 1
 # Numbers of a cell while its points are summed up: these, their offsets from the first of them, products of two, and
 # the first one, in whole lines of the cache.
-SUMS, AT_FIRST = 16, 10
+CELL_SUMS, AT_FIRST = 16, 10
 
 
 @compiled
@@ -34,7 +34,7 @@ def cells_of_points(
     """
     cells = np.zeros(len(points), np.int32)
     keys = numbered(points, low, per_edge, cells)
-    codes, sums = codes_of(keys), np.zeros((len(keys), SUMS))
+    codes, sums = codes_of(keys), np.zeros((len(keys), CELL_SUMS))
     add_points(points, cells, sums)
     order, codes = sorted_rows(codes)
     count = len(codes)
@@ -90,7 +90,7 @@ def number_on(
             U(np.int64((points[i, 2] - z) * per_edge)),
         )
         key = (a << U(2 * BITS)) | (b << U(BITS)) | c
-        slot = (key * FACTOR) >> shift
+        slot = (key * KEY_FACTOR) >> shift
         cell = np.int64(table[slot])
         while cell >= 0 and keys[U(cell)] != key:
             slot = (slot + U(1)) & mask
@@ -117,7 +117,7 @@ def shift_of(table: Slots) -> np.uint64:
 @inside_kernels
 def free_slot(key: np.uint64, table: Slots) -> np.uint64:
     """Slot for a key that is not in the table."""
-    slot, mask = (key * FACTOR) >> shift_of(table), U(len(table) - 1)
+    slot, mask = (key * KEY_FACTOR) >> shift_of(table), U(len(table) - 1)
     while table[slot] >= 0:
         slot = (slot + U(1)) & mask
     return slot
