@@ -12,10 +12,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, IntArray
+from dqreg._arrays import FloatArray, IntArray, bounds
 from dqreg.geometry import Mesh, Surface
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.sampling import places_on
+from dqreg.kernels.threads import ask_clock
 from dqreg.rigid import pose
 from dqreg.rigid.rotations import angle_of
 from dqreg.search.axes import cube_rotations, face_axes, half_sphere, moments, principal_axes
@@ -141,9 +142,12 @@ class _Profile:
     """How much of a part, by points on it, lies at which height along each of its axes."""
 
     def __init__(self, mesh: Mesh, points: FloatArray, axes: FloatArray, edge: float) -> None:
+        ask_clock()
         # Of faces alone: a vertex without one may be anywhere.
-        corners = mesh.corners.reshape(-1, 3) @ axes
-        self._middles = moments(mesh)[0] @ axes, 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+        used = np.zeros(len(mesh.vertices), dtype=bool)
+        used[mesh.faces] = True
+        low, high = bounds(mesh.vertices[used] @ axes)
+        self._middles = moments(mesh)[0] @ axes, 0.5 * (low + high)
         self._heights = points @ axes
         self._edge, self._low = edge, self._heights.min(axis=0)
         self._bins = int(np.ptp(self._heights, axis=0).max() / edge) + 2
