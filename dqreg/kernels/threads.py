@@ -61,6 +61,17 @@ def ask_clock() -> None:
         raise TimeUpError
 
 
+def deadline_here() -> float:
+    """The deadline that `until` has set; inf for none."""
+    return _deadline.get()
+
+
+def time_left() -> float:
+    """Seconds up to the deadline, 0 once it has passed; inf without one."""
+    deadline = _deadline.get()
+    return max(deadline - time.perf_counter(), 0.0) if deadline < NEVER else NEVER
+
+
 def thread_count() -> int:
     """Threads to compute with: the cores this process may use, or fewer where OMP_NUM_THREADS says so."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -5,19 +5,23 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable
+from contextlib import suppress
 
 import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Scan
 from dqreg.icp.stopwatch import Stopwatch
+from dqreg.kernels.kept import Kept
+from dqreg.kernels.threads import TimeUpError, until
 from dqreg.registration.constraints import PoseConstraints
+from dqreg.registration.derived import Key
 from dqreg.registration.free_space import both_rays
 from dqreg.registration.options import Options
 from dqreg.registration.prepared import Prepared
 from dqreg.registration.problem import Problem
 from dqreg.registration.target_index import TargetIndex
-from dqreg.search import Candidate, search
+from dqreg.search import Candidate, PairTable, search
 from dqreg.solvers.search_stage import SearchStage, is_finished
 from dqreg.trust.rays import BothRays
 
@@ -25,9 +29,12 @@ from dqreg.trust.rays import BothRays
 FOUND = 5e-3
 # Of a time limit a search leaves so many times what preparing took, at most half of what is left, to the loop and the
 # verdict: these ask the same points on the same machine.
-AFTER, HALF = 2.0, 0.5
+AFTER, HALF = 4.0, 0.5
 # Points of each of two clouds that rays of the other are asked of, for many poses.
 LOOKED_AT = 1_500
+
+# Of a target.
+PAIRS: Key[Kept[PairTable]] = Key()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,13 +48,14 @@ class GlobalSearch:
     watch: Stopwatch
     # What the rays of two clouds met; None where their places are not known, or their sizes
     rays: Callable[[], BothRays | None] = lambda: None
+    is_kept: bool = False  # Whether the target is one for other scans too
 
     @staticmethod
     def of(problem: Problem, prepared: Prepared) -> GlobalSearch:
         """The search for the initial pose of a problem."""
         # Poses are compared by what all of the scan says, whatever distances the loop was asked to keep to.
         reach, rays = problem.reach(prepared), functools.partial(both_rays, problem)
-        return GlobalSearch(prepared.scan, problem.target, problem.options, reach, problem.watch, rays)
+        return GlobalSearch(prepared.scan, problem.target, problem.options, reach, problem.watch, rays, problem.is_kept)
 
     @property
     def kernel_scale(self) -> float | None:
@@ -57,7 +65,9 @@ class GlobalSearch:
 
     def candidates(self, known: FloatArray | None = None, *, behind: bool = False) -> tuple[Candidate, ...]:
         """Poses between the centred frames, the best first; beside known ones, (k, 4, 4); with those behind."""
-        target, rays, noise = self.target, self.rays(), self.scan.noise
+        target, noise, rays = self.target, self.scan.noise, None
+        with suppress(TimeUpError), until(self.watch.deadline):
+            rays = self.rays()
 
         def through(poses: FloatArray, slack: float) -> FloatArray:
             assert rays is not None
@@ -68,7 +78,7 @@ class GlobalSearch:
             target.surface,
             target.geometry,
             self.options.icp_settings(self.max_distance, PoseConstraints()),
-            lambda: target.pairs,
+            self._pairs,
             np.random.default_rng(self.options.seed),
             time_limit=self.time_limit,
             observe=self.options.observe_search,
@@ -76,6 +86,13 @@ class GlobalSearch:
             known=known,
             behind=behind,
         )
+
+    def _pairs(self) -> PairTable:
+        """The target's; those of a prepared one are made to the end, whatever the time: a later search needs them."""
+        target = self.target
+        if not self.is_kept or "pairs" in vars(target):
+            return target.pairs
+        return target.derived.once(PAIRS, lambda: Kept(lambda: target.pairs)).result()
 
     @property
     def time_limit(self) -> float | None:

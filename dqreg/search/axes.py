@@ -22,7 +22,7 @@ MAX_FACES = 30
 PERPENDICULAR_COS = 0.02
 
 
-def axis_hypotheses(scan: Scan, target: PointCloud | Mesh) -> Poses:
+def axis_hypotheses(scan: Scan | PointCloud | Mesh, target: PointCloud | Mesh) -> Poses:
     """Initial poses that put centre on centre and principal axes on principal axes."""
     source_mean, source_axes = principal_axes(*moments(scan))
     target_mean, target_axes = principal_axes(*moments(target))

@@ -8,6 +8,8 @@ pairs and triples go into the closed form.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
+from contextlib import suppress
 from functools import cached_property
 
 import numpy as np
@@ -17,6 +19,7 @@ from dqreg._open3d import load_open3d
 from dqreg.geometry.morton import morton_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import fit_planes, sample_rows
+from dqreg.kernels.threads import NEVER, ask_clock, deadline_here
 from dqreg.search.grids import Single
 from dqreg.search.pairs import NORMALS_RAD
 from dqreg.search.poses import Poses
@@ -25,6 +28,8 @@ from dqreg.solvers.oriented_pairs import OrientedPairs, poses_from_pairs
 
 # Points with a histogram.
 HISTOGRAM_POINTS = 5_000
+# Under a deadline, so many are made in one go, and so many rows are compared with all others: some milliseconds.
+HISTOGRAMS_AT_ONCE, COMPARED_AT_ONCE = 250, 1_000
 # Radius of a histogram in voxels; a voxel in sizes of the smaller side.
 RADIUS_VOXELS, VOXEL_DIAGONALS = 5.0, 1.0 / 60.0
 # Voxels along an extent at most, so that whole numbers count those of a box.
@@ -57,17 +62,18 @@ class FpfhCloud:
     @cached_property
     def histograms(self) -> FloatArray:
         """Fast point feature histograms, (n, 33)."""
-        return _histograms(self.all_points, self.all_normals, self.radius)[self.kept]
+        return _histograms(self.all_points, self.all_normals, self.radius, self.kept)
 
     @cached_property
     def opposite_histograms(self) -> FloatArray:
         """The same for all normals reversed, (n, 33): which of both matches, only the other side decides."""
-        return _histograms(self.all_points, -self.all_normals, self.radius)[self.kept]
+        return _histograms(self.all_points, -self.all_normals, self.radius, self.kept)
 
     @staticmethod
     def of(points: FloatArray, voxel: float, normals: FloatArray | None = None) -> FpfhCloud:
         """Points, normals and histograms of a cloud."""
         rows = first_in_voxels(points, voxel)
+        ask_clock()
         rows = rows[morton_order(points[rows])]
         points = points[rows]
         if normals is None:
@@ -119,12 +125,23 @@ def match_features(source: FloatArray, target: FloatArray) -> tuple[IntArray, In
     """Rows of mutual nearest histograms, and, where these are few, of all nearest ones."""
     # Roots of fractions: differences of small bins count as well (Hellinger).
     a, b = (np.sqrt(x / np.maximum(x.sum(axis=1, keepdims=True), 1e-12)).astype(np.float32) for x in (source, target))
+    ask_clock()
     likeness = a @ b.T
-    there, back = likeness.argmax(axis=1), likeness.argmax(axis=0)
+    there, back = _largest_places(likeness), _largest_places(likeness.T)
     rows = np.arange(len(a))
     mutual = back[there] == rows
     order = np.argsort(-(likeness[rows, there] + mutual), kind="stable")[:COMPARED_MATCHES]
     return order, there[order]
+
+
+def _largest_places(values: Single) -> IntArray:
+    """Column of the largest value of each row."""
+    found = np.zeros(len(values), dtype=np.int64)
+    for first in range(0, len(values), COMPARED_AT_ONCE):
+        ask_clock()
+        rows = slice(first, first + COMPARED_AT_ONCE)
+        found[rows] = values[rows].argmax(axis=1)
+    return found
 
 
 def match_hypotheses(source: FpfhCloud, target: FpfhCloud, voxel: float, signs_known: bool = False) -> Poses:
@@ -139,9 +156,11 @@ def match_hypotheses(source: FpfhCloud, target: FpfhCloud, voxel: float, signs_k
 def _from_matches(source: FpfhCloud, target: FpfhCloud, i: IntArray, j: IntArray, voxel: float) -> Poses:
     p, q = source.points[i], target.points[j]
     agree = _consistency(p, q, source.normals[i], target.normals[j], voxel)
+    ask_clock()
     # How many third matches agree with both, where both agree.
     shared = agree * (agree @ agree)
     seeds = np.argsort(-shared.sum(axis=1), kind="stable")[:SEED_MATCHES]
+    ask_clock()
     partners = _largest(shared[seeds], SEED_PARTNERS)
     first, second = np.repeat(seeds, partners.shape[1]), partners.ravel()
     sound = shared[first, second] > 0.0
@@ -179,10 +198,22 @@ def _consistency(p: FloatArray, q: FloatArray, n: FloatArray, m: FloatArray, vox
     return both
 
 
-def _histograms(points: FloatArray, normals: FloatArray, radius: float) -> FloatArray:
+def _histograms(points: FloatArray, normals: FloatArray, radius: float, kept: IntArray) -> FloatArray:
+    """Those of some rows, (n, 33); under a deadline a few at a time, as nothing asks the clock within a call."""
     open3d = load_open3d()
     cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
     cloud.normals = open3d.utility.Vector3dVector(normals)
     near = open3d.geometry.KDTreeSearchParamHybrid(radius=radius, max_nn=100)
-    found: FloatArray = np.asarray(open3d.pipelines.registration.compute_fpfh_feature(cloud, near).data).T.copy()
+    histograms_of = open3d.pipelines.registration.compute_fpfh_feature
+    if deadline_here() < NEVER:
+        # Open3D 0.19 knows no rows.
+        with suppress(TypeError):
+            return np.concatenate([histograms_of(cloud, near, rows).data.T for rows in _in_turn(kept)])
+    found: FloatArray = np.asarray(histograms_of(cloud, near).data).T[kept]
     return found
+
+
+def _in_turn(rows: IntArray) -> Iterator[list[int]]:
+    for first in range(0, len(rows), HISTOGRAMS_AT_ONCE):
+        ask_clock()
+        yield rows[first : first + HISTOGRAMS_AT_ONCE].tolist()

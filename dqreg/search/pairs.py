@@ -7,14 +7,14 @@ counterparts there is discriminative, so rare ones go first. All hypotheses are 
 from __future__ import annotations
 
 import dataclasses
-import threading
 from functools import cached_property
 
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds
 from dqreg.geometry import Mesh, PointCloud, Surface
-from dqreg.kernels.threads import Later, until
+from dqreg.kernels.kept import Kept
+from dqreg.kernels.threads import NEVER, Later, deadline_here, unlocked_property
 from dqreg.rigid.symmetry import Symmetry
 from dqreg.search.features import even_points, target_features
 from dqreg.search.grids import Edges, PlaneGrid, Rows
@@ -64,19 +64,22 @@ class PairTable:
     edges: Edges | None  # Edges of the target, where there are any
     target: PointCloud | Mesh  # The target
     surface: Surface  # The same
-    _lock: threading.Lock = dataclasses.field(default_factory=threading.Lock, repr=False, compare=False)
+    _deadline: float = dataclasses.field(default_factory=deadline_here, repr=False, compare=False)  # Of its making
+
+    @unlocked_property
+    def symmetry(self) -> Symmetry | None:
+        """Symmetries of a mesh, found when first asked for and kept; None for a cloud.
+
+        Where the table was made without a deadline it is for others, too: they are found to the end.
+        """
+        return self._find_symmetry() if self._deadline < NEVER else self._symmetry.result()
 
     @cached_property
-    def symmetry(self) -> Symmetry | None:
-        """Symmetries of a mesh, found when first asked for and kept; None for a cloud."""
-        if not isinstance(self.target, Mesh):
-            return None
-        with self._lock:
-            if "symmetry" in self.__dict__:
-                found: Symmetry = self.__dict__["symmetry"]
-                return found
-            with until(np.inf):
-                return find_symmetry(self.target, self.surface, self.grid)
+    def _symmetry(self) -> Kept[Symmetry | None]:
+        return Kept(self._find_symmetry)
+
+    def _find_symmetry(self) -> Symmetry | None:
+        return find_symmetry(self.target, self.surface, self.grid) if isinstance(self.target, Mesh) else None
 
     @staticmethod
     def of(target: PointCloud | Mesh, surface: Surface) -> PairTable:

@@ -13,7 +13,6 @@ from dqreg.geometry import CloudSurface, Mesh, PointCloud, Scan, Surface
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp import IcpSettings, smallest_kernel_scale
 from dqreg.icp.coarse_to_fine import noise_on
-from dqreg.kernels.threads import until
 from dqreg.search.axes import moments
 from dqreg.search.features import even_points, scan_features
 from dqreg.search.grids import OccupancyGrid
@@ -58,9 +57,8 @@ class SearchProblem:
 
     @cached_property
     def table(self) -> PairTable:
-        """The target's pairs; what is kept for later searches is built to the end, whatever the time."""
-        with until(np.inf):
-            return self.make_table()
+        """The target's pairs."""
+        return self.make_table()
 
     @cached_property
     def points(self) -> OrientedPoints:
@@ -153,11 +151,10 @@ class SearchProblem:
         Where much of the scan need not lie on the target, as many points of the target are scored the other way round:
         a face of the part on the table explains more of a scene than the correct pose, but less of the part.
         """
+        if self.other_way is None:
+            return self.scores_of_scan(poses, count, floor)
         least = max(smallest_kernel_scale(self.scan, self.surface), floor * self.size)
         width = max(2.0 * self.scan.noise, self.scan.spacing, least)
-        if self.other_way is None:
-            points = self.scan.points[sample_rows(len(self.scan), count)]
-            return score_poses(poses, points, self.surface, self.limit, least)
         even, surface = self.other_way
         here, there = (side[sample_rows(len(side), count)] for side in (self.faces, even))
         # Points of the scan lie on a part's faces to within the noise; those of the part between points of the scan.
@@ -167,6 +164,12 @@ class SearchProblem:
             score_poses(poses, here.points, self.surface, self.limit, on_faces, here.directions),
             score_poses(poses.inverse, there.points, surface, self.limit, width, there.directions),
         )
+
+    def scores_of_scan(self, poses: Poses, count: int, floor: float) -> PoseScores:
+        """The same of points of the scan alone."""
+        least = max(smallest_kernel_scale(self.scan, self.surface), floor * self.size)
+        points = self.scan.points[sample_rows(len(self.scan), count)]
+        return score_poses(poses, points, self.surface, self.limit, least)
 
     def ranked(self, poses: Poses, count: int, floor: float, margin: float, least: int = 0) -> Poses:
         """By falling likelihood; without those that are too far behind, but so many in any case."""

@@ -35,6 +35,8 @@ from dqreg.solvers.search_stage import SearchStage
 
 # Proposed poses that are compared where there is no time for more; those of the principal axes are fewer.
 HASTY_POSES, AXIS_POSES = 4_000, 48
+# Points of either side whose principal axes stand for those of all, likewise.
+HASTY_POINTS = 10_000
 # Points that score at the end, where poses are compared.
 LAST_SCORED = 20_000
 # A pose at which rays passed through so many more of the points of two scans is not as likely as the best: half-turns
@@ -101,12 +103,19 @@ def search(
             watch.is_over(reached, poses)
             return _equally_likely(problem, back(poses), behind)
     if poses is None:
-        searched, back, poses = problem, _as_they_are, axis_hypotheses(scan, target)
+        searched, back, poses = problem, _as_they_are, axis_hypotheses(_some_of(scan), _some_of(target))
     return _best_so_far(problem, back(_best(searched, poses, reached)), reached)
 
 
 def _as_they_are(poses: Poses) -> Poses:
     return poses
+
+
+def _some_of(shape: Scan | PointCloud | Mesh) -> PointCloud | Mesh:
+    """Some points of a shape: to find the axes of all would take longer than there is."""
+    if isinstance(shape, Mesh):
+        return shape
+    return PointCloud(shape.points[sample_rows(len(shape.points), HASTY_POINTS)])
 
 
 def _smaller_in_larger(problem: SearchProblem) -> tuple[SearchProblem, Callable[[Poses], Poses]]:
@@ -140,10 +149,10 @@ def _best(problem: SearchProblem, poses: Poses, stage: SearchStage) -> Poses:
 
 
 def _best_so_far(problem: SearchProblem, poses: Poses, stage: SearchStage) -> tuple[Candidate, ...]:
-    """The first pose alone: there was no time to compare."""
+    """The first pose alone: there was no time to compare, nor is there any to score the target's points on the scan."""
     if not len(poses):
         return ()
-    return (_candidate(poses, problem.scores(poses, SCORING_POINTS, problem.last_width), 0, stage),)
+    return (_candidate(poses, problem.scores_of_scan(poses, SCORING_POINTS, problem.last_width), 0, stage),)
 
 
 def _equally_likely(problem: SearchProblem, poses: Poses, behind: bool) -> tuple[Candidate, ...]:

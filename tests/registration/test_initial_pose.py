@@ -11,7 +11,8 @@ import dqreg
 from dqreg.compare.trust.kinds import KINDS
 from dqreg.geometry import Mesh
 from dqreg.geometry.opening import open_geometry
-from dqreg.registration.initial_pose import AFTER, HALF, GlobalSearch
+from dqreg.kernels.threads import TimeUpError, until
+from dqreg.registration.initial_pose import AFTER, HALF, PAIRS, GlobalSearch
 from dqreg.synth.truth import displacements
 from tests.icp.scenes import bracket_mesh, bracket_points
 from tests.registration.scenes import problem_of
@@ -70,3 +71,15 @@ def test_a_search_leaves_time_for_the_loop_and_the_verdict(limit: float | None, 
     # Preparing and asking takes a part of the limit itself, far less than half of it.
     least = max(limit - AFTER * preparing, HALF * limit)
     assert HALF * least < found <= least
+
+
+@pytest.mark.parametrize("is_prepared", [False, True])
+def test_what_searches_look_up_on_a_prepared_target_is_made_whatever_the_time(is_prepared: bool) -> None:
+    target = dqreg.prepare_target(bracket_mesh()) if is_prepared else bracket_mesh()
+    problem = problem_of(bracket_points(40, seed=0), target)
+    search = GlobalSearch.of(problem, problem.prepare())
+    with until(0.0), pytest.raises(TimeUpError):
+        search._pairs()
+    # Under way, or left.
+    assert (problem.target.derived.known(PAIRS) is not None) == is_prepared
+    assert search._pairs() is problem.target.pairs

@@ -1,11 +1,16 @@
 from __future__ import annotations
 
+import itertools
+import time
+
 import numpy as np
 import pytest
 
 from dqreg.geometry import Mesh, sample_mesh
+from dqreg.kernels.threads import TimeUpError, until
 from dqreg.rigid import pose
 from dqreg.rigid.rotations import angle_of
+from dqreg.search import fpfh
 from dqreg.search.fpfh import FpfhCloud, first_in_voxels, match_hypotheses, orient_consistently
 from dqreg.synth.parts import bracket
 
@@ -52,3 +57,22 @@ def test_nothing_to_match_is_no_pose():
     poses = match_hypotheses(few, few, 0.1)
     assert poses.R.shape[1:] == (3, 3)
     assert len(poses.R) == len(poses.t)
+
+
+def test_matching_asks_the_clock_and_is_the_same_under_a_deadline(monkeypatch):
+    # Histograms, and rows of likenesses, in several turns.
+    monkeypatch.setattr(fpfh, "HISTOGRAMS_AT_ONCE", 100)
+    monkeypatch.setattr(fpfh, "COMPARED_AT_ONCE", 100)
+    points, voxel = sample_mesh(BRACKET, 2_000, np.random.default_rng(0)).points, 3.0 * VOXEL
+    made = [FpfhCloud.of(points, voxel) for _ in range(3)]
+    assert len(made[0].points) > 200
+    free = match_hypotheses(made[0], made[0], voxel)
+    with until(time.perf_counter() + 1e6):
+        timed = match_hypotheses(made[1], made[1], voxel)
+    np.testing.assert_array_equal(timed.matrices, free.matrices)
+    # A clock that runs a second at each look: what is begun ends soon.
+    looks = itertools.count()
+    monkeypatch.setattr(time, "perf_counter", lambda: float(next(looks)))
+    with until(2.0), pytest.raises(TimeUpError):
+        _ = made[2].histograms
+    assert "histograms" not in vars(made[2])

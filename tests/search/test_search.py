@@ -11,6 +11,7 @@ from dqreg.geometry import CloudSurface, Mesh, MeshSurface, PointCloud, Scan, pr
 from dqreg.icp import ESTIMATORS, IcpSettings
 from dqreg.rigid import pose
 from dqreg.search import Candidate, PairTable, search, stages
+from dqreg.search.problem import SearchProblem
 from dqreg.synth import worst_vertex_displacement
 from dqreg.synth.parts import block, box, bracket
 
@@ -99,6 +100,18 @@ def test_the_time_limit_ends_a_stage_halfway(part, monkeypatch, limit):
     assert next(looks) <= limit + 40
     assert len(found) == 1
     assert found[0].stage != "judged"
+
+
+def test_where_the_time_is_up_nothing_is_made_to_score_the_target_on_the_scan(monkeypatch):
+    rng = np.random.default_rng(0)
+    target = PointCloud(sample_mesh(BRACKET, 4_000, rng).points)
+    surface, scan = CloudSurface(target), prepare_scan(PointCloud(sample_mesh(BRACKET, 4_000, rng).points))
+    monkeypatch.setattr(SearchProblem, "other_way", property(lambda self: pytest.fail("a tree of the scan")))
+    plan = IcpSettings(ESTIMATORS["dq"], 0.2 * BRACKET.diagonal)
+    table = lambda: PairTable.of(target, surface)  # noqa: E731
+    found = search(scan, surface, target, plan, table, np.random.default_rng(0), time_limit=1e-9)
+    assert [candidate.stage for candidate in found] == ["proposed"]
+    assert np.isfinite(found[0].mean_nll)
 
 
 def test_stages_are_reported_and_may_stop_the_search(part):
