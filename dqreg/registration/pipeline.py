@@ -205,6 +205,8 @@ def registration_of(
 ) -> Registration:
     """The answer, in the caller's frames."""
     problem = fit.problem
+    # Not those points of a cloud alone for which there was time.
+    sides = SourceAndTarget(problem.source, problem.whole if fit.between_clouds else fit.target)
     return Registration(
         T_target_source=problem.to_caller(fit.T_target_source) if fit.found else np.full((4, 4), np.nan),
         verdict=_with_strays(verdict, problem),
@@ -217,7 +219,7 @@ def registration_of(
         inlier_fraction=fit.run.inlier_fraction,
         timings=problem.watch.seconds,
         settings={**problem.asked, "cell_size": fit.prepared.cell_size, **resolved(fit)},
-        inputs=SourceAndTarget(problem.source, fit.target) if problem.options.keep_inputs else None,
+        inputs=sides if problem.options.keep_inputs else None,
         partial_information=uncertainty.partial_information,
     )
 

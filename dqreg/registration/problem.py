@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
@@ -99,6 +100,8 @@ class Problem(SourceAndTarget):
     units: tuple[str | None, str | None]  # Length units of source and target, where they are known
     asked: dict[str, Any]  # What a result repeats of it
     watch: Stopwatch
+    whole: TargetIndex  # The target with all its points, where a time limit leaves time for some
+    is_kept: bool  # Whether the caller has prepared the target, for others too
     _building: Building | None = dataclasses.field(default=None, repr=False, compare=False)
     _evening: Evening | None = dataclasses.field(default=None, repr=False, compare=False)
     derived: Derived = dataclasses.field(default_factory=Derived, init=False, repr=False, compare=False)
@@ -116,8 +119,9 @@ class Problem(SourceAndTarget):
             read = Later(lambda: read_source(source, options.seed), beside=_may_be_beside(source, target))
             index, chord = index_for(target, source, options.source_units)
             # What was prepared is built already, and clouds are built as they are asked.
-            is_built = index is getattr(target, "indexed", target) or index.kind == "cloud"
-            building = None if is_built else index.build_beside()
+            is_kept = index is getattr(target, "indexed", target)
+            whole, index = index, index if is_kept else _target_in_time(index, options.time_limit)
+            building = None if is_kept or index.kind == "cloud" else index.build_beside(watch.deadline)
             # A search sees all points first.
             cells = options.cells_from_a_stand if T_start is not None and index.kind == "cloud" else None
             evening = None if cells is None else index.begin_evened(cells)
@@ -145,7 +149,8 @@ class Problem(SourceAndTarget):
             "prior": options.prior is not None,
             "viewpoint": None if viewpoints is None else viewpoints.tolist(),
         }
-        return Problem(centred, index, options, T_start, viewpoints, units, asked, watch, building, evening)
+        beside = building, evening
+        return Problem(centred, index, options, T_start, viewpoints, units, asked, watch, whole, is_kept, *beside)
 
     def prepare(self, begin: Begin | None = None) -> Prepared:
         """Scan with normals and surface to ask; where an initial pose was given, two dense clouds are downsampled."""
@@ -174,9 +179,9 @@ class Problem(SourceAndTarget):
             self.derived.begin(key, make)
 
     def await_target(self) -> None:
-        """Wait for what is built of the target beside the loop."""
+        """Wait for what is built of the target beside the loop, at most until the time is up."""
         if self._building is not None:
-            self._building.join()
+            self._building.join(self.watch.left)
 
     def prepare_whole(self) -> Prepared:
         """The same with all points."""
@@ -196,14 +201,10 @@ class Problem(SourceAndTarget):
         """Whether source and target are two clouds that the method may compare by planes of each."""
         return self.options.cells_from_a_stand is not None and self.target.kind == "cloud"
 
-    @property
+    @cached_property
     def _in_time(self) -> PointCloud:
         """The source; of a large one so many points that a time limit leaves time for more than preparing them."""
-        cloud, limit = self.source.cloud, self.options.time_limit
-        most = np.inf if limit is None else max(IN_TIME * limit, FEWEST)
-        if len(cloud) <= most:
-            return cloud
-        return cloud._taken(sample_rows(len(cloud), int(most)))
+        return _some_in_time(self.source.cloud, self.options.time_limit)
 
     def max_distance(self, prepared: Prepared) -> float:
         """Largest distance of a correspondence, target units."""
@@ -224,6 +225,20 @@ class Problem(SourceAndTarget):
 def _may_be_beside(source: Any, target: Any) -> bool:
     """Whether a source may be read beside the target: arrays alone, as what else there is may have state of its own."""
     return type(source) is type(target) is np.ndarray and source.size > 3 * BESIDE_POINTS
+
+
+def _some_in_time(cloud: PointCloud, limit: float | None) -> PointCloud:
+    """A cloud; of a large one so many points that a time limit leaves time for more than preparing them."""
+    most = np.inf if limit is None else max(IN_TIME * limit, FEWEST)
+    return cloud if len(cloud) <= most else cloud._taken(sample_rows(len(cloud), int(most)))
+
+
+def _target_in_time(index: TargetIndex, limit: float | None) -> TargetIndex:
+    """A target that is not prepared, the same way; in the same frame."""
+    if not isinstance(index.geometry, PointCloud):
+        return index
+    some = _some_in_time(index.geometry, limit)
+    return index if some is index.geometry else dataclasses.replace(index, geometry=some)
 
 
 def read_start(start: Any, prior: Any, dof: Any) -> FloatArray | None:

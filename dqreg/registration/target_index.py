@@ -123,9 +123,9 @@ class TargetIndex:
         _ = self.surface
         beside.result()
 
-    def build_beside(self) -> Building:
-        """A running thread that builds a mesh; to be joined before the rest is asked for."""
-        building = Building(self)
+    def build_beside(self, deadline: float = np.inf) -> Building:
+        """A running thread that builds a mesh: the surface, then the rest by a deadline; to be joined before that."""
+        building = Building(self, deadline)
         building.start()
         return building
 
@@ -284,10 +284,9 @@ class Evening(NamedTuple):
 class Building(threading.Thread):
     """Builds a mesh; the surface is ready before all is."""
 
-    def __init__(self, index: TargetIndex) -> None:
+    def __init__(self, index: TargetIndex, deadline: float) -> None:
         super().__init__(daemon=True)
-        self._index = index
-        self.surface_is_ready = threading.Event()
+        self._index, self._deadline, self.surface_is_ready = index, deadline, threading.Event()
 
     def run(self) -> None:
         """Build."""
@@ -296,5 +295,6 @@ class Building(threading.Thread):
             if isinstance(self._index.geometry, Mesh):
                 self._index._build_surface()
                 self.surface_is_ready.set()
-                _ = self._index.near_rotations
+                with until(self._deadline):
+                    _ = self._index.near_rotations
         self.surface_is_ready.set()

@@ -1,15 +1,20 @@
 from __future__ import annotations
 
+import threading
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 
+import dqreg
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.geometry import CloudSurface, Mesh, PointCloud
+from dqreg.registration import target_index
 from dqreg.registration.prepared import Prepared
 from dqreg.registration.problem import SourceAndTarget
 from dqreg.registration.source import CentredSource, centre_source
+from dqreg.registration.target import prepare_target
 from dqreg.registration.target_index import TargetIndex, index_target
 from dqreg.rigid import pose
 from dqreg.synth.parts import bracket
@@ -144,3 +149,29 @@ def test_a_time_limit_takes_points_with_their_times() -> None:
     some = problem_of(cloud, bracket(), np.eye(4), time_limit=0.02)._in_time
     assert len(some) == 20_000
     np.testing.assert_allclose(np.ptp(some.times - some.points[:, 0]), 0.0, atol=1e-12)
+
+
+def test_a_time_limit_takes_points_of_a_target_that_is_not_prepared_and_shows_all() -> None:
+    cloud = PointCloud(SHEET + np.array([5.0, 0.0, 0.0]))
+    some, prepared = (problem_of(SHEET, each, np.eye(4), time_limit=0.02) for each in (cloud, prepare_target(cloud)))
+    assert len(some.target.geometry) == 20_000
+    np.testing.assert_array_equal(some.target.origin, some.whole.origin)
+    assert len(some.whole.geometry) == len(prepared.target.geometry) == len(SHEET)
+    result = dqreg.register(SHEET, cloud, np.eye(4), time_limit=0.02)
+    assert result.inputs is not None
+    assert len(result.inputs.target.geometry) == len(SHEET)
+
+
+def test_no_more_of_a_mesh_is_waited_for_than_there_is_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    goes_on, ended = threading.Event(), []
+
+    def slow(*_: object) -> FloatArray:
+        goes_on.wait(300.0)
+        ended.append("near symmetries")
+        return np.zeros((0, 4, 4))
+
+    monkeypatch.setattr(target_index, "near_flips", slow)
+    result = dqreg.register(SHEET[:2_000], bracket(), np.eye(4), time_limit=1e-6, units="ignore")
+    assert result.status == "time limit"
+    assert not ended
+    goes_on.set()
