@@ -91,8 +91,8 @@ def near_maps(fit: Fit, *, of_any: bool = False) -> FloatArray:
 
 def plane_turns(fit: Fit) -> FloatArray:
     """Motions that put the planes of a scan into others of its part, by their ends across them, (k, 4, 4)."""
-    size, reaching = fit.prepared.surface.diagonal, _inliers(fit)
-    return plane_maps(_planes_of_scan(fit), _places(fit).planes, size, reaching=reaching)
+    size, reaching, planes = fit.prepared.surface.diagonal, _inliers(fit), _places(fit).planes
+    return plane_maps(_planes_of_scan(fit).beside(planes), planes, size, reaching=reaching)
 
 
 def ring_maps(fit: Fit) -> FloatArray:

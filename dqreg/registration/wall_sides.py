@@ -131,16 +131,20 @@ def _compared(fit: Fit) -> _Rivals:
         losses = losses_at(fit, np.concatenate([fit.T_target_source[None], poses]), asked)
         order = np.argsort(losses, kind="stable")
         poses = _other_places(fit, poses[order[losses[order] < CONSTRAINT_LOG_LIKELIHOOD + roughly]], least)[:MAX_POSES]
-    rivals, near = [], 0.5 * least / fit.prepared.surface.diagonal
+    return _ended(fit, poses, 0.5 * least / fit.prepared.surface.diagonal) if len(poses) else _Rivals()
+
+
+def _ended(fit: Fit, poses: FloatArray, near: float) -> _Rivals:
+    """Rivals at some poses, (k, 4, 4), or, where all points say so, where the loop ends that begins there and stays."""
+    ends: list[Fit] = []
     for T in poses:
         there, other = fit.at(T), fit.resumed(T, fit.run.mixture.scale)
-        # The loop may lead back to where it was: then the pose of the refinement stays.
+        # The loop may lead back to where it was; and what few points hold it may draw aside.
         stays = other.found and displacement_between(fit, T, other.T_target_source) < near
-        rivals.append(other if stays else there)
-    if not rivals:
-        return _Rivals()
-    at = np.stack([fit.T_target_source, *(rival.T_target_source for rival in rivals)])
-    return _Rivals(tuple(rivals), *losses_and_scatter(fit, at))
+        ends += [other if stays else there, there]
+    losses, scatter = losses_and_scatter(fit, np.stack([fit.T_target_source, *(end.T_target_source for end in ends)]))
+    rows = np.arange(0, len(ends), 2) + losses.reshape(-1, 2).argmin(axis=1)
+    return _Rivals(tuple(ends[k] for k in rows), losses[rows], scatter[rows])
 
 
 def _moved(fit: Fit) -> tuple[FloatArray, float]:

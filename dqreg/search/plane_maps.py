@@ -77,6 +77,18 @@ class Planes:
                 shares.append(np.array([count for _, count in found]) / len(points))
         return Planes(np.array(directions).reshape(-1, 3), tuple(heights), tuple(shares), points)
 
+    def beside(self, target: Planes) -> Planes:
+        """A single plane with a direction across it that it has no plane along: that of most points of a target."""
+        if len(self.directions) != 1 or not len(target.directions):
+            return self
+        across = np.linalg.norm(np.cross(target.directions, self.directions[0]), axis=1)
+        k = int((across * [share.sum() for share in target.shares]).argmax())
+        other = target.directions[k] - (target.directions[k] @ self.directions[0]) * self.directions[0]
+        if across[k] < MIN_SINGULAR_VALUE:
+            return self
+        directions = np.stack([self.directions[0], other / np.linalg.norm(other)])
+        return Planes(directions, (*self.heights, np.zeros(0)), (*self.shares, np.zeros(0)), self.points)
+
     @property
     def flat(self) -> float:
         """Share of the points that lie in the planes."""
@@ -131,7 +143,8 @@ def _rotations(scan: Planes, target: Planes) -> list[FloatArray]:
     """Rotations that lay the two largest directions of one shape along two of another."""
     one = scan.directions[0]
     across = np.linalg.norm(np.cross(scan.directions, one), axis=1)
-    other = scan.directions[int((across * [share.sum() for share in scan.shares]).argmax())]
+    held = np.maximum([share.sum() for share in scan.shares], np.finfo(float).tiny)
+    other = scan.directions[int((across * held).argmax())]
     back = _frame(one, other).T
     angles = np.arccos(np.clip(target.directions @ target.directions.T, -1.0, 1.0))
     least, found = np.arccos(np.clip(one @ other, -1.0, 1.0)), []
@@ -177,6 +190,13 @@ def _shifted(
         if axes and _least_spread([*axes, axis]) < MIN_SINGULAR_VALUE:
             continue
         sign = float(np.sign(cosines[k, m]))
+        if not len(scan.heights[k]):
+            ends_of = [] if reaching is None else _between_ends(reaching @ back[m], target.points @ axis, within)
+            choices.append(ends_of)
+            axes.append(axis)
+            if not ends_of:
+                break
+            continue
         if (k, int(m), sign) not in laid:
             laid[k, int(m), sign] = _laid(sign * scan.heights[k], scan.shares[k], target.heights[m], within)
         choices.append(_shifts(laid[k, int(m), sign], scan.points @ back[m], ends[m], within))

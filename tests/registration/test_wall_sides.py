@@ -12,7 +12,8 @@ from dqreg.compare.trust.kinds import KINDS
 from dqreg.compare.trust.task import TrustTask
 from dqreg.compare.trust.trial import is_right
 from dqreg.geometry import PointCloud, sample_mesh
-from dqreg.synth.parts import box
+from dqreg.synth import Noise, Scanner, random_pose, scan_mesh, worst_vertex_displacement
+from dqreg.synth.parts import angle, box
 from dqreg.synth.parts.blocks import cells
 from dqreg.synth.parts.patches import weld
 
@@ -182,3 +183,25 @@ def test_a_leg_on_its_wrong_side_with_a_bent_end_is_not_accepted() -> None:
     for shift in ([0.0, 0.0, 0.0], BOTH_OFF):
         result = prepared("angle").register(bent, shifted(shift))
         assert across(result.T_target_source) < 0.5 * THICKNESS or result.verdict.level != "accepted"
+
+
+SHEET = dqreg.Mesh(*angle())
+# Of the lower leg, between its ends, about its middle.
+LEG_TURN = np.diag([-1.0, 1.0, -1.0, 1.0])
+LEG_TURN[:3, 3] = 96.0, 0.0, 2.0
+
+
+# Of the first few points hold what slides it; the second shows no plane but one.
+@pytest.mark.parametrize("seed", [20_533, 20_528])
+def test_one_leg_from_below_fits_after_a_half_turn_and_is_not_accepted(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    view, noise = (*rng.uniform(-1.0, 1.0, size=2), -1.0), 3e-4 * SHEET.diagonal
+    scanner = Scanner([view], pixels=100, stand_off=2.0)
+    points = scan_mesh(SHEET.vertices, SHEET.faces, scanner, Noise(range_sigma=noise), rng=rng).points
+    points = points[(points[:, 0] > 12.0) & (points[:, 0] < 84.0) & (points[:, 2] < 3.0)]
+    T = random_pose(rng, 2.0 * SHEET.diagonal, SHEET.centre)
+    found = dqreg.register(points @ T[:3, :3] - T[:3, 3] @ T[:3, :3], SHEET)
+    assert "alternative_poses" in found.verdict.codes
+    poses = [found.T_target_source, *(other.T_target_source for other in found.alternatives)]
+    for right in (T, LEG_TURN @ T):
+        assert min(worst_vertex_displacement(each, right, SHEET.vertices) for each in poses) < 10.0 * noise

@@ -56,3 +56,16 @@ def test_what_two_directions_leave_open_the_ends_close() -> None:
     placed = np.array([pose.apply(T, middle[None])[0] for T in maps])
     assert np.abs(np.abs(placed) - np.abs(middle)).max() <= 2.0 * SAME_PLANE_DIAGONALS * mesh.diagonal
     assert {tuple(row) for row in np.sign(placed[:, 1:]).tolist()} == {(1, 1), (1, -1), (-1, 1), (-1, -1)}
+
+
+def test_a_single_plane_is_laid_along_its_target_and_its_ends_close_what_that_leaves() -> None:
+    # Of the top of a block as much as is about its middle: turned over it lies at the bottom.
+    target = sample_mesh(BLOCK, 4_000, np.random.default_rng(0))
+    on_top = (target.normals[:, 2] > 0.9) & (np.abs(target.points - BLOCK.centre) < [40.0, 25.0, 90.0]).all(axis=1)
+    planes = Planes.of(target.points, target.normals, BLOCK.diagonal)
+    top = Planes.of(target.points[on_top], target.normals[on_top], BLOCK.diagonal)
+    assert not len(plane_maps(top, planes, BLOCK.diagonal, reaching=top.points))
+    maps = plane_maps(top.beside(planes), planes, BLOCK.diagonal, reaching=top.points)
+    turned = pose.about(np.diag([1.0, -1.0, -1.0, 1.0]), BLOCK.centre)
+    away = [np.abs(pose.apply(T, top.points) - pose.apply(turned, top.points)).max() for T in maps]
+    assert min(away) < 0.02 * BLOCK.diagonal
