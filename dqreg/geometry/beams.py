@@ -17,7 +17,7 @@ BEAM_SINE = 0.02
 # mm 0.7 and more did; of exact ones, where planes are those of the faces, 0.3 at most.
 BEAM_SHARE = 0.5
 # Steps to the place; below this sine a plane counts as any other does.
-STEPS, LEAST_SINE = 20, 1e-3
+STEP_COUNT, LEAST_SINE = 20, 1e-3
 
 
 def origin_of_beams(points: FloatArray, order: IntArray) -> FloatArray | None:
@@ -33,7 +33,7 @@ def origin_of_beams(points: FloatArray, order: IntArray) -> FloatArray | None:
     if len(places) < FEWEST_TOLD:
         return None
     origin = np.median(places, axis=0)
-    for _ in range(STEPS):
+    for _ in range(STEP_COUNT):
         ranges = np.maximum(np.linalg.norm(places - origin, axis=1), np.finfo(float).tiny)
         weights = 1.0 / (ranges**2 * np.maximum(_sines(places, normals, origin), LEAST_SINE))
         form = (normals * weights[:, None]).T @ normals
