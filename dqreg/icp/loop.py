@@ -186,16 +186,12 @@ class Icp:
 
     def _step(self, pairs: Correspondences) -> tuple[Weighed, FloatArray | None]:
         """Weights of correspondences and the pose that the estimator makes of them, None where there is none."""
-        weighed = None
-        try:
-            if (found := weighed_step(pairs, self.kernel, self.rejectors, self.estimator)) is not None:
-                return found
-            weighed = weigh(pairs, self.kernel, self.rejectors)
-            if weighed.used < self.fewest:
-                return weighed, None
-            return weighed, self.estimator(pairs, weighed.weights, self.kernel.scale).T_target_source
-        except DegenerateGeometryError:
-            return weighed or weigh(pairs, self.kernel, self.rejectors), None
+        found = weighed_step(pairs, self.kernel, self.rejectors, self.estimator)
+        if found is not None:
+            return found
+        weighed = weigh(pairs, self.kernel, self.rejectors)
+        is_enough = weighed.used >= self.fewest
+        return weighed, _pose_by(self.estimator, pairs, weighed.weights, self.kernel.scale) if is_enough else None
 
     def _record(
         self, number: int, pairs: Correspondences, weighed: Weighed, T: FloatArray, motion: float, began: float
@@ -216,12 +212,20 @@ class Icp:
         )
 
 
+def _pose_by(estimator: Estimator, pairs: Correspondences, weights: FloatArray, scale: float) -> FloatArray | None:
+    """Pose that an estimator makes of weighted correspondences, (4, 4); None where they fix none."""
+    try:
+        return estimator(pairs, weights, scale).T_target_source
+    except DegenerateGeometryError:
+        return None
+
+
 def weighed_step(
     pairs: Correspondences, kernel: Kernel, rejectors: Sequence[Weight], estimator: Estimator
-) -> tuple[Weighed, FloatArray] | None:
-    """Weights of correspondences and the pose of least cost, (4, 4); None where a loop has other parts, or many rows.
+) -> tuple[Weighed, FloatArray | None] | None:
+    """Weights of correspondences and the pose of least cost, (4, 4), None where they fix none, in one call.
 
-    Those are weighed on several threads.
+    None where a loop has other parts, or many rows, which are weighed on several threads.
     """
     if len(pairs.scan) > CHUNK_ROWS or estimator not in (surfaces_to_surfaces, cells_to_cells):
         return None
@@ -229,7 +233,9 @@ def weighed_step(
     return None if mixture is None else _in_one_pass(pairs, mixture, is_last=estimator is cells_to_cells)
 
 
-def _in_one_pass(pairs: Correspondences, mixture: MixtureWeights, *, is_last: bool) -> tuple[Weighed, FloatArray]:
+def _in_one_pass(
+    pairs: Correspondences, mixture: MixtureWeights, *, is_last: bool
+) -> tuple[Weighed, FloatArray | None]:
     from dqreg.kernels.plane_pass import Stepping, plane_pass
     from dqreg.kernels.threads import as_plain, ask_clock
     from dqreg.kernels.weighing import SUMS
@@ -250,6 +256,4 @@ def _in_one_pass(pairs: Correspondences, mixture: MixtureWeights, *, is_last: bo
     given: Any = *plain, *more, weights, lowered, sums, T
     cost = plane_pass(*given)
     weighed = mixture.weighed(weights, sums)
-    if math.isnan(cost) and weighed.used:
-        T = points_only(pairs, lowered, mixture.kernel.scale).T_target_source
-    return weighed, T
+    return weighed, _pose_by(points_only, pairs, lowered, mixture.kernel.scale) if math.isnan(cost) else T

@@ -11,6 +11,7 @@ from dqreg._arrays import BoolArray, FloatArray, quantile
 from dqreg.geometry.cells import CellSurface
 from dqreg.geometry.scan import Scan
 from dqreg.icp.correspondences import Correspondences
+from dqreg.icp.weighing import NOTHING
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 
 if TYPE_CHECKING:
@@ -30,8 +31,8 @@ HALF_WEIGHT_VARIANCE, SURE_SHARE = 0.05, 0.1
 # tenth: depth cameras came to 5 and more, scans of parts to 3.4 at most. There edges and small details are no planes
 # either, and hold what the faces do not.
 MIN_SPREAD_RATIO = 5.0
-# Of planes that are not known to be flat far around; and no further variances.
-NONE_FLAT, NO_VARIANCES = np.zeros(0, dtype=bool), np.zeros(0)
+# Of planes that are not known to be flat far around.
+NONE_FLAT = np.zeros(0, dtype=bool)
 
 
 def lowering_of(pairs: Correspondences, *, is_last: bool) -> Lowering:
@@ -88,7 +89,7 @@ def lowered_weights(pairs: Correspondences, weights: FloatArray, *, is_last: boo
     lowering, found = lowering_of(pairs, is_last=is_last), pairs.closest
     if not any(lowering[:-1]):
         return weights
-    variances = NO_VARIANCES if found.variances is None else found.variances
+    variances = NOTHING if found.variances is None else found.variances
     moved, points, normals, distances = map(as_plain, (pairs.moved, found.points, found.normals, found.distances))
     of_planes = flat_planes(pairs), as_plain(variances), as_plain(pairs.scan._variances)
     lowered = np.array(weights)

@@ -6,7 +6,7 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.kernels.compiled import compiled, inside_kernels
-from dqreg.kernels.grid_cells import KEY_FACTOR, Slots, U
+from dqreg.kernels.grid_cells import KEY_FACTOR, Slots, U, shift_of
 from dqreg.kernels.morton import Codes
 
 # Slots a block: nearly all that are looked for and not there meet a free slot at once.
@@ -42,10 +42,11 @@ def cell_blocks(
         for k in range(6):
             weighted[i, k] = scatters[i, k] * share
     starts[count], blocks[count] = m, ~U(0)
-    slots, shift = 2, U(63)
+    slots = 2
     while slots < SLOTS_PER_BLOCK * count:
-        slots, shift = 2 * slots, shift - U(1)
+        slots *= 2
     table, mask = np.full(slots, count, np.int32), U(slots - 1)
+    shift = shift_of(table)
     for row in range(count):
         slot = (blocks[row] * KEY_FACTOR) >> shift
         while table[slot] != count:
@@ -107,9 +108,7 @@ def cells_around(
     block: int, starts: IntArray, blocks: Codes, table: Slots, beside: Codes, rows: IntArray, near: IntArray
 ) -> int:
     """Write the cells of a block and of those around it; how many they are. There is room for nine codes, 28 rows."""
-    none, shift, mask, bits = len(blocks) - 1, U(64), U(len(table) - 1), len(table)
-    while bits > 1:
-        bits, shift = bits // 2, shift - U(1)
+    none, shift, mask = len(blocks) - 1, shift_of(table), U(len(table) - 1)
     code, found, count = blocks[block], U(0), U(0)
     put_beside(code, ALONG_X, beside[:3])
     put_beside(code, ALONG_Y, beside[3:6])
