@@ -6,7 +6,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.kernels.compiled import compiled
-from dqreg.kernels.spreads import median_of
+from dqreg.kernels.selection import median_of
 
 
 @compiled
@@ -18,7 +18,7 @@ def plane_columns(
     Then the median of the residuals of those that are there, NaN of none, and of how high all are, zero where there is
     no plane. Shapes: fits (m, 7).
     """
-    m, known = len(fits), int(np.int64(0))
+    m, known = len(fits), 0
     normals, residuals, levers, gaps, heights = np.zeros((m, 3)), np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m)
     left, high = np.zeros(m), np.zeros(m)
     for i in range(m):
@@ -29,7 +29,8 @@ def plane_columns(
             heights[i], left[known] = fits[i, 6], fits[i, 3]
             high[i] = abs(fits[i, 6])
             known += 1
-    return normals, residuals, levers, gaps, heights, median_of(left, known), median_of(high, m)
+    usual = median_of(left[:known]) if known > 0 else np.nan
+    return normals, residuals, levers, gaps, heights, usual, median_of(high) if m > 0 else np.nan
 
 
 @compiled

@@ -2,37 +2,22 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from dqreg._arrays import FloatArray
 from dqreg.kernels.compiled import compiled
+from dqreg.kernels.kd_order import MANY_KEYS, part_keys
 
 
 @compiled
 def ranked(values: FloatArray, rank: int) -> float:
     """The number of a rank, from 0, among finite values, which are moved: none before it is above, none behind below.
 
-    O(n) as a rule (Hoare 1961).
+    O(n), see `part_keys`.
     """
-    low, high = 0, len(values) - 1
-    while low < high:
-        # The middle one of three, so that values in order are no worst case.
-        a, b, c = values[low], values[(low + high) // 2], values[high]
-        pivot = max(min(a, b), min(max(a, b), c))
-        left, right = low, high
-        while left <= right:
-            while values[left] < pivot:
-                left += 1
-            while values[right] > pivot:
-                right -= 1
-            if left <= right:
-                values[left], values[right] = values[right], values[left]
-                left += 1
-                right -= 1
-        if rank <= right:
-            high = right
-        elif rank >= left:
-            low = left
-        else:
-            break
+    order, sample = np.zeros(len(values), np.int64), np.zeros(MANY_KEYS[1])
+    first = rank - rank  # a literal 0 would be a type of its own
+    part_keys(values, order, first, len(values) - 1, rank, sample)
     found: float = values[rank]
     return found
 
