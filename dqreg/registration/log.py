@@ -9,7 +9,8 @@ from dqreg.trust.records import Verdict
 
 LOGGER = logging.getLogger("dqreg")
 # Python itself would print warnings of a logger that nobody listens to.
-LOGGER.addHandler(logging.NullHandler())
+SILENT = logging.NullHandler()
+LOGGER.addHandler(SILENT)
 
 
 def logged(result: Registration, what: str = "") -> Registration:
@@ -23,6 +24,16 @@ def log_verdict(verdict: Verdict, what: str, seconds: float) -> None:
     """One line: INFO where the verdict is accepted, WARNING with all reasons where not."""
     accepted = verdict.level == "accepted"
     level = logging.INFO if accepted else logging.WARNING
-    if LOGGER.isEnabledFor(level):
+    if LOGGER.isEnabledFor(level) and _is_heard():
         reasons = verdict.reasons[:1] if accepted else verdict.reasons
         LOGGER.log(level, "%s: %s in %.3f s: %s", what, verdict.level, seconds, "; ".join(reasons))
+
+
+def _is_heard() -> bool:
+    """Whether a handler would get a line, which takes longer to make than to look for one."""
+    logger: logging.Logger | None = LOGGER
+    while logger is not None:
+        if any(handler is not SILENT for handler in logger.handlers):
+            return True
+        logger = logger.parent if logger.propagate else None
+    return False

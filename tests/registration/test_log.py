@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 import dqreg
+from dqreg.registration.log import LOGGER, log_verdict
+from dqreg.trust.records import Verdict
 from tests.registration.test_register import PART, SCAN, START
 
 
@@ -31,6 +33,19 @@ def test_nobody_who_does_not_listen_hears_of_it() -> None:
     )
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert (found.stdout, found.stderr) == ("", "")
+
+
+def test_no_line_is_made_for_nobody(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO, "dqreg")
+    said: list[str] = []
+    monkeypatch.setattr(LOGGER, "handle", lambda record: said.append(record.getMessage()))
+    verdict = Verdict("accepted", ("well",))
+    monkeypatch.setattr(LOGGER, "propagate", False)
+    log_verdict(verdict, "scan to part", 1.0)
+    assert not said
+    monkeypatch.setattr(LOGGER, "handlers", [*LOGGER.handlers, logging.Handler()])
+    log_verdict(verdict, "scan to part", 1.0)
+    assert said == ["scan to part: accepted in 1.000 s: well"]
 
 
 def test_results_are_one_line() -> None:
