@@ -280,5 +280,5 @@ def run_icp(icp: Icp, sides: SourceAndTarget, start: FloatArray, observe: Observ
     """One plain loop on all points, between centred frames; poses that go in and come out are the caller's."""
     scan, T = prepare_scan(sides.source.cloud), sides.to_centred(start)
     run = icp.run(scan, sides.target.surface, T, sides.observer(observe))
-    history = tuple(sides.in_caller_frames(record) for record in run.history)
+    history = sides.history_in_caller_frames(run.history)
     return replaced(run, T_target_source=sides.to_caller(run.T_target_source), history=history)

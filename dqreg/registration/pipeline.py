@@ -59,6 +59,7 @@ START_LOST = (
     "this pose"
 )
 NOT_JUDGED = "the pose was not judged, as verdict=False asks: whether it is right is for the caller to tell"
+UNJUDGED = Verdict("suspect", (Reason(NOT_JUDGED, "not_judged"),))
 
 
 def align(problem: Problem) -> Registration:
@@ -156,7 +157,7 @@ def not_judged(fit: Fit) -> Registration:
     fit.problem.await_target()
     fit = seen_alone(fit)
     uncertainty = uncertainty_of(fit, by_rims=False)
-    verdict = Verdict("suspect", (Reason(NOT_JUDGED, "not_judged"),)) if fit.found else judge(fit.agreement)
+    verdict = UNJUDGED if fit.found else judge(fit.agreement)
     fit.problem.watch.end()
     return registration_of(fit, uncertainty, verdict, ())
 
@@ -214,7 +215,7 @@ def registration_of(
         covariance=uncertainty.covariance,
         observability=uncertainty.directions,
         alternatives=alternatives,
-        history=tuple(problem.in_caller_frames(record) for record in fit.run.history),
+        history=problem.history_in_caller_frames(fit.run.history),
         rms=fit.run.rms,
         inlier_fraction=fit.run.inlier_fraction,
         timings=problem.watch.seconds,

@@ -226,6 +226,6 @@ def free_motions(form: QuadraticForm, chart: LockedChart) -> tuple[str, ...]:
     twists = chart.basis @ (unit[:, None] * free)
     twists[3:] += np.cross(twists[:3].T, form.origin_target - chart.pivot).T
     return tuple(
-        Motion.of(twist[:3], twist[3:], form.origin_target, "rotation" if turns else "translation").words
-        for twist, turns in zip(twists.T, shares > MIN_TURN_SHARE, strict=True)
+        Motion.of(twist, form.origin_target.tolist(), "rotation" if turns else "translation").words
+        for twist, turns in zip(twists.T.tolist(), shares > MIN_TURN_SHARE, strict=True)
     )

@@ -27,6 +27,8 @@ TOLD_ROTATION_RAD = math.radians(10.0)
 CONSTRAINED_ROTATION = 0.5**0.5
 # A motion constrained by fewer than this fraction of the points depends on a detail.
 FEW = 0.02
+# The least information to divide by.
+TINY = float(np.finfo(np.float64).tiny)
 
 
 def covariance_of(information: Information) -> FloatArray:
@@ -50,14 +52,15 @@ def covariance_of(information: Information) -> FloatArray:
     >>> np.sqrt(np.diag(covariance_of(held))).tolist()
     [0.005, 0.005, 0.005, 0.01, 0.01, 0.01]
     """
-    held = ~information.free
     scaled = information.spread
-    free = information.vectors[:, ~held]
+    free = information.vectors[:, information.free]
     if math.isfinite(information.by_rims):
         scaled = scaled + information.by_rims**2 * free @ free.T
         free = free[:, :0]
     unscale = scaling_by(1.0 / information.lever)
     covariance: FloatArray = scaled * unscale[:, None] * unscale
+    if not free.shape[1]:
+        return covariance
     touched = (np.abs(free) > np.maximum(TOUCHED, TILTED * information.tilt)[:, None]).any(axis=1)
     covariance[touched] = np.nan
     covariance[:, touched] = np.nan
@@ -103,38 +106,43 @@ def observe_directions(information: Information, units: str | None = None) -> tu
     vectors = information.vectors
     if free.any():
         vectors = np.hstack([_separated(vectors[:, free]), vectors[:, ~free]])
-    directions = []
-    known = free, information.carriers, information.beforehand[: len(free)]
-    for value, vector, is_free, carriers, beforehand in zip(information.values, vectors.T, *known, strict=True):
+    directions, centre, lever = [], information.centre.tolist(), information.lever
+    columns = information.values, free, information.carriers, information.beforehand[: len(free)]
+    known = zip(
+        vectors.T.tolist(), _sigmas(information, vectors), *(column.tolist() for column in columns), strict=True
+    )
+    for vector, sigma, value, is_free, carriers, beforehand in known:
         share = FREE_ROTATION if is_free else CONSTRAINED_ROTATION
-        kind: Kind = "rotation" if math.hypot(*vector[:3].tolist()) >= share else "translation"
-        motion = Motion.of(vector[:3] / information.lever, vector[3:], information.centre, kind)
-        told = _told(motion, vector, information).words_in(units) if is_free else motion.words_in(units)
-        sigma, words = np.nan, f"unconstrained: {told}"
+        kind: Kind = "rotation" if math.hypot(*vector[:3]) >= share else "translation"
+        motion = Motion.of([x / lever for x in vector[:3]] + vector[3:], centre, kind)
+        told = _told(motion, vector, centre).words_in(units) if is_free else motion.words_in(units)
+        words = f"unconstrained: {told}"
         if is_free and math.isfinite(information.by_rims):
-            sigma, words = information.by_rims, f"{told} is constrained by the rims of the target only"
+            words = f"{told} is constrained by the rims of the target only"
         elif not is_free:
             # Where most of the points add nothing, it matters how many do.
             few = carriers < FEW * information.weight
             only = f" is constrained by about {carriers:.0f} points only" if few else ""
             only = " is constrained by the prior only" if beforehand else only
-            sigma, words = _sigma(information, value, vector), f"{told}{only}"
-        directions.append(Direction(float(value), sigma, words, motion.kind, motion.axis, motion.point))
+            words = f"{told}{only}"
+        directions.append(Direction(value, sigma, words, motion.kind, motion.axis, motion.point))
     return tuple(directions)
 
 
-def _told(motion: Motion, vector: FloatArray, information: Information) -> Motion:
+def _told(motion: Motion, vector: list[float], centre: list[float]) -> Motion:
     """A free motion as it displaces the part: the decisions on a rotation about a far axis stay those on a rotation."""
-    turned = math.atan2(math.hypot(*vector[:3].tolist()), math.hypot(*vector[3:].tolist()))
-    if motion.kind == "rotation" and turned <= TOLD_ROTATION_RAD:
-        return Motion.of(vector[:3], vector[3:], information.centre, "translation")
-    return motion
+    turned = math.atan2(math.hypot(*vector[:3]), math.hypot(*vector[3:]))
+    return Motion.of(vector, centre, "translation") if turned <= TOLD_ROTATION_RAD else motion
 
 
-def _sigma(information: Information, value: float, vector: FloatArray) -> float:
+def _sigmas(information: Information, vectors: FloatArray) -> list[float]:
+    """Standard deviation along each of the motions, (6, k) one a column; of a free one by the rims, NaN without."""
     if information.scatter is None:
-        return float(information.sigma / np.sqrt(information.weight * value))
-    return math.sqrt(max(float(vector @ information.scatter @ vector), 0.0))
+        spreads = information.sigma / np.sqrt(np.maximum(information.weight * information.values, TINY))
+    else:
+        spreads = np.sqrt(np.maximum(np.einsum("ij,ij->j", vectors, information.scatter @ vectors), 0.0))
+    found: list[float] = np.where(information.free, information.by_rims, spreads).tolist()
+    return found
 
 
 def _separated(free: FloatArray) -> FloatArray:
