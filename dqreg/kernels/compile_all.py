@@ -16,6 +16,7 @@ from dqreg.kernels.corner_lists import list_corners, weld
 from dqreg.kernels.creases import COLUMNS as OF_CREASES
 from dqreg.kernels.creases import near_creases
 from dqreg.kernels.disc_pairs import disc_pair_sums
+from dqreg.kernels.displaced_rows import displaced_rows, followed_share
 from dqreg.kernels.duplicate_triangles import first_duplicates
 from dqreg.kernels.face_fans import neighbours_of_faces, normals_of_corners
 from dqreg.kernels.face_scatter import face_precisions, face_sums, orientation_cells, square_heights, times_precisions
@@ -164,6 +165,8 @@ def _shared_noise() -> None:
 
 
 def _patches() -> None:
+    displaced_rows(ONE, *(FLAT,) * 3, 1.0, 1.0, FIRST, FLAT)
+    followed_share(*(FLAT,) * 4, 1.0, 1.0)
     neighbour_differences(ONE, FLAT, FIRST[:0, None], 1.0, NOTHING, ONE)
     motion_sums(0, 0, *(FLAT,) * 3, *(ONE,) * 3, 1.0, FIRST, np.zeros((1, MOTION_SUMS)))
     motion_shares(0, 0, *(FLAT,) * 3, np.eye(6), ONE, NOTHING, ONE, 1.0, 1, np.zeros((1, 2, 6)))

@@ -6,11 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, median, product
+from dqreg._arrays import FloatArray, product
 from dqreg.geometry import CloudSurface, MeshSurface, Surface
 from dqreg.geometry.mesh_normals import smooth_normals_of
-from dqreg.geometry.normals import sample_rows
-from dqreg.geometry.vector_rows import nonzero_rows, row_dots
 from dqreg.icp import Alignment, Correspondences
 from dqreg.icp.noise_by_face import motions_of_creases, weights_by_face
 from dqreg.rigid import twist
@@ -86,26 +84,21 @@ def inflation_of(run: Alignment, lever: float, beside: Callable[[FloatArray], Al
 
 def followed_by(run: Alignment, surface: Surface) -> float:
     """Share of a displacement along the normals that residuals follow, see `Fit.followed`; 1 on a mesh."""
+    from dqreg.kernels.displaced_rows import displaced_rows, followed_share
+    from dqreg.kernels.threads import as_plain
+
     pairs = run.pairs
     if not isinstance(surface, CloudSurface):
         return 1.0
-    rows = np.flatnonzero((run.weights > 0.0) & nonzero_rows(pairs.closest.normals))
-    if not len(rows):
-        return 1.0
-    rows = rows[sample_rows(len(rows), FOLLOWING_POINTS)]
-    aside = np.abs(pairs.point_to_plane[rows])
-    size = GAUSSIAN_MEDIAN * median(aside)
-    rows = rows[aside <= SAME_FACE_SIGMAS * size]
-    if not size > 0.0:
-        return 1.0
+    weights, moved, at = as_plain(run.weights), as_plain(pairs.moved), pairs.closest
+    rows, points = np.zeros(2 * FOLLOWING_POINTS, dtype=np.int64), np.zeros((2 * FOLLOWING_POINTS, 3))
     # Displaced to both sides at once.
-    rows = np.concatenate([rows, rows])
-    moved, found = np.take(pairs.moved, rows, axis=0), pairs.closest._taken(rows)
-    steps = np.repeat([size, -size], len(rows) // 2)
-    points = moved + steps[:, None] * found.normals
-    closest = surface.closest(points, (moved, found))
-    along = row_dots(points - closest.points, closest.normals)
-    along *= np.where(row_dots(closest.normals, found.normals) < 0.0, -1.0, 1.0)
-    along = np.clip(along, -SAME_FACE_SIGMAS * size, SAME_FACE_SIGMAS * size)
-    share = (along[: len(rows) // 2] - along[len(rows) // 2 :]).sum() / (size * len(rows))
-    return min(max(float(share), MIN_FOLLOWED_SHARE), 1.0)
+    known = weights, moved, as_plain(at.points), as_plain(at.normals)
+    count, size = displaced_rows(*known, GAUSSIAN_MEDIAN, SAME_FACE_SIGMAS, rows, points)
+    if not count:
+        return 1.0
+    rows, points = rows[: 2 * count], points[: 2 * count]
+    found = at._taken(rows)
+    closest = surface.closest(points, (np.take(moved, rows, axis=0), found))
+    share = followed_share(points, closest.points, closest.normals, found.normals, size, SAME_FACE_SIGMAS)
+    return min(max(share, MIN_FOLLOWED_SHARE), 1.0)
