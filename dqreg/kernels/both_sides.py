@@ -1,4 +1,4 @@
-"""What the normals of both sides say of the six motions, and what weighs in one; rows stand in lanes, none is kept."""
+"""What weighs in a motion, by the normals of one side or of both; rows stand in lanes, and none is kept."""
 
 from __future__ import annotations
 
@@ -13,8 +13,6 @@ LANES = 64
 # the normals agree, and the share of a point.
 WEIGHT, SIGNED = 12, 13
 SHARE, NUMBERS = 14, 15
-# For each motion six products of both sides, then six of the target's row with itself.
-PRODUCTS = 72
 
 
 @inside_kernels
@@ -38,62 +36,6 @@ def _fill(
     rows[6, lane], rows[7, lane], rows[8, lane] = y * r - z * q, z * p - x * r, x * q - y * p
     rows[9, lane], rows[10, lane], rows[11, lane] = p, q, r
     rows[WEIGHT, lane], rows[SIGNED, lane] = weight, -weight if u * p + v * q + w * r < 0.0 else weight
-
-
-@inside_kernels
-def _add_products(rows: FloatArray, sums: FloatArray) -> None:
-    """Add the products of lanes, (NUMBERS, LANES), to sums, (PRODUCTS, LANES)."""
-    at = 0
-    for k in range(6):
-        for m in range(6):
-            for lane in range(LANES):
-                sums[at, lane] += rows[SIGNED, lane] * rows[k, lane] * rows[6 + m, lane]
-            at += 1
-        for m in range(k, 6):
-            for lane in range(LANES):
-                sums[at + m, lane] += rows[WEIGHT, lane] * rows[k, lane] * rows[m, lane]
-        at += 6
-
-
-@compiled
-def products_of_both(
-    first: int,
-    last: int,
-    points: FloatArray,
-    normals: FloatArray,
-    own: FloatArray,
-    weights: FloatArray,
-    centre: FloatArray,
-    lever: float,
-    chunk: int,
-    sums: FloatArray,
-) -> None:
-    """Add the products of the rows of both sides, and those of the target's rows where the scan has any. O(n).
-
-    Normals of the scan count up to sign; the products are symmetric ones, of triangles (0, 0), (0, 1), ... Shapes:
-    points, normals and own (n, 3), sums (chunks, 2, 21), zeros.
-    """
-    rows, added = np.zeros((NUMBERS, LANES)), np.zeros((PRODUCTS, LANES))
-    # Of the type of other numbers: for a plain one what it is given to would be compiled once more.
-    waiting = none = int(np.int64(0))
-    for i in range(first, last):
-        if weights[i] == 0.0 or (own[i, 0] == 0.0 and own[i, 1] == 0.0 and own[i, 2] == 0.0):
-            continue
-        _fill(points, normals, own, i, weights[i], centre, lever, rows, waiting)
-        waiting += 1
-        # The last lanes of all are filled up with rows without weight.
-        if waiting == LANES:
-            _add_products(rows, added)
-            waiting = none
-    rows[:, waiting:] = 0.0
-    _add_products(rows, added)
-    sides, at = sums[first // chunk], 0
-    for k in range(6):
-        for m in range(k, 6):
-            for lane in range(LANES):
-                sides[0, at] += 0.5 * (added[12 * k + m, lane] + added[12 * m + k, lane])
-                sides[1, at] += added[12 * k + 6 + m, lane]
-            at += 1
 
 
 @inside_kernels

@@ -8,7 +8,7 @@ import numpy as np
 
 from dqreg.kernels import compile_clouds, second_process
 from dqreg.kernels.areas_by_direction import areas_by_direction
-from dqreg.kernels.both_sides import motion_shares, products_of_both
+from dqreg.kernels.both_sides import motion_shares
 from dqreg.kernels.cache import keep_beside_package
 from dqreg.kernels.coarse_to_fine_nearest import nearest_at_corners, nearest_from_coarser, planes_at_nodes
 from dqreg.kernels.components import components
@@ -27,7 +27,7 @@ from dqreg.kernels.many_poses import distinct_rows, log_likelihoods, mean_gains,
 from dqreg.kernels.mesh_faces import ENDS, MOMENTS, face_columns, solid_faces, surface_moments
 from dqreg.kernels.mesh_sides import number_sides
 from dqreg.kernels.motion_sums import COLUMNS as MOTION_SUMS
-from dqreg.kernels.motion_sums import motion_sums
+from dqreg.kernels.motion_sums import TOTALS, motion_sums
 from dqreg.kernels.near_rows import near_rows
 from dqreg.kernels.nearest_at_nodes import nearest_at_nodes
 from dqreg.kernels.neighbour_counts import rows_with_neighbours
@@ -168,9 +168,8 @@ def _patches() -> None:
     displaced_rows(ONE, *(FLAT,) * 3, 1.0, 1.0, FIRST, FLAT)
     followed_share(*(FLAT,) * 4, 1.0, 1.0)
     neighbour_differences(ONE, FLAT, FIRST[:0, None], 1.0, NOTHING, ONE)
-    motion_sums(0, 0, *(FLAT,) * 3, *(ONE,) * 3, 1.0, FIRST, np.zeros((1, MOTION_SUMS)))
+    motion_sums(0, 0, *(FLAT,) * 4, *(ONE,) * 3, 1.0, FIRST, 1, np.zeros((1, MOTION_SUMS)), np.zeros((1, TOTALS)))
     motion_shares(0, 0, *(FLAT,) * 3, np.eye(6), ONE, NOTHING, ONE, 1.0, 1, np.zeros((1, 2, 6)))
-    products_of_both(0, 0, *(FLAT,) * 3, *(ONE,) * 2, 1.0, 1, np.zeros((1, 2, 21)))
 
 
 def _common_planes() -> None:

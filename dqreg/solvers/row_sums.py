@@ -15,11 +15,21 @@ from dqreg._records import replaced
 FREE_SHARE = 1e-5
 # Rows that one thread sums in one go, about.
 CHUNK_ROWS = 8_192
+# No normals.
+NO_NORMALS = np.zeros((0, 3))
 
 
 def _together(starts: IntArray, rows: int) -> int:
     """Patches that one thread sums in one go."""
     return max(CHUNK_ROWS * len(starts) // max(rows, 1), 1)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Patches:
+    """Patches of neighbouring rows, each up to the next one."""
+
+    starts: IntArray  # (m,): First row of each
+    places: IntArray  # (m,): Which of the patches this is that the sums are over
 
 
 class PatchSums(Protocol):
@@ -29,11 +39,11 @@ class PatchSums(Protocol):
         """Sum of ``w J J^T``, (k, k)."""
         ...
 
-    def over(self, starts: IntArray) -> tuple[FloatArray, FloatArray]:
+    def over(self, patches: Patches) -> tuple[FloatArray, FloatArray]:
         """Scores ``w J r`` of each patch, (m, k), and its weight, weighted points, normals and residual, (m, 8)."""
         ...
 
-    def pulls(self, starts: IntArray) -> tuple[FloatArray, FloatArray]:
+    def pulls(self, patches: Patches) -> tuple[FloatArray, FloatArray]:
         """Sums of ``w J`` of each patch, (m, k), and of ``w J n``, along each axis, (m, 3, k)."""
         ...
 
@@ -52,20 +62,20 @@ class RowSums:
         """See `PatchSums`."""
         return product(self.rows * self.weights, self.rows.T)
 
-    def over(self, starts: IntArray) -> tuple[FloatArray, FloatArray]:
+    def over(self, patches: Patches) -> tuple[FloatArray, FloatArray]:
         """See `PatchSums`."""
         from dqreg.kernels.patch_sums import BESIDE, patch_sums
         from dqreg.kernels.threads import as_plain, over_chunks
 
-        many = len(self.rows)
+        starts, many = patches.starts, len(self.rows)
         sums = np.zeros((len(starts), many + BESIDE))
         columns = [as_plain(x) for x in (self.rows, self.points, self.normals, self.residuals, self.weights)]
         over_chunks(patch_sums, len(starts), *columns, starts, sums, chunk=_together(starts, len(self.weights)))
         return sums[:, :many], sums[:, many:]
 
-    def pulls(self, starts: IntArray) -> tuple[FloatArray, FloatArray]:
+    def pulls(self, patches: Patches) -> tuple[FloatArray, FloatArray]:
         """See `PatchSums`."""
-        rows, weights = self.rows, self.weights
+        rows, weights, starts = self.rows, self.weights, patches.starts
         along = [np.add.reduceat(rows * (weights * axis), starts, axis=1) for axis in self.normals.T]
         return np.add.reduceat(rows * weights, starts, axis=1).T, np.stack(along).transpose(2, 0, 1)
 
@@ -77,9 +87,8 @@ class MotionSums:
     They are summed in one pass over patches as small as any that will be asked for, and no row is kept.
     """
 
-    starts: IntArray  # (g,): First row of each patch
     sums: FloatArray  # (g, COLUMNS): See `motion_sums`
-    totals: FloatArray  # (COLUMNS,): Of all patches
+    totals: FloatArray  # (TOTALS,): Of all patches
     basis: FloatArray  # (6, k): The unknowns, one a column
 
     @staticmethod
@@ -93,16 +102,20 @@ class MotionSums:
         lever: float,
         starts: IntArray,
         basis: FloatArray,
+        own: FloatArray | None = None,
     ) -> MotionSums:
-        """Sums of all rows, with the normals and with those of the smooth surface, which may be the same."""
-        from dqreg.kernels.motion_sums import COLUMNS, motion_sums
+        """Sums of all rows, with the normals and with those of the smooth surface, which may be the same.
+
+        And with those of the scan, where there are some.
+        """
+        from dqreg.kernels.motion_sums import COLUMNS, TOTALS, motion_sums
         from dqreg.kernels.threads import as_plain, over_chunks
 
-        sums = np.zeros((len(starts), COLUMNS))
-        columns = [as_plain(x) for x in (points, normals, smooth, residuals, weights, centre)]
-        chunk = _together(starts, len(weights))
-        over_chunks(motion_sums, len(starts), *columns, float(lever), starts, sums, chunk=chunk)
-        return MotionSums(starts, sums, np.ones(len(starts)) @ sums, basis)
+        other, chunk = NO_NORMALS if own is None else own, _together(starts, len(weights))
+        sums, totals = np.zeros((len(starts), COLUMNS)), np.zeros((-(-len(starts) // chunk), TOTALS))
+        columns = map(as_plain, (points, normals, smooth, other, residuals, weights, centre))
+        over_chunks(motion_sums, len(starts), *columns, float(lever), starts, chunk, sums, totals, chunk=chunk)
+        return MotionSums(sums, totals.sum(axis=0), basis)
 
     def combined(self, motions: FloatArray) -> MotionSums:
         """The same for combinations of the unknowns, (k, m), one a column."""
@@ -123,31 +136,41 @@ class MotionSums:
 
     def of_smooth(self) -> FloatArray:
         """The same with the normals of the smooth surface."""
-        from dqreg.kernels.motion_sums import PRODUCTS, SMOOTH
+        from dqreg.kernels.motion_sums import COLUMNS, PRODUCTS, SMOOTH
 
-        found: FloatArray = self.basis.T @ (self.totals[PRODUCTS] + squared(self.totals[SMOOTH:])) @ self.basis
+        found: FloatArray = self.basis.T @ (self.totals[PRODUCTS] + squared(self.totals[SMOOTH:COLUMNS])) @ self.basis
         return found
 
-    def over(self, starts: IntArray) -> tuple[FloatArray, FloatArray]:
-        """See `PatchSums`; each start is one of this one's."""
+    def of_both(self) -> tuple[FloatArray, FloatArray]:
+        """Products of what the normals of both sides say, symmetric, and of the target's where the scan has some.
+
+        Shapes: (k, k) each.
+        """
+        from dqreg.kernels.motion_sums import ALONE, BOTH, PRODUCTS
+
+        both, alone = squared(self.totals[BOTH:ALONE]), squared(self.totals[ALONE:])
+        return self.basis.T @ both @ self.basis, self.basis.T @ (self.totals[PRODUCTS] - alone) @ self.basis
+
+    def over(self, patches: Patches) -> tuple[FloatArray, FloatArray]:
+        """See `PatchSums`."""
         from dqreg.kernels.motion_sums import OVER
 
-        sums = self._joined(starts, OVER)
+        sums = self._joined(patches, OVER)
         return sums[:, :6] @ self.basis, sums[:, 6:]
 
-    def pulls(self, starts: IntArray) -> tuple[FloatArray, FloatArray]:
-        """See `PatchSums`; each start is one of this one's."""
+    def pulls(self, patches: Patches) -> tuple[FloatArray, FloatArray]:
+        """See `PatchSums`."""
         from dqreg.kernels.motion_sums import PULLS
 
-        found = (self._joined(starts, PULLS).reshape(-1, 6) @ self.basis).reshape(len(starts), 4, -1)
+        found = (self._joined(patches, PULLS).reshape(-1, 6) @ self.basis).reshape(len(patches.places), 4, -1)
         return found[:, 0], found[:, 1:]
 
-    def _joined(self, starts: IntArray, columns: IntArray) -> FloatArray:
-        """Some of the columns, of patches with those starts."""
+    def _joined(self, patches: Patches, columns: IntArray) -> FloatArray:
+        """Some of the columns."""
         from dqreg.kernels.patch_sums import joined_sums
 
-        found = np.zeros((len(starts), len(columns)))
-        joined_sums(np.searchsorted(self.starts, starts), self.sums, columns, found)
+        found = np.zeros((len(patches.places), len(columns)))
+        joined_sums(patches.places, self.sums, columns, found)
         return found
 
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray, median, product
-from dqreg.solvers.row_sums import PatchSums, RowSums
+from dqreg.solvers.row_sums import Patches, PatchSums, RowSums
 
 # Patches of neighbouring correspondences whose noise may be common; the fewest from which a scatter can be estimated.
 PATCH_COUNT, MIN_PATCHES = 200, 30
@@ -40,14 +40,16 @@ UNKNOWNS_TOGETHER = 8
 class Starts:
     """First rows of patches."""
 
-    large: IntArray
-    small: IntArray
+    large: Patches
+    small: Patches
+    all: IntArray  # Those of patches of which both kinds are made, the first row of all among them
 
-    @cached_property
-    def all(self) -> IntArray:
-        """Those of patches of which both kinds are made, the first row of all among them."""
-        united = np.union1d(np.zeros(1, dtype=np.int64), np.concatenate([self.large, self.small]))
-        return np.asarray(united, dtype=np.int64)
+    @staticmethod
+    def of(large: IntArray, small: IntArray) -> Starts:
+        """From those of larger and of smaller patches."""
+        united = np.union1d(np.zeros(1, dtype=np.int64), np.concatenate([large, small])).astype(np.int64)
+        larger_ones, smaller_ones = (Patches(some, np.searchsorted(united, some)) for some in (large, small))
+        return Starts(larger_ones, smaller_ones, united)
 
 
 def scatter_of(
@@ -78,14 +80,14 @@ def scatter_of_sums(sums: PatchSums, starts: Starts, known: FloatArray, variance
     """The same from sums over patches, given the starts of these."""
     large, small = starts.large, starts.small
     # Patches tell the scatter of fewer unknowns than there are of them.
-    if len(large) < MIN_PATCHES or len(large) <= len(known) + 1:
+    if len(large.starts) < MIN_PATCHES or len(large.starts) <= len(known) + 1:
         return None
     information = sums.information() + known
     values = np.linalg.eigvalsh(information)
     if not values[0] > SINGULAR_SHARE * values[-1]:
         return None
     bread = np.asarray(np.linalg.inv(information), dtype=np.float64)
-    coarse = _with_model(_sandwich(bread, sums.over(large)[0], variance * known), variance * bread, len(large))
+    coarse = _with_model(_sandwich(bread, sums.over(large)[0], variance * known), variance * bread, len(large.starts))
     scores, beside = sums.over(small)
     patches = _Patches.of(beside)
     if patches.agreement < NEIGHBOUR_SIGMAS:
@@ -103,13 +105,13 @@ def patch_starts(total: int, counts: FloatArray | None) -> Starts:
     if counts is None:
         return _even_starts(total)
     passed = np.cumsum(counts)
-    return Starts(_starts(total, PATCH_COUNT, passed), _starts(total, SMALL_PATCH_COUNT, passed))
+    return Starts.of(_starts(total, PATCH_COUNT, passed), _starts(total, SMALL_PATCH_COUNT, passed))
 
 
 @lru_cache(maxsize=16)
 def _even_starts(total: int) -> Starts:
     # The same for every scan of so many points.
-    return Starts(_starts(total, PATCH_COUNT, None), _starts(total, SMALL_PATCH_COUNT, None))
+    return Starts.of(_starts(total, PATCH_COUNT, None), _starts(total, SMALL_PATCH_COUNT, None))
 
 
 def _starts(total: int, most: int, passed: FloatArray | None) -> IntArray:
@@ -143,9 +145,9 @@ def with_few(scatter: FloatArray, model: FloatArray, carriers: FloatArray) -> Fl
     The residuals of twenty points tell their noise to a sixth, and of all mixtures of the motions that they hold one is
     the luckiest. In no direction is it smaller than before.
     """
-    shares = np.clip(1.0 - carriers / ENOUGH_CARRIERS, 0.0, 1.0)
-    if not shares.any():
+    if carriers.min(initial=ENOUGH_CARRIERS) >= ENOUGH_CARRIERS:
         return scatter
+    shares = np.clip(1.0 - carriers / ENOUGH_CARRIERS, 0.0, 1.0)
     kept = np.sqrt(1.0 - shares)
     return larger(scatter, scatter * np.outer(kept, kept) + np.diag(shares * model))
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.solvers.quadratic import JACOBIAN_ROWS
-from dqreg.solvers.row_sums import squared
+from dqreg.solvers.row_sums import MotionSums
 
 # Normals that are estimates constrain what the shape leaves free: each side's by its own errors. Where less than this
 # share of what the target's normals say is said by the scan's too, it is errors: right poses came to 0.4, slid ones of
@@ -14,29 +14,14 @@ from dqreg.solvers.row_sums import squared
 MIN_CONFIRMED_SHARE = 0.25
 
 
-def unconfirmed(
-    points: FloatArray,
-    normals: FloatArray,
-    own: FloatArray,
-    weights: FloatArray,
-    centre: FloatArray,
-    lever: float,
-    basis: FloatArray,
-    least: float,
-) -> FloatArray:
-    """Motions, as combinations of a basis, that the target's normals hold and the scan's do not confirm, (k, m).
+def unconfirmed(sums: MotionSums, least: float) -> FloatArray:
+    """Motions, as combinations of the unknowns, that the target's normals hold and the scan's do not confirm, (k, m).
 
     Of all mixtures those with the least confirmed shares: what errors say of one motion may be as much as the shape
     says of another, and an eigenvector of the information is any mixture of such two. What holds a motion by less than
     the least is nothing that there is to confirm.
     """
-    from dqreg.kernels.both_sides import products_of_both
-    from dqreg.kernels.threads import as_plain, over_chunks
-
-    sums = np.zeros((max(-(-len(weights) // JACOBIAN_ROWS), 1), 2, 21))
-    of_rows = map(as_plain, (points, normals, own, weights, centre))
-    over_chunks(products_of_both, len(weights), *of_rows, float(lever), JACOBIAN_ROWS, sums, chunk=JACOBIAN_ROWS)
-    both, compared = (basis.T @ squared(side) @ basis for side in sums.sum(axis=0))
+    both, compared = sums.of_both()
     values, vectors = np.linalg.eigh(compared)
     held = values > least
     unit = vectors[:, held] / np.sqrt(values[held])

@@ -8,9 +8,8 @@ import math
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, dot
-from dqreg._records import replaced
 from dqreg.rigid.twist import scaling_by
-from dqreg.solvers.row_sums import FREE_SHARE, MotionSums
+from dqreg.solvers.row_sums import FREE_SHARE, NO_NORMALS, MotionSums
 from dqreg.solvers.sandwich import Starts, patch_starts, scatter_of_sums, with_few, with_known
 from dqreg.trust.both_sides import carriers_of, unconfirmed
 
@@ -18,8 +17,8 @@ from dqreg.trust.both_sides import carriers_of, unconfirmed
 UNKNOWN_SHARE = 2e-14
 # One patch of all rows.
 ONE_PATCH = np.zeros(1, dtype=np.int64)
-# No normals.
-NO_NORMALS = np.zeros((0, 3))
+# The least weight to divide by.
+TINY = float(np.finfo(np.float64).tiny)
 Columns = tuple[FloatArray, FloatArray]
 
 
@@ -169,37 +168,28 @@ def information_of(
     smooth = normals if smooth is None else smooth
     starts = patch_starts(len(weights), counts) if patchwise else None
     first = ONE_PATCH if starts is None else starts.all
-    sums = MotionSums.of(points, normals, smooth, residuals, weights, centre, lever, first, basis)
+    sums = MotionSums.of(points, normals, smooth, residuals, weights, centre, lever, first, basis, own)
     aside = dot(weights, scattered) if isinstance(scattered, np.ndarray) else total * scattered
     variance = (sums.squares() + aside) / max(total - 6.0, 1.0)
     # What was known beforehand, by the scaled twist, and in the units of the correspondences' own information.
-    told = np.zeros((6, 6)) if prior is None else prior / scaling / scaling[:, None]
-    told = basis.T @ told @ basis
-    known = variance * told
-    of_all, of_smooth = max(total, np.finfo(float).tiny), sums.of_smooth()
-    denied = np.zeros((basis.shape[1], 0))
-    if own is not None:
-        denied = unconfirmed(points, normals, own, weights, centre, lever, basis, FREE_SHARE * of_all)
+    told = np.zeros((basis.shape[1],) * 2)
+    if prior is not None:
+        told = basis.T @ (prior / scaling / scaling[:, None]) @ basis
+    of_all, of_smooth = max(total, TINY), sums.of_smooth()
+    denied = np.zeros((basis.shape[1], 0)) if own is None else unconfirmed(sums, FREE_SHARE * of_all)
     if prior is not None:
         denied = _with_free(denied, of_smooth / of_all)
-    # Of a motion that both sides do not confirm, what was known beforehand is left; and of one that none holds.
-    values, vectors, said = _parted((of_smooth + known) / of_all, known / of_all, denied)
-    is_denied = np.arange(len(values)) < denied.shape[1]
-    least = UNKNOWN_SHARE * np.trace(told)
-    beforehand: BoolArray = is_denied & (np.einsum("ij,ik,kj->j", vectors, told, vectors) > least)
-    values[is_denied & ~beforehand] = 0.0
-    order = np.argsort(values, kind="stable")
-    values, vectors, said = values[order], vectors[:, order], said[order]
-    is_denied, beforehand = is_denied[order], beforehand[order]
+    values, vectors, said, is_denied, beforehand = _parted(of_smooth, variance, told, of_all, denied)
+    outer, free = basis @ vectors, (values < FREE_SHARE) & ~beforehand
     sides = (points, smooth, NO_NORMALS) if own is None else (points, normals, own)
-    carriers = np.where(is_denied, 0.0, carriers_of(*sides, basis @ vectors, weights, counts, centre, lever))
-    sigma, outer = float(np.sqrt(variance)), basis @ vectors
-    held = Information(values, outer, total, sigma, lever, centre, carriers, beforehand=beforehand)
-    held = replaced(held, tilt=_tilt(held.free, values, said, outer, weights))
-    by_shape = ~held.free & ~is_denied
+    carriers = carriers_of(*sides, outer, weights, counts, centre, lever)
+    carriers[is_denied] = 0.0
+    by_shape = ~(free | is_denied)
     few = variance / (values[by_shape] * of_all), carriers[by_shape]
-    motions = vectors[:, by_shape], vectors[:, beforehand]
-    return replaced(held, scatter=_scatter(sums, starts, told, variance, motions, few))
+    scatter = _scatter(sums, starts, told, variance, (vectors[:, by_shape], vectors[:, beforehand]), few)
+    tilt = _tilt(free, values, said, outer, weights)
+    sigma = math.sqrt(variance)
+    return Information(values, outer, total, sigma, lever, centre, carriers, scatter, tilt=tilt, beforehand=beforehand)
 
 
 def _scatter(
@@ -211,23 +201,24 @@ def _scatter(
     to, (m,), and how many points hold each. Shapes: told (k, k), returns (6, 6).
     """
     by_shape, alone = motions
-    # What the prior says of a motion of its own depends on the others, as far as it knows them together.
-    strengths = np.einsum("ij,ik,kj->j", alone, told, alone)
-    together = alone.T @ told @ by_shape
-    known = by_shape.T @ told @ by_shape - (together.T / strengths) @ together
-    scatter = None
+    known, turned, beside = by_shape.T @ told @ by_shape, by_shape, np.zeros((6, 0))
+    scatter: FloatArray | None = None
+    if alone.shape[1]:
+        # What the prior says of a motion of its own depends on the others, as far as it knows them together.
+        strengths = np.einsum("ij,ik,kj->j", alone, told, alone)
+        together = alone.T @ told @ by_shape
+        known = known - (together.T / strengths) @ together
+        turned = by_shape - (alone / strengths) @ together
+        beside = sums.basis @ (alone / np.sqrt(strengths))
     if starts is not None and by_shape.shape[1]:
         # Facets have an information of their own.
         scatter = scatter_of_sums(sums.combined(by_shape), starts, variance * known, variance)
     if scatter is not None:
         scatter = with_known(with_few(scatter, *few), known)
     if scatter is None and alone.shape[1]:
-        scatter = variance * np.linalg.inv(by_shape.T @ sums.of_smooth() @ by_shape + variance * known)
-    if scatter is None:
-        return None
-    beside = sums.basis @ (alone / np.sqrt(strengths))
-    outer = sums.basis @ (by_shape - (alone / strengths) @ together)
-    return np.asarray(outer @ scatter @ outer.T + beside @ beside.T)
+        scatter = variance * np.asarray(np.linalg.inv(by_shape.T @ sums.of_smooth() @ by_shape + variance * known))
+    outer = sums.basis @ turned
+    return None if scatter is None else np.asarray(outer @ scatter @ outer.T + beside @ beside.T)
 
 
 def held_part(
@@ -242,12 +233,11 @@ def held_part(
 
     See `information_of`: what the normals of facets, or errors of normals, say of the rest is nothing to go by.
     """
-    origin, total = np.zeros(3), max(float(weights.sum()), np.finfo(float).tiny)
+    origin, total = np.zeros(3), max(float(weights.sum()), TINY)
     smooth = normals if smooth is None else smooth
-    sums = MotionSums.of(points, normals, smooth, np.zeros(len(weights)), weights, origin, lever, ONE_PATCH, np.eye(6))
-    denied = np.zeros((6, 0))
-    if own is not None:
-        denied = unconfirmed(points, normals, own, weights, origin, lever, np.eye(6), FREE_SHARE * total)
+    columns = points, normals, smooth, np.zeros(len(weights)), weights
+    sums = MotionSums.of(*columns, origin, lever, ONE_PATCH, np.eye(6), own)
+    denied = np.zeros((6, 0)) if own is None else unconfirmed(sums, FREE_SHARE * total)
     denied = _with_free(denied, sums.of_smooth() / total)
     if not denied.shape[1]:
         return None
@@ -261,22 +251,30 @@ def _with_free(denied: FloatArray, of_smooth: FloatArray) -> FloatArray:
     return np.hstack([denied, vectors[:, values < FREE_SHARE]])
 
 
-def _parted(whole: FloatArray, known: FloatArray, denied: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Eigenvalues and vectors of what is known of denied motions, (k, m), then of all information beside these.
+def _parted(
+    of_smooth: FloatArray, variance: float, told: FloatArray, of_all: float, denied: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray, BoolArray]:
+    """Eigenvalues, ascending, and vectors of what is known of denied motions, (k, m), and of all else beside these.
 
-    And what all normals say of each, (k,).
+    Of a motion that both sides do not confirm, what was known beforehand is left; and of one that none holds. And what
+    all normals say of each, which are denied, and of which of these something was known beforehand, (k,) each.
     """
-    count = denied.shape[1]
+    whole, count = (of_smooth + variance * told) / of_all, denied.shape[1]
     if not count:
         values, vectors = np.linalg.eigh(whole)
-        values = np.maximum(values, 0.0)
-        return values, vectors, values
+        values, none = np.maximum(values, 0.0), np.zeros(len(values), dtype=bool)
+        return values, vectors, values, none, none
     axes = np.linalg.qr(denied, mode="complete")[0]
-    parts = [(known, axes[:, :count]), (whole, axes[:, count:])]
+    parts = [(variance * told / of_all, axes[:, :count]), (whole, axes[:, count:])]
     found = [np.linalg.eigh(part.T @ matrix @ part) for matrix, part in parts]
     values = np.maximum(np.concatenate([one for one, _ in found]), 0.0)
     vectors = np.hstack([part @ turned for (_, part), (_, turned) in zip(parts, found, strict=True)])
-    return values, vectors, np.maximum(np.einsum("ij,ik,kj->j", vectors, whole, vectors), 0.0)
+    said = np.maximum(np.einsum("ij,ik,kj->j", vectors, whole, vectors), 0.0)
+    is_denied = np.arange(len(values)) < count
+    beforehand = is_denied & (np.einsum("ij,ik,kj->j", vectors, told, vectors) > UNKNOWN_SHARE * np.trace(told))
+    values[is_denied & ~beforehand] = 0.0
+    order = np.argsort(values, kind="stable")
+    return values[order], vectors[:, order], said[order], is_denied[order], beforehand[order]
 
 
 def _tilt(
