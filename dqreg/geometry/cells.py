@@ -15,7 +15,6 @@ from dqreg.geometry.cloud_surface import CloudSurface
 from dqreg.geometry.morton import (
     ASIDE_POINTS,
     CodeArray,
-    Ends,
     codes_on_grid,
     corner_and_cells,
     edge_of_cells,
@@ -76,24 +75,26 @@ class Cells:
     counts: FloatArray  # (m,): Points in each
     points: FloatArray  # (m, 3): Their means, or these moved to the surface that the neighbours make
     scatters: FloatArray  # (m, 6): Sums of products of their offsets from the mean: xx, yy, zz, xy, xz, yz
-    _grid: tuple[FloatArray, FloatArray, float]  # The cloud, (n, 3), and what `corner_and_cells` says of it
+    _grid: tuple[PointCloud, FloatArray, float]  # The cloud, and what `corner_and_cells` says of it
 
     @staticmethod
-    def of(points: FloatArray, size: float, ends: Ends | None = None) -> Cells:
-        """Cells of points, (n, 3), of an edge: wider where the extent has too many of them."""
+    def of(cloud: PointCloud, size: float) -> Cells:
+        """Cells of an edge: wider where the extent of the cloud has too many of them."""
         from dqreg.kernels.grid_cells import cells_of_points
         from dqreg.kernels.threads import as_plain, aside
 
+        (points, move), ends = cloud._unmoved, cloud._ends
         low, per_edge = corner_and_cells(points, size, ends)
-        given = as_plain(points), as_plain(low), per_edge
+        given = as_plain(points), move, as_plain(low), per_edge
         found = aside(cells_of_points, *given) if len(points) > ASIDE_POINTS else cells_of_points(*given)
         codes, counts, means, scatters = found
-        return Cells(edge_of_cells(points, size, ends), codes, counts, means, scatters, (points, low, per_edge))
+        return Cells(edge_of_cells(points, size, ends), codes, counts, means, scatters, (cloud, low, per_edge))
 
     @unlocked_property
     def order(self) -> IntArray:
         """Rows of the cloud, cell by cell, (n,)."""
-        return sorted_codes(codes_on_grid(*self._grid))[0]
+        cloud, low, per_edge = self._grid
+        return sorted_codes(codes_on_grid(cloud.points, low, per_edge))[0]
 
     @unlocked_property
     def starts(self) -> IntArray:

@@ -16,17 +16,17 @@ from dqreg._arrays import (
     bounds,
     require_workable,
     require_workable_ends,
-    shifted,
 )
 from dqreg._records import one_line
 from dqreg.errors import InputError
 from dqreg.files.cloud_data import finite_rows
 from dqreg.geometry import exports
 from dqreg.geometry.depth import depth_points
+from dqreg.geometry.moved_points import LatePoints
 
 
 @dataclasses.dataclass(frozen=True)
-class PointCloud:
+class PointCloud(LatePoints):
     """Points of one frame, float64; rows that are not finite are left out and counted.
 
     Parameters
@@ -99,7 +99,7 @@ class PointCloud:
         _freeze(self, points=points, normals=normals, dropped=self.dropped + lost, viewpoint=place, times=times)
 
     def __len__(self) -> int:
-        return len(self.points)
+        return len(self._unmoved[0])
 
     @property
     def _ends(self) -> tuple[FloatArray, FloatArray]:
@@ -109,13 +109,18 @@ class PointCloud:
         return bounds(self.points) if known is None else known
 
     def _moved(self, offset: FloatArray, scale: float = 1.0) -> PointCloud:
-        """The cloud scaled about zero, then shifted: no point has to be checked again."""
-        points = shifted(self.points if scale == 1.0 else scale * self.points, offset)
+        """The cloud scaled about zero, then shifted: no point has to be checked again, or moved before it is asked for.
+
+        Until then the points that were given have to stay as they are.
+        """
         # Rounding keeps their order, so the ends stay the ends.
         low, high = (scale * end + offset for end in self._ends)
         require_workable_ends(low, high, "points")
         viewpoint = None if self.viewpoint is None else scale * self.viewpoint + offset
-        return self._changed(points=points, viewpoint=_viewpoint(viewpoint), _known_ends=(low, high))
+        later = self.points, np.array([scale, *offset])
+        other = self._changed(viewpoint=_viewpoint(viewpoint), _known_ends=(low, high), _later=later)
+        del vars(other)["points"]
+        return other
 
     def _taken(self, rows: IntArray | BoolArray) -> PointCloud:
         """Some of its points, one at least, each with all that is known of it: no point has to be checked again."""
@@ -132,6 +137,8 @@ class PointCloud:
         # As `copy.copy` has it, which asks for much that a cloud has not.
         other = object.__new__(type(self))
         other.__dict__.update({**self.__dict__, **values})
+        if "points" in values:
+            other.__dict__.pop("_later", None)
         return other
 
     @classmethod

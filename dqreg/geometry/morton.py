@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dqreg._arrays import FloatArray, IntArray, bounds
+from dqreg.geometry.moved_points import UNMOVED
 
 CodeArray = NDArray[np.uint64]
 # Lowest and highest coordinates of points.
@@ -84,24 +85,28 @@ def morton_codes(points: FloatArray, size: float = 0.0, ends: Ends | None = None
     return codes_on_grid(points, *corner_and_cells(points, size, ends))
 
 
-def cells_by_edge(points: FloatArray, ends: Ends, finest: int) -> IntArray:
-    """How many cells hold points at each edge, so many times the least one doubled to begin with, and on from there."""
+def cells_by_edge(points: FloatArray, move: FloatArray, ends: Ends, finest: int) -> IntArray:
+    """How many cells hold points at each edge, so many times the least one doubled to begin with, and on from there.
+
+    The ends are those of the points after their move, see `moved`.
+    """
     from dqreg.kernels import morton
     from dqreg.kernels.threads import as_plain
 
     low, per_length = corner_and_cells(points, ends=ends)
     if len(points) <= SPLIT_SORT_CODES:
-        return morton.filled_cells(as_plain(points), as_plain(low), per_length, 3 * finest)
-    return morton.count_cells(sorted_codes(codes_on_grid(points, low, per_length) >> np.uint64(3 * finest))[1])
+        return morton.filled_cells(as_plain(points), move, as_plain(low), per_length, 3 * finest)
+    codes = codes_on_grid(points, low, per_length, move)
+    return morton.count_cells(sorted_codes(codes >> np.uint64(3 * finest))[1])
 
 
-def codes_on_grid(points: FloatArray, low: FloatArray, per_length: float) -> CodeArray:
-    """The same in cells from a corner on, (3,), of which there are so many a length."""
+def codes_on_grid(points: FloatArray, low: FloatArray, per_length: float, move: FloatArray = UNMOVED) -> CodeArray:
+    """The same in cells from a corner on, (3,), of which there are so many a length, after a move, (4,)."""
     from dqreg.kernels.morton import morton_cells
     from dqreg.kernels.threads import as_plain, over_chunks
 
     codes = np.zeros(len(points), dtype=np.uint64)
-    over_chunks(morton_cells, len(points), as_plain(points), as_plain(low), per_length, codes, chunk=CHUNK_POINTS)
+    over_chunks(morton_cells, len(points), as_plain(points), move, as_plain(low), per_length, codes, chunk=CHUNK_POINTS)
     return codes
 
 

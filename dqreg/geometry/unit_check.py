@@ -175,7 +175,7 @@ def principal_spreads(geometry: PointCloud | Mesh) -> FloatArray:
     if isinstance(geometry, Mesh):
         points = places_on(geometry, SPREAD_SAMPLE, np.random.default_rng(0))[0]
     else:
-        points = np.take(geometry.points, sample_rows(len(geometry.points), SPREAD_SAMPLE), axis=0)
+        points = geometry._at(sample_rows(len(geometry), SPREAD_SAMPLE))
     variances = np.linalg.eigvalsh(scatter_of_most(as_plain(points), KEPT_SHARE))[::-1]
     spreads: FloatArray = np.sqrt(np.maximum(variances, 0.0))
     return spreads
@@ -185,7 +185,7 @@ def _is_alike(source: PointCloud | Mesh, target_spreads: FloatArray) -> bool:
     """Whether a few points say that the sizes differ by far less than any two units do."""
     if isinstance(source, Mesh):
         return False
-    columns = np.ascontiguousarray(source.points[sample_rows(len(source.points), FEW_POINTS)].T)
+    columns = np.ascontiguousarray(source._at(sample_rows(len(source), FEW_POINTS)).T)
     columns -= np.partition(columns, len(columns.T) // 2, axis=1)[:, len(columns.T) // 2, None]
     size = median(np.sqrt(np.einsum("ij,ij->j", columns, columns)))
     other = float(np.linalg.norm(target_spreads))
@@ -226,7 +226,7 @@ def _is_rare_mistake(
     """Whether shapes agree at a ratio of units that are seldom confused, and nothing else explains that ratio."""
     if units < FAR_APART or not _same_shape(of_source, of_target, ratio, units):
         return False
-    return ratio < 1.0 or (isinstance(source, PointCloud) and len(source.points) <= UNSCANNED_POINTS * units**2)
+    return ratio < 1.0 or (isinstance(source, PointCloud) and len(source) <= UNSCANNED_POINTS * units**2)
 
 
 def _same_spacing(source: PointCloud | Mesh, target: PointCloud | Mesh, ratio: float, units: float) -> bool:

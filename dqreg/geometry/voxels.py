@@ -12,7 +12,7 @@ from dqreg.geometry.beams import origin_of_beams
 from dqreg.geometry.boundary import lie_in_rings
 from dqreg.geometry.cells import Cells, CellSurface
 from dqreg.geometry.cloud import PointCloud
-from dqreg.geometry.morton import Ends, cells_by_edge
+from dqreg.geometry.morton import cells_by_edge
 
 # A cloud is downsampled from so many times the wanted points on: below, it costs accuracy and saves little.
 DENSE_RATIO = 3.0
@@ -42,9 +42,9 @@ WHOLE_SHARE = 2.0 / 3.0
 COARSER_DOUBLINGS = 10
 
 
-def voxel_size(points: FloatArray, count: int) -> float:
+def voxel_size(cloud: PointCloud, count: int) -> float:
     """Edge of the voxels that leave a dense cloud about so many points; 0 for one that is left as it is."""
-    return cell_size(points, count) if len(points) > DENSE_RATIO * count else 0.0
+    return cell_size(cloud, count) if len(cloud) > DENSE_RATIO * count else 0.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,7 +80,7 @@ class VoxelCloud:
         Its points are the means of the voxels, moved to the surface of their neighbours if smooth.
         """
         if cells is None and size > 0.0:
-            cells = Cells.of(cloud.points, size, cloud._ends)
+            cells = Cells.of(cloud, size)
         if cells is None or len(cells.counts) >= WHOLE_SHARE * len(cloud):
             return VoxelCloud(size, cloud, None)
         planes = cells.planes() if smooth else None
@@ -113,17 +113,17 @@ class VoxelCloud:
         It begins with the size of `first_size`, where that is known already. One whose points lie evenly is dense from
         so many points a cell on.
         """
-        points, size = cloud.points, first_size(cloud.points, count, cloud._ends) if size is None else size
+        size = first_size(cloud, count) if size is None else size
         if not size > 0.0:
             return VoxelCloud(0.0, cloud, None)
-        cells, is_dense = Cells.of(points, size, cloud._ends), len(points) > DENSE_RATIO * count
+        cells, is_dense = Cells.of(cloud, size), len(cloud) > DENSE_RATIO * count
         # Of a dense cloud, which has cells in any case, it is asked later or not at all, but where these are lines.
-        may_be_few = cells.lined_share > FEW_RINGS_SHARE if is_dense else len(points) >= RINGED_RATIO * MIN_VOXEL_POINTS
+        may_be_few = cells.lined_share > FEW_RINGS_SHARE if is_dense else len(cloud) >= RINGED_RATIO * MIN_VOXEL_POINTS
         if may_be_few and _lie_in_rings(cloud, cells):
-            size = _across_rings(cloud, first_size(points, count, cloud._ends, RINGED_RATIO))
+            size = _across_rings(cloud, first_size(cloud, count, RINGED_RATIO))
             return VoxelCloud.across_lines(cloud, size, of_few_rings=True)
-        if not is_dense and len(points) > evenly_dense * count and cells.unevenness <= STAND_UNEVENNESS:
-            return VoxelCloud.across_lines(cloud, first_size(points, count, cloud._ends, evenly_dense))
+        if not is_dense and len(cloud) > evenly_dense * count and cells.unevenness <= STAND_UNEVENNESS:
+            return VoxelCloud.across_lines(cloud, first_size(cloud, count, evenly_dense))
         is_uneven = is_dense or cells.unevenness > RING_UNEVENNESS
         if is_uneven or VoxelCloud.of(cloud, size, cells=cells, smooth=False).in_lines:
             return VoxelCloud.across_lines(cloud, size, cells=cells)
@@ -143,30 +143,30 @@ def _across_rings(cloud: PointCloud, size: float) -> float:
 
     The denser the points on each ring, the smaller are cells of so many.
     """
-    cells = Cells.of(cloud.points, size, cloud._ends)
+    cells = Cells.of(cloud, size)
     while cells.lined_share > ONE_RING_SHARE:
-        cells = Cells.of(cloud.points, WIDENING_FACTOR * size, cloud._ends)
+        cells = Cells.of(cloud, WIDENING_FACTOR * size)
         if len(cells.codes) < MIN_VOXEL_POINTS:
             break
         size *= WIDENING_FACTOR
     return size
 
 
-def first_size(points: FloatArray, count: int, ends: Ends | None = None, dense: float = DENSE_RATIO) -> float:
+def first_size(cloud: PointCloud, count: int, dense: float = DENSE_RATIO) -> float:
     """Edge of the voxels that evening a cloud to about so many points begins with, so many in each at least."""
-    return cell_size(points, min(count, int(len(points) / dense)), ends)
+    return cell_size(cloud, min(count, int(len(cloud) / dense)))
 
 
-def cell_size(points: FloatArray, count: int, ends: Ends | None = None) -> float:
+def cell_size(cloud: PointCloud, count: int) -> float:
     """Edge of the cubic cells of which the points fill about so many."""
     from dqreg.kernels.morton import BITS
 
-    if len(points) <= count:
+    if len(cloud) <= count:
         return 0.0
     # Dropping three bits of a Morton code doubles the edge: one sort counts the cells of every such size.
-    ends = bounds(points) if ends is None else ends
+    ends = cloud._ends
     for finest in (COARSER_DOUBLINGS, 0):
-        filled = cells_by_edge(points, ends, finest)
+        filled = cells_by_edge(*cloud._unmoved, ends, finest)
         if filled[0] > count:
             break
     else:

@@ -41,14 +41,14 @@ FIRST = np.zeros(1, dtype=np.int64)
 
 def order_points() -> None:
     """Morton order and cells."""
-    codes = np.zeros(2, dtype=np.uint64)
-    morton_cells(0, 2, CORNERS, np.zeros(3), 1.0, codes)
+    codes, move = np.zeros(2, dtype=np.uint64), np.array([1.0, 0.0, 0.0, 0.0])
+    morton_cells(0, 2, CORNERS, move, np.zeros(3), 1.0, codes)
     new_places(CORNERS, codes, sorted_rows(codes)[0])
     take_points(0, 2, CORNERS, sorted_rows(codes)[0], np.zeros((2, 3)))
     split_sorted_rows(codes)
     count_cells(codes)
-    filled_cells(CORNERS, np.zeros(3), 1.0, 0)
-    codes, counts, means, scatters = cells_of_points(CORNERS, np.zeros(3), 1.0)
+    filled_cells(CORNERS, move, np.zeros(3), 1.0, 0)
+    codes, counts, means, scatters = cells_of_points(CORNERS, move, np.zeros(3), 1.0)
     starts, blocks, table, weights, weighted = cell_blocks(codes, counts, scatters, 1.0)
     fits, rims, asked, edges = np.zeros((3, 7)), np.zeros(3, np.bool_), np.ones(3, np.bool_), (1.0,) * 5
     given = starts, blocks, table, means, weights, weighted

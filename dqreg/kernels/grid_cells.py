@@ -25,17 +25,18 @@ CELL_SUMS, AT_FIRST = 16, 10
 
 @compiled
 def cells_of_points(
-    points: FloatArray, low: FloatArray, per_edge: float
+    points: FloatArray, move: FloatArray, low: FloatArray, per_edge: float
 ) -> tuple[Codes, FloatArray, FloatArray, FloatArray]:
     """Morton codes, points, means and scatters of the cells from the corner ``low`` on that hold points. O(n).
 
-    In the order of their codes, which are those of `morton_cells`. Shapes: points (n, 3); returns (m,), (m,), (m, 3)
-    and (m, 6): xx, yy, zz, xy, xz, yz about the mean.
+    In the order of their codes, which are those of `morton_cells`. Points are moved where they are read: scaled by the
+    first number, then shifted by the others. Shapes: points (n, 3), move (4,); returns (m,), (m,), (m, 3) and (m, 6):
+    xx, yy, zz, xy, xz, yz about the mean.
     """
     cells = np.zeros(len(points), np.int32)
-    keys = numbered(points, low, per_edge, cells)
+    keys = numbered(points, move, low, per_edge, cells)
     codes, sums = codes_of(keys), np.zeros((len(keys), CELL_SUMS))
-    add_points(points, cells, sums)
+    add_points(points, move, cells, sums)
     order, codes = sorted_rows(codes)
     count = len(codes)
     counts, means, scatters = np.zeros(count), np.zeros((count, 3)), np.zeros((count, 6))
@@ -53,14 +54,14 @@ def cells_of_points(
 
 
 @inside_kernels
-def numbered(points: FloatArray, low: FloatArray, per_edge: float, cells: Slots) -> Codes:
+def numbered(points: FloatArray, move: FloatArray, low: FloatArray, per_edge: float, cells: Slots) -> Codes:
     """Write the cell of each point, counted in the order in which they come, and return their keys."""
     table, keys = np.full(FIRST_SLOTS, -1, np.int32), np.zeros(FIRST_SLOTS // 2, np.uint64)
     # Of the type that they have later: for plain zeros what they are given to would be compiled once more.
     at = count = int(np.int64(0))
     while True:
         # Arrays that are replaced in a loop over points would be counted for each of these.
-        at, count = number_on(points, low, per_edge, at, count, table, keys, cells)
+        at, count = number_on(points, move, low, per_edge, at, count, table, keys, cells)
         if at == len(points):
             return keys[:count].copy()
         table, more = np.full(2 * len(table), -1, np.int32), np.zeros(len(table), np.uint64)
@@ -73,6 +74,7 @@ def numbered(points: FloatArray, low: FloatArray, per_edge: float, cells: Slots)
 @inside_kernels
 def number_on(
     points: FloatArray,
+    move: FloatArray,
     low: FloatArray,
     per_edge: float,
     at: int,
@@ -83,11 +85,12 @@ def number_on(
 ) -> tuple[int, int]:
     """Write the cells of points from one on as long as there is room for keys; the next point, and cells by then."""
     shift, mask, x, y, z = shift_of(table), U(len(table) - 1), low[0], low[1], low[2]
+    scale, u, v, w = move[0], move[1], move[2], move[3]
     for i in range(at, len(points)):
         a, b, c = (
-            U(np.int64((points[i, 0] - x) * per_edge)),
-            U(np.int64((points[i, 1] - y) * per_edge)),
-            U(np.int64((points[i, 2] - z) * per_edge)),
+            U(np.int64((scale * points[i, 0] + u - x) * per_edge)),
+            U(np.int64((scale * points[i, 1] + v - y) * per_edge)),
+            U(np.int64((scale * points[i, 2] + w - z) * per_edge)),
         )
         key = (a << U(2 * BITS)) | (b << U(BITS)) | c
         slot = (key * KEY_FACTOR) >> shift
@@ -136,13 +139,14 @@ def codes_of(keys: Codes) -> Codes:
 
 
 @inside_kernels
-def add_points(points: FloatArray, cells: Slots, sums: FloatArray) -> None:
+def add_points(points: FloatArray, move: FloatArray, cells: Slots, sums: FloatArray) -> None:
     """Add points to the sums of their cells, (m, 16)."""
+    scale, u, v, w = move[0], move[1], move[2], move[3]
     for i in range(len(points)):
-        c = U(cells[i])
+        c, x, y, z = U(cells[i]), scale * points[i, 0] + u, scale * points[i, 1] + v, scale * points[i, 2] + w
         if sums[c, 0] == 0.0:
-            sums[c, AT_FIRST], sums[c, 11], sums[c, 12] = points[i, 0], points[i, 1], points[i, 2]
-        x, y, z = points[i, 0] - sums[c, AT_FIRST], points[i, 1] - sums[c, 11], points[i, 2] - sums[c, 12]
+            sums[c, AT_FIRST], sums[c, 11], sums[c, 12] = x, y, z
+        x, y, z = x - sums[c, AT_FIRST], y - sums[c, 11], z - sums[c, 12]
         sums[c, 0] += 1.0
         sums[c, 1], sums[c, 2], sums[c, 3] = sums[c, 1] + x, sums[c, 2] + y, sums[c, 3] + z
         sums[c, 4], sums[c, 5], sums[c, 6] = sums[c, 4] + x * x, sums[c, 5] + y * y, sums[c, 6] + z * z

@@ -22,12 +22,17 @@ REST = (1 << (BITS - DIGIT)) - 1
 
 
 @compiled
-def morton_cells(first: int, last: int, points: FloatArray, low: FloatArray, cells: float, codes: Codes) -> None:
-    """Write the codes of points first to last: cells of the edge ``1 / cells`` from the corner ``low`` on."""
+def morton_cells(
+    first: int, last: int, points: FloatArray, move: FloatArray, low: FloatArray, cells: float, codes: Codes
+) -> None:
+    """Write the codes of points first to last: cells of the edge ``1 / cells`` from the corner ``low`` on.
+
+    Points are moved where they are read: scaled by the first number of a move, (4,), then shifted by the others.
+    """
     for i in range(first, last):
         code = np.uint64(0)
         for k in range(3):
-            cell = np.int64((points[i, k] - low[k]) * cells)
+            cell = np.int64((move[0] * points[i, k] + move[1 + k] - low[k]) * cells)
             spread = SPREAD[cell & (BUCKETS - 1)] | (SPREAD[(cell >> DIGIT) & REST] << np.uint64(3 * DIGIT))
             code = (code << np.uint64(1)) | spread
         codes[i] = code
@@ -169,15 +174,21 @@ def count_cells(codes: Codes) -> IntArray:
 
 
 @compiled
-def filled_cells(points: FloatArray, low: FloatArray, cells: float, dropped: int) -> IntArray:
+def filled_cells(points: FloatArray, move: FloatArray, low: FloatArray, cells: float, dropped: int) -> IntArray:
     """The same of points, whose codes are those of `morton_cells` without so many bits. O(n)."""
-    codes = np.zeros(len(points), np.uint64)
+    codes, most = np.zeros(len(points), np.uint64), np.uint64(0)
     # Of the type that it has elsewhere: for a plain zero it would be compiled once more.
     first = int(np.int64(0))
-    morton_cells(first, len(points), points, low, cells, codes)
+    morton_cells(first, len(points), points, move, low, cells, codes)
     for i in range(len(codes)):
         codes[i] >>= np.uint64(dropped)
-    return count_cells(sorted_rows(codes)[1])
+        most = max(most, codes[i])
+    # Half of the digits at a time, the lower ones first; and of large cells there are no others.
+    half = DIGIT * (DIGITS // 2)
+    for bits in range(first, DIGIT * DIGITS, half):
+        if most >> np.uint64(bits) != np.uint64(0):
+            codes = _sorted_above(codes, bits)
+    return count_cells(codes)
 
 
 @inside_kernels

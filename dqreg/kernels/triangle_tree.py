@@ -149,7 +149,8 @@ def order_of_triangles(corners: FloatArray) -> tuple[IntArray, IntArray | None]:
     over_chunks(middles_of, count, corners, middles, marks, chunk=SORTED)
     low, high = bounds(middles)
     extent = float((high - low).max())
-    over_chunks(morton_cells, count, middles, low, (2**CELL_BITS - 1) / extent if extent else 0.0, codes, chunk=SORTED)
+    per_length, unmoved = (2**CELL_BITS - 1) / extent if extent else 0.0, np.array([1.0, 0.0, 0.0, 0.0])
+    over_chunks(morton_cells, count, middles, unmoved, low, per_length, codes, chunk=SORTED)
     codes <<= np.uint64(MARK_BITS)
     codes |= marks
     rows, keys = split_sorted_rows(codes) if count > 2 * SORTED else sorted_rows(codes)

@@ -64,11 +64,11 @@ def all_points_say_more(fit: Fit) -> bool:
 
 def _are_copies(fit: Fit) -> bool:
     """Whether points of the source lie on points of the target: without cells the pose is exact then, noise and all."""
-    surface, geometry, points = fit.prepared.surface, fit.target.geometry, fit.problem.source.cloud.points
+    surface, geometry, cloud = fit.prepared.surface, fit.target.geometry, fit.problem.source.cloud
     if not isinstance(surface, CellSurface) or not isinstance(geometry, PointCloud):
         return False
-    cells, some = surface.cells, sample_rows(len(points), ASKED_POINTS)
-    moved = pose.apply(fit.T_target_source, points[some])
+    cells, some = surface.cells, sample_rows(len(cloud), ASKED_POINTS)
+    moved = pose.apply(fit.T_target_source, cloud._at(some))
     codes = morton_codes(moved, cells.size, geometry._ends)
     rows = np.minimum(np.searchsorted(cells.codes, codes), len(cells.codes) - 1)
     filled = cells.codes[rows] == codes

@@ -10,7 +10,7 @@ import numpy as np
 from dqreg._records import replaced
 from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.icp.rejectors import beyond_boundary
-from dqreg.kernels.threads import TimeUpError, until
+from dqreg.kernels.threads import Later, TimeUpError, until
 from dqreg.registration.alternatives import alternatives_of, on_other_sides
 from dqreg.registration.assess import (
     Uncertainty,
@@ -154,6 +154,8 @@ def judged(
 
 def not_judged(fit: Fit) -> Registration:
     """The answer where the loop ended, with its covariance; where there is no pose the verdict says why."""
+    if fit.problem.options.keep_inputs:
+        Later(fit.problem.kept)
     fit.problem.await_target()
     fit = seen_alone(fit)
     uncertainty = uncertainty_of(fit, by_rims=False)
@@ -220,7 +222,7 @@ def registration_of(
         inlier_fraction=fit.run.inlier_fraction,
         timings=problem.watch.seconds,
         settings={**problem.asked, "cell_size": fit.prepared.cell_size, **resolved(fit)},
-        inputs=sides if problem.options.keep_inputs else None,
+        inputs=sides.kept() if problem.options.keep_inputs else None,
         partial_information=uncertainty.partial_information,
     )
 

@@ -58,20 +58,20 @@ class Prepared:
         times what noise lets them tell apart. Cells are equal on both sides, so that neither is finer than the other.
         """
         evening = evening or target.begin_evened(count)
-        edge = evening.edge.result()
+        edge = evening.edge
         # Meanwhile, with the cells that the target will have unless its points stay in lines.
         meanwhile = VoxelCloud.across_lines(cloud, edge) if edge and evening.cloud.is_beside else None
         # Cells of an even target save nothing where the source has too few points for cells as small.
         is_small, geometry = len(cloud) <= EVENLY_DENSE * count, target.geometry
         stands = target.evened(count, evenly_dense=DENSE_RATIO) if is_small and not edge else evening.cloud.result()
         if not stands.size or not isinstance(geometry, PointCloud):
-            moves = VoxelCloud.of(cloud, voxel_size(cloud.points, count))
+            moves = VoxelCloud.of(cloud, voxel_size(cloud, count))
         else:
             made = meanwhile if stands.size == edge and not stands.of_few_rings else None
             moves = made or VoxelCloud.across_lines(cloud, stands.size, of_few_rings=stands.of_few_rings)
             size, wanted = moves.size, min(count, len(stands.cloud))
             if len(moves.cloud) < SMALL * wanted:
-                size = min(size, cell_size(cloud.points, min(count, int(WHOLE_SHARE * len(cloud.points)))))
+                size = min(size, cell_size(cloud, min(count, int(WHOLE_SHARE * len(cloud)))))
                 moves = VoxelCloud.of(cloud, size, of_few_rings=stands.of_few_rings)
             if size != stands.size:
                 stands = VoxelCloud.of(geometry, size, of_few_rings=stands.of_few_rings)

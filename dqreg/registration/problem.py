@@ -62,6 +62,12 @@ class SourceAndTarget:
         units = source_units, target_units or index.units
         return SourceAndTarget(centre_source(source, *units, seed, scale), index)
 
+    def kept(self) -> SourceAndTarget:
+        """Itself, with all points moved: arrays that were given may be filled again from here on."""
+        for geometry in (self.source.cloud, self.target.geometry):
+            _ = geometry.points if isinstance(geometry, PointCloud) else None
+        return self
+
     def to_centred(self, T_target_source: FloatArray) -> FloatArray:
         """Pose between the centred frames, from one between the caller's."""
         R, t = T_target_source[:3, :3], T_target_source[:3, 3]

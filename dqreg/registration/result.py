@@ -143,7 +143,7 @@ class Registration(UncertainPose, ShownResult):
         if viewpoints is not None and np.isfinite(self.T_target_source).all():
             visible = inputs.visible_from(np.array(viewpoints), inputs.to_centred(self.T_target_source))
             inputs = dataclasses.replace(inputs, target=visible)
-        return dataclasses.replace(self, inputs=inputs)
+        return dataclasses.replace(self, inputs=inputs.kept())
 
     @property
     def scale_sigma(self) -> float:

@@ -130,14 +130,14 @@ class TargetIndex:
         return building
 
     def begin_evened(self, count: int) -> Evening:
-        """`evened`, made beside the caller where the cloud is dense."""
+        """`evened`, made beside the caller where the cloud is dense, once the edge of its cells is known."""
         geometry, known = self.geometry, self._evened.get((count, EVENLY_DENSE))
-        is_dense = isinstance(geometry, PointCloud) and len(geometry.points) > DENSE_RATIO * count
-        if known is not None or not isinstance(geometry, PointCloud) or not is_dense:
-            size = known.size if known is not None and is_dense else 0.0
-            return Evening(Later(lambda: size, beside=False), Later(lambda: self.evened(count), beside=False))
-        edge = Later(lambda: first_size(geometry.points, count, geometry._ends))
-        return Evening(edge, Later(lambda: self.evened(count, edge.result())))
+        if not isinstance(geometry, PointCloud) or len(geometry) <= DENSE_RATIO * count:
+            return Evening(0.0, Later(lambda: self.evened(count), beside=False))
+        if known is not None:
+            return Evening(known.size, Later(lambda: known, beside=False))
+        Later(lambda: self.spreads)  # whoever reads the scan asks for them
+        return Evening(edge := first_size(geometry, count), Later(lambda: self.evened(count, edge)))
 
     def evened(self, count: int, size: float | None = None, evenly_dense: float = EVENLY_DENSE) -> VoxelCloud:
         """The cloud as the means of about so many cells, and their surface; built once and only read from then on.
@@ -277,7 +277,7 @@ def cut_for(target: Path, source: Any, source_units: str | None) -> tuple[Mesh, 
 class Evening(NamedTuple):
     """A cloud that is being evened beside the caller."""
 
-    edge: Later[float]  # Edge of its cells, unless they turn out wider; 0 if it has none
+    edge: float  # Edge of its cells, unless they turn out wider; 0 if it has none
     cloud: Later[VoxelCloud]
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
 from dqreg.geometry.cells import Cells
+from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import NORMAL_NEIGHBOURS, fit_planes_among, sample_rows
 from dqreg.geometry.vector_rows import nonzero_rows, row_dots, second_moment
@@ -84,7 +85,7 @@ def apart_in_cells(source: FloatArray, target: FloatArray, T_target_source: Floa
     Where points are closer together than their noise is wide, or a depth camera rounds them to terraces, planes of the
     nearest ones turn freely; those of the means of cells do not. Shapes: (n, 3), (m, 3), (4, 4).
     """
-    moves, stands = (Cells.of(points, width) for points in (source, target))
+    moves, stands = (Cells.of(PointCloud(points), width) for points in (source, target))
     if min(np.mean(cells.counts) for cells in (moves, stands)) < MIN_CELL_POINTS:
         return np.nan
     moved = pose.apply(T_target_source, moves.points)

@@ -26,7 +26,7 @@ def sweep(seed: int, rings: int, noise: float = NOISE) -> FloatArray:
 
 
 def found(points: FloatArray) -> FloatArray | None:
-    return origin_of_beams(points, Cells.of(points, cell_size(points, len(points) // 3)).order)
+    return origin_of_beams(points, Cells.of(cloud := PointCloud(points), cell_size(cloud, len(points) // 3)).order)
 
 
 @pytest.mark.parametrize("rings", [16, 32])

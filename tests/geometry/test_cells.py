@@ -29,7 +29,7 @@ def sheet(seed: int, count: int) -> np.ndarray:
 @given(st.integers(0, 10_000), st.integers(1, 400), st.floats(0.05, 20.0))
 def test_cells_hold_the_moments_of_their_points(seed: int, count: int, size: float) -> None:
     points = sheet(seed, count)
-    cells = Cells.of(points, size)
+    cells = Cells.of(PointCloud(points), size)
     assert np.all(np.diff(cells.codes.astype(np.int64)) > 0)
     for k, rows in enumerate(np.split(cells.order, cells.starts[1:])):
         off = points[rows] - points[rows].mean(axis=0)
@@ -57,7 +57,7 @@ def plane_around(cells: Cells, blocks: np.ndarray, k: int) -> tuple[np.ndarray, 
 
 def test_planes_are_those_of_all_cells_within_reach_and_of_wider_ones_where_these_make_none() -> None:
     points = sheet(0, 20_000)
-    cells = [Cells.of(points, 0.15 * 2.0**level) for level in range(EDGE_LEVELS)]
+    cells = [Cells.of(PointCloud(points), 0.15 * 2.0**level) for level in range(EDGE_LEVELS)]
     fits = cells[0].planes().fits
     low, levels = points.min(axis=0), []
     blocks = [np.floor((points[one.order[one.starts]] - low) / one.size).astype(int) // 2 for one in cells]
@@ -96,7 +96,7 @@ def height_around(cells: Cells, blocks: np.ndarray, k: int, normal: np.ndarray, 
 
 def test_heights_are_those_of_a_plane_and_a_mean_bend_through_the_neighbours() -> None:
     points = sheet(1, 20_000)
-    cells = Cells.of(points, 0.15)
+    cells = Cells.of(PointCloud(points), 0.15)
     planes, low = cells.planes(), points.min(axis=0)
     blocks = np.floor((points[cells.order[cells.starts]] - low) / cells.size).astype(int) // 2
     compared = 0
@@ -118,7 +118,7 @@ def test_smoothing_takes_noise_away_and_leaves_the_shape() -> None:
     x, y = rng.uniform(-1.0, 1.0, size=(2, 60_000))
     for noise in (0.0, 0.01):
         points = np.column_stack([x, y, 0.4 * (x**2 + y**2) + rng.normal(scale=noise, size=len(x))])
-        cells = Cells.of(points, 0.05)
+        cells = Cells.of(PointCloud(points), 0.05)
         moved = cells.smoothed(cells.planes())
         inside = np.abs(cells.points[:, :2]).max(axis=1) < 0.8
         raw, smooth = (
@@ -136,7 +136,7 @@ def test_an_edge_is_not_rounded_by_more_than_its_residual_allows() -> None:
     flat, wall = rng.uniform(size=(2, 30_000, 2))
     floor = np.column_stack([flat, np.zeros(len(flat))])
     upright = np.column_stack([wall[:, 0], np.zeros(len(wall)), wall[:, 1]])
-    cells = Cells.of(np.vstack([floor, upright]) + rng.normal(scale=0.003, size=(60_000, 3)), 0.05)
+    cells = Cells.of(PointCloud(np.vstack([floor, upright]) + rng.normal(scale=0.003, size=(60_000, 3))), 0.05)
     planes = cells.planes()
     known, usual = planes.fits.known, np.median(planes.fits.residuals[planes.fits.known])
     shifts = np.linalg.norm(cells.smoothed(planes).points - cells.points, axis=1)
@@ -151,13 +151,13 @@ def test_an_edge_is_not_rounded_by_more_than_its_residual_allows() -> None:
 def test_a_cell_of_a_thousand_copies_turns_no_plane() -> None:
     flat = np.random.default_rng(0).uniform(-1.0, 1.0, size=(4_000, 3)) * [1.0, 1.0, 0.0]
     stray = np.tile([0.05, 0.05, 0.12], (1_000, 1))
-    fits = Cells.of(np.vstack([flat, stray]), 0.1).planes().fits
+    fits = Cells.of(PointCloud(np.vstack([flat, stray])), 0.1).planes().fits
     assert np.abs(fits.normals[fits.known, 2]).min() > 0.9
 
 
 def test_rims_lie_round_a_sheet_and_not_within_it() -> None:
     flat = np.random.default_rng(0).uniform(-1.0, 1.0, size=(40_000, 3)) * [1.0, 1.0, 0.0]
-    cells = Cells.of(flat, 0.05)
+    cells = Cells.of(PointCloud(flat), 0.05)
     rims = cells.planes().rims
     inside = np.abs(cells.points).max(axis=1)
     assert rims[inside > 0.97].mean() > 0.9
@@ -171,7 +171,7 @@ def test_where_cells_make_no_plane_their_nearest_ones_do() -> None:
     few = rng.uniform([2.0, -2.5, -0.1], [12.0, 2.5, 0.1], size=(40, 3))
     even = VoxelCloud.of(PointCloud(np.vstack([wall, few])), 0.1)
     assert even.surface is not None
-    by_cells = Cells.of(np.vstack([wall, few]), 0.1).planes().fits.known
+    by_cells = Cells.of(PointCloud(np.vstack([wall, few])), 0.1).planes().fits.known
     beside = even.cloud.points[:, 0] > 1.5
     assert by_cells[~beside].mean() > 0.98
     assert not by_cells[beside].any()

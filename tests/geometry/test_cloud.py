@@ -8,6 +8,8 @@ import pytest
 
 from dqreg.errors import InputError
 from dqreg.geometry import PointCloud
+from dqreg.geometry.cells import Cells
+from dqreg.geometry.voxels import cell_size
 
 NAN, INF = float("nan"), float("inf")
 TWO = [[0.0, 0, 0], [1, 0, 0]]
@@ -118,6 +120,14 @@ def test_a_moved_cloud_is_the_one_of_the_moved_points(scale: float) -> None:
     cloud = PointCloud(rng.normal(size=(700, 3)), viewpoint=np.array([0.0, 1.0, 2.0]), times=np.arange(700.0))
     offset = np.array([1e3, -1e-3, 0.7])
     found, made = cloud._moved(offset, scale), PointCloud(scale * cloud.points + offset)
+    rows, cells = np.array([5, 3, 600]), (Cells.of(found, 0.3), Cells.of(made, 0.3))
+    np.testing.assert_array_equal(found._at(rows), made.points[rows])
+    for name in ("codes", "counts", "points", "scatters"):
+        np.testing.assert_array_equal(*(getattr(each, name) for each in cells))
+    assert cell_size(found, 70) == cell_size(made, 70)
+    # Nothing of this asks for all points, which none has moved by now.
+    assert "points" not in vars(found)
+    assert len(found) == 700
     np.testing.assert_array_equal(found.points, made.points)
     # Rounding keeps the order of numbers, so the ends are those of the moved points to the bit.
     np.testing.assert_array_equal(found._ends, made._ends)

@@ -15,7 +15,7 @@ from tests.strategies import FloatArray
 
 
 def are_rings(points: FloatArray) -> bool:
-    return lie_in_rings(points, Cells.of(points, cell_size(points, len(points) // 3)).order)
+    return lie_in_rings(points, Cells.of(cloud := PointCloud(points), cell_size(cloud, len(points) // 3)).order)
 
 
 def sweep(rings: int) -> FloatArray:
@@ -70,7 +70,8 @@ def test_cells_of_a_dense_sweep_of_few_rings_are_wide_enough_for_two_of_them(col
     # The denser the points on each ring, the smaller are cells of so many: each held points of one ring.
     points = hall(16, columns, 0.015)
     assert len(points) > DENSE_RATIO * count
-    found, narrow = VoxelCloud.evened(PointCloud(points), count), Cells.of(points, cell_size(points, count))
+    cloud = PointCloud(points)
+    found, narrow = VoxelCloud.evened(cloud, count), Cells.of(cloud, cell_size(cloud, count))
     assert found.of_few_rings
     assert found.surface is not None
     assert found.surface.cells.lined_share <= ONE_RING_SHARE < narrow.lined_share
@@ -80,11 +81,11 @@ def test_cells_of_a_dense_sweep_of_many_rings_stay_as_small_as_asked() -> None:
     points = hall(64, 1_800, 0.015)
     found = VoxelCloud.evened(PointCloud(points), 6_000)
     assert not found.of_few_rings
-    assert found.size == cell_size(points, 6_000)
+    assert found.size == cell_size(PointCloud(points), 6_000)
 
 
 def test_lined_cells_are_those_whose_second_variance_is_a_small_part_of_the_first() -> None:
-    cells = Cells.of(hall(16, 1_800, 0.015), 0.3)
+    cells = Cells.of(PointCloud(hall(16, 1_800, 0.015)), 0.3)
     told = cells.counts >= TOLD_POINTS
     matrices = cells.scatters[told][:, [[0, 3, 4], [3, 1, 5], [4, 5, 2]]]
     least, small, large = np.linalg.eigvalsh(matrices).T
@@ -93,7 +94,7 @@ def test_lined_cells_are_those_whose_second_variance_is_a_small_part_of_the_firs
     flat = least <= 1e-3 * large
     np.testing.assert_array_equal(lined[flat], (small <= 0.38 * large)[flat])
     assert 0.2 < cells.lined_share < 0.8
-    assert Cells.of(sphere(10), 10.0).lined_share == 0.0
+    assert Cells.of(PointCloud(sphere(10)), 10.0).lined_share == 0.0
 
 
 def test_where_hardly_a_sure_plane_holds_a_direction_planes_are_sought_among_more_neighbours() -> None:

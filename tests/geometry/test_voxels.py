@@ -10,7 +10,7 @@ from dqreg.geometry.voxels import RING_UNEVENNESS, VoxelCloud, cell_size, points
 
 
 def means(cloud: PointCloud, size: float) -> PointCloud:
-    return points_of(cloud, Cells.of(cloud.points, size))
+    return points_of(cloud, Cells.of(cloud, size))
 
 
 def cloud(seed: int, count: int) -> np.ndarray:
@@ -51,19 +51,19 @@ def test_the_cells_are_about_as_many_as_asked_for_whatever_the_unit(
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
     ways[0] *= max(stray, 1.0)
     points = 10.0**exponent * ways
-    size = cell_size(points, count)
+    size = cell_size(PointCloud(points), count)
     assert count / 1.25 <= len(means(PointCloud(points), size)) <= count * 1.25
 
 
 def test_few_points_are_left_alone() -> None:
     same = PointCloud(cloud(0, 50))
-    assert cell_size(same.points, 50) == 0.0
+    assert cell_size(same, 50) == 0.0
     assert VoxelCloud.of(same, 0.0).cloud is same
 
 
 def test_copies_of_one_point_vote_once() -> None:
     points = np.vstack([np.zeros((5_000, 3)), cloud(1, 100)])
-    size = cell_size(points, 50)
+    size = cell_size(PointCloud(points), 50)
     assert len(means(PointCloud(points), size)) <= 101
 
 
@@ -89,11 +89,11 @@ def test_rings_that_stand_apart_are_thinned_until_neighbourhoods_are_no_lines() 
 
 def test_an_even_cloud_that_is_not_dense_stays_whole_and_a_crowded_one_does_not() -> None:
     even = PointCloud(cloud(0, 9_000) * [1.0, 1.0, 0.01])
-    assert Cells.of(even.points, cell_size(even.points, 3_000)).unevenness < 1.2
+    assert Cells.of(even, cell_size(even, 3_000)).unevenness < 1.2
     assert VoxelCloud.evened(even, 10_000).cloud is even
     # Ranges as of a sensor on the ground: nearly all points lie near it.
     rng = np.random.default_rng(1)
     reach, turn = 10.0 ** rng.uniform(-2.0, 1.0, 9_000), rng.uniform(0.0, 2.0 * np.pi, 9_000)
     crowded = PointCloud(np.column_stack([reach * np.cos(turn), reach * np.sin(turn), rng.normal(size=9_000) * 0.01]))
-    assert Cells.of(crowded.points, cell_size(crowded.points, 3_000)).unevenness > RING_UNEVENNESS
+    assert Cells.of(crowded, cell_size(crowded, 3_000)).unevenness > RING_UNEVENNESS
     assert len(VoxelCloud.evened(crowded, 10_000).cloud) < 4_000

@@ -289,7 +289,7 @@ def test_cells_far_off_the_planes_for_most_count_less_and_points_do_not() -> Non
     scan = prepare_scan(means)
     closest = Closest(scan.points - heights[:, None] * up, up, np.abs(heights), np.arange(200))
     weights = rng.uniform(size=200)
-    cells = CellSurface(means, Cells.of(means.points, 1e-9))
+    cells = CellSurface(means, Cells.of(means, 1e-9))
     found = lowered_weights(Correspondences(scan, np.eye(4), closest, False, cells), weights, is_last=False) / weights
     # By hand: most are 0.01 off, whose normal standard deviation is 0.01 / 0.6745.
     size = HALF_WEIGHT_HEIGHTS * 0.01 / 0.67448975
@@ -305,7 +305,7 @@ def test_cells_that_stand_far_apart_count_by_how_far_a_bend_would_lift_them() ->
     ways, scan = np.geomspace(0.1, 10.0, 201)[:, None] * [1.0, 0.0, 0.0], prepare_scan(means)
     up = np.tile([0.0, 0.0, 1.0], (201, 1))
     closest = Closest(scan.points - ways, up, ways[:, 0], np.arange(201))
-    cells = CellSurface(means, Cells.of(means.points, 1e-9))
+    cells = CellSurface(means, Cells.of(means, 1e-9))
     weights = rng.uniform(size=201)
     found = lowered_weights(Correspondences(scan, np.eye(4), closest, False, cells), weights, is_last=True) / weights
     # By hand: the middle one is at 1. A bend lifts by the square of the way, its variance adds to that of noise, and
@@ -337,7 +337,7 @@ def test_points_whose_neighbourhoods_are_noise_count_next_to_nothing_where_a_sta
     expected = np.where(np.arange(200) < 150, 1.0 / (1.0 + 1e8), 0.5)
     np.testing.assert_allclose(weighed(variances, scan, CloudSurface(means)), expected, rtol=1e-9)
     # Cells are rid of noise; where all are noisy alike none counts less than another; and an even scan is of a part.
-    np.testing.assert_array_equal(weighed(variances, scan, CellSurface(means, Cells.of(means.points, 1e-9))), 1.0)
+    np.testing.assert_array_equal(weighed(variances, scan, CellSurface(means, Cells.of(means, 1e-9))), 1.0)
     np.testing.assert_allclose(weighed(1.0 - scan._variances, scan, CloudSurface(means)), 0.5, rtol=1e-9)
     even = prepare_scan(PointCloud(np.column_stack([rng.uniform(size=(200, 2)), np.zeros(200)])))
     np.testing.assert_array_equal(weighed(variances, even, CloudSurface(means)), 1.0)
@@ -354,7 +354,7 @@ def test_a_bend_below_rings_that_stand_far_apart_does_not_tilt_the_pose() -> Non
     apart = np.where(scan.points[:, 0] < 13.0, 0.1, 1.0) * rng.choice([-1.0, 1.0], len(grid))
     ways = np.column_stack([apart, np.zeros(len(grid)), 0.02 * apart**2])
     closest = Closest(scan.points - ways, normals, np.linalg.norm(ways, axis=1), np.arange(len(grid)))
-    pairs = Correspondences(scan, np.eye(4), closest, False, CellSurface(means, Cells.of(means.points, 1e-9)))
+    pairs = Correspondences(scan, np.eye(4), closest, False, CellSurface(means, Cells.of(means, 1e-9)))
     weights = np.ones(len(grid))
     tilts = [abs(fit(pairs, weights, 0.0).T_target_source[0, 2]) for fit in (surfaces_to_surfaces, cells_to_cells)]
     # By hand: the far rows are 0.02 too high, at levers of up to 60.

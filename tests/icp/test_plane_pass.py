@@ -30,7 +30,7 @@ def pairs_of(count: int, kind: str) -> Correspondences:
     scan, target = prepare_scan(PointCloud(points)), PointCloud(bumpy_cloud(count, 2))
     if kind != "cells":
         return find_correspondences(scan, CloudSurface(target), T)
-    cells = Cells.of(target.points, 0.05)
+    cells = Cells.of(target, 0.05)
     surface = CellSurface(PointCloud(cells.points), cells, cells.planes())
     surface.wide[::3] = surface.has_wide = True
     many = np.random.default_rng(3).integers(1, 9, len(scan)).astype(float)

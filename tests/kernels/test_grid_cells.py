@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dqreg.geometry.morton import cells_by_edge, corner_and_cells, morton_codes, sorted_codes
+from dqreg.geometry.moved_points import UNMOVED
 from dqreg.kernels.cell_blocks import ALONG_X, ALONG_Y, ALONG_Z, cell_blocks, cells_around
 from dqreg.kernels.compiled import compiled
 from dqreg.kernels.grid_cells import FIRST_SLOTS, cells_of_points
@@ -26,7 +27,7 @@ def strewn(count: int) -> np.ndarray:
 @pytest.mark.parametrize(("count", "size"), [(1, 1.0), (5_000, 0.4), (60_000, 0.05)])
 def test_cells_of_points_have_the_sums_of_points_in_the_order_of_codes(count: int, size: float) -> None:
     points = strewn(count)
-    codes, counts, means, scatters = cells_of_points(points, *corner_and_cells(points, size))
+    codes, counts, means, scatters = cells_of_points(points, UNMOVED, *corner_and_cells(points, size))
     order, keys = sorted_codes(morton_codes(points, size))
     starts = np.flatnonzero(np.r_[True, keys[1:] != keys[:-1]])
     np.testing.assert_array_equal(codes, keys[starts])
@@ -49,7 +50,7 @@ def test_cells_of_points_have_the_sums_of_points_in_the_order_of_codes(count: in
 def test_cells_of_each_edge_are_those_of_codes_without_bits(finest: int) -> None:
     points = strewn(3_000)
     codes = morton_codes(points)
-    found = cells_by_edge(points, (points.min(axis=0), points.max(axis=0)), finest)
+    found = cells_by_edge(points, UNMOVED, (points.min(axis=0), points.max(axis=0)), finest)
     expected = [len(np.unique(codes >> np.uint64(3 * level))) for level in range(finest, BITS)]
     np.testing.assert_array_equal(found[: len(expected)], expected)
 
@@ -66,7 +67,7 @@ def along(codes: np.ndarray, mask: np.uint64) -> np.ndarray:
 
 def test_cells_around_a_block_are_those_of_blocks_that_differ_by_one_along_each_axis() -> None:
     points = strewn(20_000)
-    codes, counts, _, scatters = cells_of_points(points, *corner_and_cells(points, 0.2))
+    codes, counts, _, scatters = cells_of_points(points, UNMOVED, *corner_and_cells(points, 0.2))
     starts, blocks, table, weights, weighted = cell_blocks(codes, counts, scatters, 8.0)
     np.testing.assert_array_equal(weights, np.minimum(counts, 8.0))
     np.testing.assert_allclose(weighted, scatters * (weights / counts)[:, None])

@@ -77,11 +77,11 @@ def plain_codes(points: FloatArray, low: FloatArray, cells: float) -> list[int]:
 @pytest.mark.parametrize("cells", [0.0, 1.0, 1e5, (2**BITS - 1) / 20.0])
 def test_codes_are_those_set_bit_by_bit(cells: float) -> None:
     points = np.random.default_rng(0).uniform(-10.0, 10.0, size=(300, 3))
-    points[0], low = 10.0, np.full(3, -10.0)
+    points[0], low, move = 10.0, np.full(3, -10.0), np.array([0.5, 1.0, 2.0, 3.0])
     codes = np.zeros(300, dtype=np.uint64)
-    morton_cells(0, 150, points, low, cells, codes)
-    morton_cells(150, 300, points, low, cells, codes)
-    assert codes.tolist() == plain_codes(points, low, cells)
+    morton_cells(0, 150, points, move, low, cells, codes)
+    morton_cells(150, 300, points, move, low, cells, codes)
+    assert codes.tolist() == plain_codes(0.5 * points + move[1:], low, cells)
 
 
 @settings(deadline=None, max_examples=100)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 import threading
 
 import numpy as np
@@ -123,6 +124,24 @@ def test_a_dense_source_is_thinned_though_its_target_is_sparse() -> None:
     sides = downsampled(SHEET, stands)
     assert 800 <= len(sides.scan) <= 1_250
     assert sides.surface is stands.surface
+
+
+@pytest.mark.parametrize("verdict", [True, False])
+def test_arrays_that_were_given_may_be_filled_again_once_there_is_a_result(verdict: bool) -> None:
+    # So rough that cells say what all points do, and these are not asked for.
+    corner = np.vstack([np.roll(SHEET[k::3], k, axis=1) for k in range(3)])
+    rough = [corner + np.random.default_rng(seed).normal(scale=0.02, size=SHEET.shape) for seed in (1, 2)]
+    arrays = [each.copy() for each in rough]
+    result = dqreg.register(*arrays, "identity", effort="fast", verdict=verdict)
+    attached = dataclasses.replace(result, inputs=None).attached(*arrays)
+    prepared = prepare_target(arrays[1])
+    for array in arrays:
+        array[:] = 7.0
+    moves, stands = (source(each).cloud.points for each in rough)
+    for inputs in (result.inputs, attached.inputs):
+        np.testing.assert_array_equal(inputs.source.cloud.points, moves)
+        np.testing.assert_array_equal(inputs.target.geometry.points, stands)
+    np.testing.assert_array_equal(prepared.indexed.geometry.points, stands)
 
 
 def test_the_cells_of_a_target_are_built_once() -> None:
