@@ -62,7 +62,7 @@ def own_neighbours(
                 line = lines[rows[t]]
                 if line >= 0 and farthest >= 0.0:
                     kept = _kept(places, t, count, reach * reach, found.shape[1], some, squares, near, at)
-                    ranked = _ranked(kept, near, at, of_some, rows, order, found[line], distances[line])
+                    ranked = _ranked(kept, near, at, of_some, rows, order, line, found, distances)
                     farthest = max(farthest, ranked) if ranked >= 0.0 else -1.0
             if farthest >= 0.0:
                 break
@@ -122,28 +122,32 @@ def _kept(
     at: IntArray,
 ) -> int:
     """Write the squared distances of the nearest places, more than wanted where they are within a limit, and which."""
-    x, y, z, xs, ys, zs = places[asking, 0], places[asking, 1], places[asking, 2], some[0], some[1], some[2]
+    x, y, z = places[asking, 0], places[asking, 1], places[asking, 2]
     for j in range(count):
-        dx, dy, dz = xs[j] - x, ys[j] - y, zs[j] - z
+        dx, dy, dz = some[0, j] - x, some[1, j] - y, some[2, j] - z
         squares[j] = dx * dx + dy * dy + dz * dz
+    within = _within(squares, count, limit)
+    while within > MAX_KEPT_RATIO * wanted:
+        lower = limit * (AIMED_KEPT_RATIO * wanted / within)
+        left = _within(squares, count, lower)
+        if left < wanted or left == within:
+            break
+        limit, within = lower, left
     kept = 0
     for j in range(count):
         # Written each time: which are within is as good as random.
         near[U(kept)], at[U(kept)] = squares[U(j)], j
         kept += 1 if squares[U(j)] <= limit else 0
-    while kept > MAX_KEPT_RATIO * wanted:
-        lower, left = limit * (AIMED_KEPT_RATIO * wanted / kept), 0
-        for j in range(kept):
-            left += 1 if near[j] <= lower else 0
-        if left < wanted or left == kept:
-            break
-        limit, left = lower, 0
-        for j in range(kept):
-            square = near[U(j)]
-            near[U(left)], at[U(left)] = square, at[U(j)]
-            left += 1 if square <= lower else 0
-        kept = left
     return kept
+
+
+@inside_kernels
+def _within(squares: FloatArray, count: int, limit: float) -> int:
+    """How many of the first squares are within a limit."""
+    within = 0
+    for j in range(count):
+        within += 1 if squares[j] <= limit else 0
+    return within
 
 
 @inside_kernels
@@ -154,14 +158,15 @@ def _ranked(
     of_some: IntArray,
     rows: IntArray,
     order: IntArray,
-    line: IntArray,
+    line: int,
+    found: IntArray,
     distances: FloatArray,
 ) -> float:
     """Write rows of the nearest of those kept, and how far they are, closest first; how far the last is, -1 for none.
 
     The rank of each is how many are nearer; of equally near ones those with lower rows come first.
     """
-    wanted, padded = len(line), kept + (-kept) % LANES
+    wanted, padded = found.shape[1], kept + (-kept) % LANES
     if kept < wanted:
         return -1.0
     for j in range(kept, padded):
@@ -173,13 +178,14 @@ def _ranked(
         for j in range(padded):
             rank += 1 if near[j] < square else 0
         # As many ranks as there are equally near ones are free from there on.
-        while order[U(rank)] >= 0:
-            rank += 1
-        order[U(rank)] = i
-        j = rank
-        while j > 0 and near[order[U(j - 1)]] == square and rows[of_some[at[order[U(j - 1)]]]] > rows[of_some[at[i]]]:
+        j = first = rank
+        while order[U(j)] >= 0:
+            j += 1
+        order[U(j)] = i
+        while j > first and rows[of_some[at[order[U(j - 1)]]]] > rows[of_some[at[i]]]:
             order[U(j)], order[U(j - 1)] = order[U(j - 1)], i
             j -= 1
     for j in range(wanted):
-        line[j], distances[j] = rows[of_some[at[order[j]]]], np.sqrt(near[order[j]])
-    return float(distances[wanted - 1])
+        k = U(order[U(j)])
+        found[line, j], distances[line, j] = rows[U(of_some[U(at[k])])], np.sqrt(near[k])
+    return float(distances[line, wanted - 1])
