@@ -11,7 +11,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, as_float, as_pose, departure, require_workable
 from dqreg.errors import InputError
-from dqreg.geometry import Mesh, PointCloud
+from dqreg.geometry import PointCloud
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.opening import describe
 from dqreg.geometry.scan_measures import THINNED_POINTS
@@ -25,7 +25,7 @@ from dqreg.registration.constraints import PoseConstraints
 from dqreg.registration.derived import Derived, Key
 from dqreg.registration.options import NO_VIEWPOINT, Options
 from dqreg.registration.prepared import Begin, Prepared
-from dqreg.registration.source import CentredSource, centre_source, read_source
+from dqreg.registration.source import CentredSource, centre_source, read_source, require_one_place
 from dqreg.registration.target_index import Building, Evening, TargetIndex, index_for, index_target
 from dqreg.rigid import pose, single_pose
 from dqreg.solvers.dof import Freedom
@@ -275,15 +275,6 @@ def _departure(start: Any, prior: Any, T_start: FloatArray | None) -> float | No
     if T_start is None or isinstance(start, str):
         return None
     return departure(prior[0] if start is None else start, T_start)
-
-
-def require_one_place(viewpoints: FloatArray, geometry: PointCloud | Mesh) -> None:
-    """Raise where several viewpoints are given between two clouds: which points were seen from which is not known."""
-    if len(viewpoints) > 1 and not isinstance(geometry, Mesh):
-        raise InputError(
-            f"several viewpoints hide faces of a mesh, and this target is a cloud, which takes one: got "
-            f"{len(viewpoints)}; give the place of one scanner, or leave viewpoint out"
-        )
 
 
 def as_viewpoints(value: Any) -> FloatArray | None:

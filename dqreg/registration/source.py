@@ -111,6 +111,15 @@ def read_source(source: Any, seed: int | np.random.Generator) -> ReadSource:
     return ReadSource(geometry, mesh, strays)
 
 
+def require_one_place(viewpoints: FloatArray, geometry: PointCloud | Mesh) -> None:
+    """Raise where several viewpoints are given between two clouds: which points were seen from which is not known."""
+    if len(viewpoints) > 1 and not isinstance(geometry, Mesh):
+        raise InputError(
+            f"several viewpoints hide faces of a mesh, and this target is a cloud, which takes one: got "
+            f"{len(viewpoints)}; give the place of one scanner, or leave viewpoint out"
+        )
+
+
 def require_spread(points: FloatArray, name: str) -> None:
     """Raise unless the points are three at least and not on one line."""
     if len(points) < 3:
