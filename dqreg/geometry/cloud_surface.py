@@ -13,11 +13,12 @@ from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.morton import distinct_in_order
 from dqreg.geometry.neighbours import (
     CHUNK_QUERIES,
+    Before,
     Candidates,
     KdTree,
     NeighbourTree,
     followed,
-    followed_in_tree,
+    found_in_tree,
 )
 from dqreg.geometry.normals import PlaneFits, fit_planes_around, orient_towards
 from dqreg.geometry.surface import Closest, Hint, as_queries
@@ -168,24 +169,23 @@ class CloudSurface:
             If the queries are no (n, 3) finite real numbers.
         """
         points = as_queries(points)
-        known = None if hint is None else self._closest_near(points, *hint)
-        if known is not None:
-            return known
-        _require_near(points)
-        rows, distances = self._search.nearest(points, self._kept)
-        others = self._beyond(distances)
-        return self._answer(rows[:, 0], distances[:, 0], others, rows.astype(np.int32))
-
-    def _closest_near(self, points: FloatArray, places: FloatArray, before: Closest) -> Closest | None:
-        if before.others is None or before._candidates is None:
-            return None
-        candidates = before._candidates
+        before = None if hint is None else _known_before(*hint)
+        if before is None:
+            _require_near(points)
         if isinstance(self._search, NeighbourTree):
             # What stands at the matches is looked up at once where it is known of all points.
             held = (self._points, self._normals, self._variances, self.order) if self._all_fitted else None
-            nearest = followed_in_tree(self._search, points, places, candidates, before.others, self._points, held)
-            return nearest if isinstance(nearest, Closest) else self._answer(*nearest)
-        rows, distances, others = followed(points, places, candidates, before.others, self._points)
+            found = found_in_tree(self._search, points, before, self._kept, self._points, held)
+            return found if isinstance(found, Closest) else self._answer(*found)
+        if before is not None:
+            return self._closest_near(points, *before)
+        rows, distances = self._search.nearest(points, self._kept)
+        return self._answer(rows[:, 0], distances[:, 0], self._beyond(distances), rows.astype(np.int32))
+
+    def _closest_near(
+        self, points: FloatArray, places: FloatArray, candidates: Candidates, others: FloatArray
+    ) -> Closest:
+        rows, distances, others = followed(points, places, candidates, others, self._points)
         asked = np.flatnonzero(distances >= others)
         if len(asked):
             found, away = self._search.nearest(np.take(points, asked, axis=0), self._kept)
@@ -260,6 +260,12 @@ class CloudSurface:
         # Each kernel would make a copy of a column among others.
         found = Closest(points, normals, np.ascontiguousarray(distances), elements, others, variances)
         return found._with(candidates)
+
+
+def _known_before(places: FloatArray, closest: Closest) -> Before | None:
+    """Earlier places of queries, with what is known of their matches there; None where they cannot be followed."""
+    known, others = closest._candidates, closest.others
+    return None if known is None or others is None else (places, known, others)
 
 
 def _require_near(queries: FloatArray) -> None:

@@ -21,13 +21,15 @@ if TYPE_CHECKING:
 Candidates = NDArray[np.int32]
 # Of queries: nearest points, their distances, what no other point is nearer than, and candidates from now on.
 Followed = tuple[IntArray, FloatArray, FloatArray, Candidates]
+# Where queries stood before, the candidates there, and what no other point was nearer than.
+Before = tuple[FloatArray, Candidates, FloatArray]
 # What stands at the points of a cloud: these, normals and their variances, and numbers.
 Columns = tuple[FloatArray, FloatArray, FloatArray, IntArray]
 
 # Two distances that differ by less may be equal: then the tree decides.
 DISTANCE_ROUNDING = 1e-12
 # Queries that are followed in one go, and where the tree is asked as well.
-CHUNK_QUERIES, CHUNK_ASKED = 16_384, 512
+CHUNK_QUERIES, CHUNK_ASKED = 16_384, 256
 # Neighbours of its own points that a tree remembers: what normals and rims of a cloud are read from.
 KEPT_NEIGHBOURS = 24
 # Points are asked about leaf by leaf where these are so many at least, and of those from the first to the last row one
@@ -70,10 +72,9 @@ class NeighbourTree:
             self.build()
         return self._tree
 
-    @property
-    def columns(self) -> tuple[FloatArray, FloatArray, int, IntArray]:
-        """Boxes, places in their order, places a leaf and the row of each place: what kernels ask."""
-        tree, _ = self._tree
+    def columns(self, queries: int) -> tuple[FloatArray, FloatArray, int, IntArray]:
+        """Boxes, places in their order, places a leaf and the row of each place: what kernels ask, of so many."""
+        tree, _ = self._for(queries)
         return tree.boxes, tree.places, tree.leaf, tree.rows
 
     def nearest(self, queries: FloatArray, count: int, within: float = np.inf) -> tuple[IntArray, FloatArray]:
@@ -197,30 +198,27 @@ def followed(
     return rows, distances, bounds
 
 
-def followed_in_tree(
-    tree: NeighbourTree,
-    points: FloatArray,
-    places: FloatArray,
-    candidates: Candidates,
-    others: FloatArray,
-    cloud: FloatArray,
-    held: Columns | None,
+def found_in_tree(
+    tree: NeighbourTree, points: FloatArray, before: Before | None, kept: int, cloud: FloatArray, held: Columns | None
 ) -> Closest | Followed:
     """The nearest points themselves, of a tree that kernels ask where none of the candidates is known to be it.
 
-    With what stands at them, where it is given.
+    With so many candidates from now on where there are none yet, and what stands at the points, where it is given.
     """
     from dqreg.kernels.follow_rows import follow_in_tree
-    from dqreg.kernels.threads import as_plain, over_chunks
+    from dqreg.kernels.threads import as_plain, even_chunk, over_chunks
 
     count, looked_up = len(points), 0 if held is None else len(points)
     rows, distances, bounds = np.zeros(count, dtype=np.int64), np.zeros(count), np.zeros(count)
-    found, (feet, normals) = np.zeros(candidates.shape, dtype=np.int32), np.zeros((2, looked_up, 3))
+    none = points, np.zeros((0, min(kept, tree.size)), dtype=np.int32), bounds
+    places, candidates, others = none if before is None else before
+    found, (feet, normals) = np.zeros((count, candidates.shape[1]), dtype=np.int32), np.zeros((2, looked_up, 3))
     variances, elements = np.zeros(looked_up), np.zeros(looked_up, dtype=np.int64)
     columns = (cloud, cloud, others, rows) if held is None else held
     given = as_plain(points), as_plain(places), candidates, as_plain(others), 1.0 - DISTANCE_ROUNDING
+    asked = tree.columns(count if before is None else 0)
     results = rows, distances, bounds, found, feet, normals, variances, elements
-    over_chunks(follow_in_tree, count, *given, *tree.columns, *columns, *results, chunk=CHUNK_ASKED)
+    over_chunks(follow_in_tree, count, *given, *asked, *columns, *results, chunk=even_chunk(count, CHUNK_ASKED))
     if held is None:
         return rows, distances, bounds, found
     return Closest(feet, normals, distances, elements, bounds, variances)._with(found)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.kernels.compiled import compiled
-from dqreg.kernels.nearest_points import WIDER, nearest_points
+from dqreg.kernels.nearest_points import nearest_points
 
 Candidates = NDArray[np.int32]
 
@@ -102,29 +102,31 @@ def follow_in_tree(
 ) -> None:
     """The same, asking the tree of the cloud where a candidate may not be the nearest, and what stands there. O(k).
 
-    The candidates from now on, (n, k), are of the tree where it was asked; no more than those before are nearer.
+    Where nothing is known of the queries, no candidates, (0, k), it is asked of all. The candidates from now on, (n, k),
+    are of the tree where it was asked; no more than those before are nearer.
     """
-    follow_rows(first, last, points, before, candidates, others, cloud, shrink, rows, distances, bounds)
-    count, total = candidates.shape[1], len(cloud)
-    nearest, away, nowhere = np.zeros((1, count), np.int64), np.zeros((1, count)), np.zeros(0, np.int64)
+    count, total, asked, waiting = found.shape[1], len(cloud), np.zeros(last - first, np.int64), first - first
+    if len(candidates):
+        follow_rows(first, last, points, before, candidates, others, cloud, shrink, rows, distances, bounds)
     for i in range(first, last):
-        if distances[i] < bounds[i]:
+        if len(candidates) and distances[i] < bounds[i]:
             for k in range(count):
                 found[i, k] = candidates[i, k]
-            continue
-        farthest, begin = 0.0, i - i  # a literal 0 would be a type of its own
+        else:
+            asked[waiting] = i
+            waiting += 1
+    queries = np.zeros((waiting, 3))
+    for j in range(waiting):
+        for axis in range(3):
+            queries[j, axis] = points[asked[j], axis]
+    nearest, away = np.zeros((waiting, count), np.int64), np.zeros((waiting, count))
+    begin, within, nowhere = first - first, np.inf, np.zeros(0, np.int64)  # a literal 0 would be a type of its own
+    nearest_points(begin, waiting, boxes, places, leaf, rows_of_places, queries, within, nearest, away, nowhere)
+    for j in range(waiting):
+        i = asked[j]
         for k in range(count):
-            square = 0.0
-            for axis in range(3):
-                gap = points[i, axis] - cloud[candidates[i, k], axis]
-                square += gap * gap
-            farthest = max(farthest, square)
-        tree = boxes, places, leaf, rows_of_places
-        within = math.sqrt(farthest) * WIDER * WIDER
-        nearest_points(begin, begin + 1, *tree, points[i : i + 1], within, nearest, away, nowhere)
-        for k in range(count):
-            found[i, k] = nearest[0, k]
-        rows[i], distances[i] = nearest[0, 0], away[0, 0]
-        bounds[i] = np.inf if count == total else away[0, count - 1]
+            found[i, k] = nearest[j, k]
+        rows[i], distances[i] = nearest[j, 0], away[j, 0]
+        bounds[i] = np.inf if count == total else away[j, count - 1]
     if len(feet):
         look_up_rows(first, last, rows, cloud, all_normals, all_variances, order, feet, normals, variances, elements)

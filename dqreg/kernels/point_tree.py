@@ -11,14 +11,14 @@ from dqreg.kernels.kd_order import heap_boxes, kd_order
 from dqreg.kernels.nearest_points import nearest_points
 from dqreg.kernels.neighbour_counts import rows_with_neighbours
 from dqreg.kernels.own_neighbours import own_neighbours
-from dqreg.kernels.threads import as_plain, aside, over_chunks
+from dqreg.kernels.threads import as_plain, aside, even_chunk, over_chunks
 
 # Points a leaf: 4 to 16 are about as fast, and where boxes of a curve overlap more of them are.
 LEAF_POINTS, CURVE_LEAF_POINTS = 8, 16
 # Points from which on a tree is built on another thread, so that an interrupt is seen at once.
 MIN_POINTS_ASIDE = 200_000
 # Queries that one thread answers in one go, and leaves whose own points it does.
-CHUNK_QUERIES, CHUNK_LEAVES = 128, 16
+CHUNK_QUERIES, CHUNK_LEAVES = 256, 16
 # Neighbours of these at most.
 MAX_OWN_NEIGHBOURS = 32
 
@@ -72,7 +72,7 @@ class PointTree:
             found,
             distances,
             at,
-            chunk=CHUNK_QUERIES,
+            chunk=even_chunk(len(queries), CHUNK_QUERIES),
         )
         return found, distances
 

@@ -26,6 +26,8 @@ T = TypeVar("T")
 
 # Rows a range: some milliseconds at most, and far more than handing it over costs.
 CHUNK = 2048
+# Ranges of a thread where their length is free: few, as each costs a call, and more than one, so that all end together.
+RANGES_PER_THREAD = 4
 
 NEVER = float("inf")
 # Until when what is computed may take, by `time.perf_counter`.
@@ -77,6 +79,11 @@ def thread_count() -> int:
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     asked = os.environ.get("OMP_NUM_THREADS", "")
     return max(min(int(asked), cores), 1) if asked.isdigit() else cores
+
+
+def even_chunk(total: int, least: int) -> int:
+    """Rows a range for kernels whose rows know nothing of each other, so that any length gives the same bits."""
+    return min(max(-(-total // (RANGES_PER_THREAD * thread_count())), least), CHUNK)
 
 
 def over_chunks(kernel: Callable[..., Any], total: int, *arguments: Any, chunk: int = CHUNK, fewest: int = 2) -> None:

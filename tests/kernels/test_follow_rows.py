@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hypothesis.strategies as st
 import numpy as np
+import pytest
 from hypothesis import given, settings
 
 from dqreg.kernels.follow_rows import follow_in_tree, follow_rows, look_up_rows
@@ -79,3 +80,25 @@ def test_the_tree_is_asked_where_no_candidate_is_sure(seed: int, k: int, way: fl
         np.testing.assert_array_equal(there, normals[rows])
         np.testing.assert_array_equal(spread, variances[rows])
         np.testing.assert_array_equal(numbers, order[rows])
+
+
+@pytest.mark.parametrize("k", [1, 4])
+def test_without_candidates_the_tree_is_asked_about_every_query(k: int) -> None:
+    rng = np.random.default_rng(k)
+    cloud, points = rng.normal(size=(50, 3)), rng.normal(size=(40, 3))
+    tree = PointTree.of(cloud)
+    nearest, away = tree.nearest(points, k)
+    rows, distances, bounds = np.zeros(40, dtype=np.int64), np.zeros(40), np.zeros(40)
+    found, (feet, there) = np.zeros((40, k), dtype=np.int32), np.zeros((2, 40, 3))
+    spread, numbers = np.zeros(40), np.zeros(40, dtype=np.int64)
+    given = points, points, np.zeros((0, k), dtype=np.int32), bounds, 1.0 - 1e-12
+    held = tree.boxes, tree.places, tree.leaf, tree.rows, cloud, cloud, np.zeros(50), np.arange(50)
+    for first in (0, 25):
+        # Ranges of rows are all that a thread sees.
+        last = first + 25 if first == 0 else 40
+        follow_in_tree(first, last, *given, *held, rows, distances, bounds, found, feet, there, spread, numbers)
+    np.testing.assert_array_equal(found, nearest)
+    np.testing.assert_array_equal(rows, nearest[:, 0])
+    np.testing.assert_array_equal(distances, away[:, 0])
+    np.testing.assert_array_equal(bounds, away[:, -1])
+    np.testing.assert_array_equal(feet, cloud[nearest[:, 0]])
