@@ -18,6 +18,8 @@ from dqreg.rigid import single_pose
 CHUNK_ROWS = 16_384
 # Points that are moved together: what `product` takes in one go, so that the bits are those of all at once.
 CHUNK_POINTS = PIECE_PRODUCTS // 9
+# No choice of rows.
+ALL_ROWS = np.zeros(0, dtype=np.int64)
 # Normals farther apart than 125 degrees look the other way.
 OPPOSED_COS = -math.cos(math.radians(55.0))
 
@@ -126,15 +128,10 @@ def propagate(pairs: Correspondences, T_target_source: FloatArray) -> Correspond
     return slid
 
 
-def slid_distances(pairs: Correspondences, T_target_source: FloatArray, rows: IntArray | None) -> FloatArray:
+def slid_distances(pairs: Correspondences, T_target_source: FloatArray, rows: IntArray = ALL_ROWS) -> FloatArray:
     """Distances of some rows of the same, (m,), or of all."""
-    columns = pairs.scan.points, pairs.moved, pairs.closest.points, pairs.closest.normals
-    if rows is None:
-        return _slid(T_target_source, *columns, kept=0)[2]
-    if 2 * len(rows) > len(pairs.scan):
-        # To take most of them would cost more than to slide all.
-        return _slid(T_target_source, *columns, kept=0)[2][rows]
-    return _slid(T_target_source, *(np.take(column, rows, axis=0) for column in columns), kept=0)[2]
+    found, columns = pairs.closest, (pairs.scan.points, pairs.moved)
+    return _slid(T_target_source, *columns, found.points, found.normals, rows, kept=0)[2]
 
 
 def _slid(
@@ -143,20 +140,22 @@ def _slid(
     before: FloatArray,
     feet: FloatArray,
     normals: FloatArray,
+    rows: IntArray = ALL_ROWS,
     *,
     kept: int | None = None,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Points at the pose and their feet, slid from where they were before, (n, 3), and their distances, (n,).
+    """Some points at the pose and their feet, slid from where they were before, (m, 3), and their distances, (m,).
 
     Of the first two all are kept or, with zero, none.
     """
     from dqreg.kernels.threads import as_plain, over_chunks
     from dqreg.kernels.weighing import slide_rows
 
-    moved, slid = np.zeros((2, len(points) if kept is None else kept, 3))
-    distances = np.zeros(len(points))
+    count = len(rows) or len(points)
+    moved, slid = np.zeros((2, count if kept is None else kept, 3))
+    distances = np.zeros(count)
     columns = points, T_target_source, before, feet, normals
-    over_chunks(slide_rows, len(points), *map(as_plain, columns), moved, slid, distances, chunk=CHUNK_ROWS)
+    over_chunks(slide_rows, count, *map(as_plain, columns), rows, moved, slid, distances, chunk=CHUNK_ROWS)
     return moved, slid, distances
 
 

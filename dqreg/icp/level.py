@@ -16,7 +16,7 @@ from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.scan import Scan
 from dqreg.geometry.surface import Surface
 from dqreg.icp.acceleration import TOLERATED_RISE, TOLERATED_RISE_OF_PLANES
-from dqreg.icp.correspondences import Correspondences, slid_distances
+from dqreg.icp.correspondences import ALL_ROWS, Correspondences, slid_distances
 from dqreg.icp.estimators import Estimator
 from dqreg.icp.history import Iteration
 from dqreg.icp.loop import Alignment, Icp, Observer, Run, contraction_of
@@ -145,7 +145,9 @@ class Level:
 
     def explains(self, run: Run, mixture: InlierMixture) -> bool:
         """Whether nearly all points of a run belong to the inliers of a mixture."""
-        return bool(mixture.inlier_fraction * np.count_nonzero(run.weights) >= EXPLAINED_FRACTION * len(run.weights))
+        return bool(
+            mixture.inlier_fraction * np.count_nonzero(run.weights > 0.0) >= EXPLAINED_FRACTION * len(run.weights)
+        )
 
     def mean_nll(self, run: Alignment, limit: float = np.inf) -> float:
         """Mean negative log-likelihood of the distances at the end of a run: the lower, the better it explains them.
@@ -217,17 +219,17 @@ class Level:
         return MAX_SLIDE_SCALES * mixture.scale / self.surface.diagonal if slides else 0.0
 
     def _learned(self, mixture: InlierMixture, run: Run, schedule: AnnealingSchedule) -> InlierMixture:
-        pairs, rows = run.pairs, None
-        count = np.count_nonzero(run.weights)
+        pairs, rows, is_kept = run.pairs, ALL_ROWS, run.weights > 0.0
+        count = np.count_nonzero(is_kept)
         # Where nothing is left out, as a rule, nothing is picked.
         if count < len(run.weights) or count > LEARNING_POINTS:
-            kept = np.flatnonzero(run.weights)
-            rows = kept[sample_rows(len(kept), LEARNING_POINTS)] if count > LEARNING_POINTS else kept
+            kept = np.flatnonzero(is_kept)
+            rows = kept[sample_rows(count, LEARNING_POINTS)] if count > LEARNING_POINTS else kept
         # Near the answer the last step is all that is wrong with the distances.
         if self.near:
             distances = slid_distances(pairs, run.T_target_source, rows)
         else:
-            distances = pairs.distances if rows is None else pairs.distances[rows]
+            distances = pairs.distances[rows] if len(rows) else pairs.distances
         return mixture.fit(distances, floor=self.floor, rounds=schedule.rounds)
 
     def _contraction(self, history: tuple[Iteration, ...]) -> float:

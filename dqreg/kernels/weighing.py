@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, IntArray
 from dqreg.kernels.compiled import compiled
 
 # Sums of a chunk: points represented, energy over ``-2 scale^2``, weights, weighted squares, rows with a weight.
@@ -88,18 +88,19 @@ def slide_rows(
     before: FloatArray,
     feet: FloatArray,
     normals: FloatArray,
+    chosen: IntArray,
     moved: FloatArray,
     slid: FloatArray,
     distances: FloatArray,
 ) -> None:
-    """Write the points at a pose, their feet slid along the tangent planes, (n, 3), and their distances, (n,). O(n).
+    """Write the points at a pose, their feet slid along the tangent planes, (m, 3), and their distances, (m,). O(m).
 
-    Shapes: T (4, 4); before (n, 3), the points where the feet were found; the first two (0, 3) where they are not
-    asked for.
+    Of chosen rows, (m,), or of all, (0,). Shapes: T (4, 4); before (n, 3), the points where the feet were found; the
+    first two (0, 3) where they are not asked for.
     """
     place, foot = np.zeros(3), np.zeros(3)
-    for i in range(first, last):
-        across, square = 0.0, 0.0
+    for j in range(first, last):
+        i, across, square = chosen[j] if len(chosen) else j, 0.0, 0.0
         for k in range(3):
             place[k] = T[k, 0] * points[i, 0] + T[k, 1] * points[i, 1] + T[k, 2] * points[i, 2] + T[k, 3]
             across += (place[k] - before[i, k]) * normals[i, k]
@@ -108,8 +109,8 @@ def slide_rows(
             gap = place[k] - foot[k]
             square += gap * gap
         for k in range(3 if len(moved) else 0):
-            moved[i, k], slid[i, k] = place[k], foot[k]
-        distances[i] = math.sqrt(square)
+            moved[j, k], slid[j, k] = place[k], foot[k]
+        distances[j] = math.sqrt(square)
 
 
 @compiled

@@ -194,24 +194,12 @@ class InlierMixture:
 
     def fit(self, distances: FloatArray, *, floor: float = 0.0, rounds: int = 1) -> InlierMixture:
         """Scale and inlier fraction after EM rounds on distances within the limit."""
-        scale, fraction = max(self.scale, TINY), self.inlier_fraction
-        squares, weights, beside = distances**2, np.zeros(len(distances)), np.zeros(len(distances))
-        count, least = len(distances), max(floor, TINY)
-        for _ in range(rounds):
-            # As `weight` has it but for rounding, where the numbers stand already.
-            np.multiply(squares, max(-0.5 / scale / scale, MIN_SQUARE_FACTOR), out=weights)
-            np.exp(weights, out=weights)
-            np.add(weights, (1.0 - fraction) / self.limit * scale * HALF_NORMAL / fraction, out=beside)
-            np.divide(weights, beside, out=weights)
-            total = float(np.add.reduce(weights))
-            if total == 0.0:
-                break
-            was_scale, was_fraction = scale, fraction
-            scale = max(math.sqrt(float(weights @ squares) / total), least)
-            fraction = min(max(total / count, LEAST_FRACTION), 1.0 - LEAST_FRACTION)
-            is_still = abs(scale - was_scale) <= SETTLED_SHARE * scale
-            if is_still and abs(fraction - was_fraction) <= SETTLED_SHARE * fraction:
-                break
+        from dqreg.kernels.mixture_fits import fit_mixture
+        from dqreg.kernels.threads import as_plain
+
+        mixture = max(self.scale, TINY), self.inlier_fraction, self.limit
+        limits = HALF_NORMAL, max(floor, TINY), LEAST_FRACTION, MIN_SQUARE_FACTOR, SETTLED_SHARE
+        scale, fraction = fit_mixture(as_plain(distances), *mixture, rounds, *limits)
         return InlierMixture(scale, fraction, self.limit)
 
     def inlier_densities(self, distances: FloatArray) -> FloatArray:

@@ -5,7 +5,7 @@ import pytest
 
 from dqreg.geometry import CloudSurface, MeshSurface, PointCloud, prepare_scan
 from dqreg.icp import Correspondences, find_correspondences, propagate
-from dqreg.icp.correspondences import placed
+from dqreg.icp.correspondences import placed, slid_distances
 from dqreg.rigid import pose
 from tests.icp.scenes import bracket_mesh, bracket_points, bumpy_cloud, made_pairs, motion
 
@@ -99,6 +99,9 @@ def test_carried_pairs_are_those_of_numpy() -> None:
     np.testing.assert_allclose(found.moved, moved, atol=1e-14)
     np.testing.assert_allclose(found.closest.points, points, atol=1e-14)
     np.testing.assert_allclose(found.distances, np.linalg.norm(moved - points, axis=1), atol=1e-14)
+    rows = np.arange(1, len(moved), 3)
+    np.testing.assert_array_equal(slid_distances(pairs, T), found.distances)
+    np.testing.assert_array_equal(slid_distances(pairs, T, rows), found.distances[rows])
 
 
 def test_points_placed_at_a_pose_stand_as_high_over_their_planes_as_numpy_says() -> None:
