@@ -141,13 +141,24 @@ class CloudBoundary:
         """Whether points lie on the boundary of the cloud."""
         if self.in_lines:
             return np.zeros(len(rows), dtype=bool)
-        missing = np.flatnonzero(~self._known[rows])
-        if len(missing):
-            unknown, first = np.unique(rows[missing], return_index=True)
+        from dqreg.kernels.rims import known_rims
+
+        found, lines = np.zeros(len(rows), dtype=bool), np.zeros(len(rows), dtype=np.int64)
+        count = known_rims(rows, self._rim, self._known, found, lines)
+        if count:
+            lines = lines[:count]
+            unknown = rows[lines]
             # What is found depends on the cloud alone, so threads that meet here write the same.
-            self._rim[unknown] = self._one_sided(unknown, normals[missing[first]])
+            self._rim[unknown] = self._one_sided(unknown, normals[lines])
             self._known[unknown] = True
-        return self._rim[rows]
+            known_rims(rows, self._rim, self._known, found, lines)
+        return found
+
+    def knowing(self, is_rim: BoolArray, known: BoolArray) -> CloudBoundary:
+        """The same where it is known of some points whether they are of the rim, (n,)."""
+        found = CloudBoundary(self._tree, self._points)
+        found._rim, found._known, vars(found)["in_lines"] = is_rim, known, self.in_lines
+        return found
 
     def _one_sided(self, rows: IntArray, normals: FloatArray) -> BoolArray:
         from dqreg.kernels.rims import one_sided_rows

@@ -9,7 +9,7 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray, dot
 from dqreg.geometry.beams import along_beams
-from dqreg.geometry.boundary import LINE_VARIANCE_RATIO, ONE_SIDED
+from dqreg.geometry.boundary import LINE_VARIANCE_RATIO, ONE_SIDED, CloudBoundary
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.cloud_surface import CloudSurface
 from dqreg.geometry.morton import (
@@ -256,23 +256,16 @@ class CellSurface(CloudSurface):
 
     def on_rim(self, closest: Closest) -> BoolArray:
         """Whether the matches of some queries are boundary points: where cells make a plane, by these."""
-        rims, missing = self._rims
         # Rings end everywhere: a floor that one or two of them meet is all rim, and nothing else may hold a motion.
         if self.has_wide or self._in_lines:
             return np.zeros(len(closest.elements), dtype=bool)
-        searched = np.flatnonzero(np.take(missing, closest.elements))
-        if len(searched):
-            rows = closest.elements[searched]
-            # What is found depends on the cloud alone, so threads that meet here write the same.
-            rims[rows] = self._boundary.at(rows, closest.normals[searched])
-            missing[rows] = False
-        return np.take(rims, closest.elements)
+        return self._rims.at(closest.elements, closest.normals)
 
     @unlocked_property
-    def _rims(self) -> tuple[BoolArray, BoolArray]:
-        """Which of the points lie on a rim, and of which it is not known, (m,)."""
+    def _rims(self) -> CloudBoundary:
+        """What is known of the rim by cells, and found beside them."""
         _, rims, missing = self._of_cells
-        return rims.copy(), missing.copy()
+        return self._boundary.knowing(rims.copy(), ~missing)
 
 
 def _least_held(fits: PlaneFits, most: float) -> float:

@@ -183,8 +183,12 @@ class Scan:
     @cached_property
     def _variances(self) -> FloatArray:
         """Variance of each normal by its fit, rad^2, (n,): 0 where it was given, 1 at most."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.nan_to_num(self.residuals**2 / (NORMAL_NEIGHBOURS * self.levers), nan=0.0, posinf=1.0)
+        from dqreg.kernels.fitted_normals import normal_variances
+        from dqreg.kernels.threads import as_plain
+
+        variances = np.zeros(len(self))
+        normal_variances(as_plain(self.residuals), as_plain(self.levers), float(NORMAL_NEIGHBOURS), variances)
+        return variances
 
     @cached_property
     def directed(self) -> BoolArray:
@@ -194,13 +198,16 @@ class Scan:
     @cached_property
     def _rejecting_normals(self) -> FloatArray:
         """Normals that may reject a correspondence, (n, 3): those that were given, or of planes on one face."""
+        from dqreg.kernels.fitted_normals import rough_rows
+        from dqreg.kernels.threads import as_plain
+
         fits = vars(self).get("_planes", self)
-        known = fits.levers > 0.0
-        rough = np.flatnonzero(known & (fits.residuals > MAX_FLAT_RESIDUAL * np.sqrt(fits.levers)))
+        rows = np.zeros(len(fits.levers), dtype=np.int64)
+        count, known = rough_rows(as_plain(fits.residuals), as_plain(fits.levers), MAX_FLAT_RESIDUAL, rows)
         # Of a denser scan few are, and what they reject at the edges of two views is no overlap as a rule.
-        if self.oriented or 2 * len(rough) <= np.count_nonzero(known):
+        if self.oriented or 2 * count <= known:
             return self.normals
-        normals = self.normals.copy()
+        normals, rough = self.normals.copy(), rows[:count]
         normals[rough if fits is self else fits.rows[rough]] = 0.0
         return normals
 

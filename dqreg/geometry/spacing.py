@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 
 import numpy as np
 
@@ -11,7 +10,6 @@ from dqreg._arrays import FloatArray, bounds, median
 from dqreg.errors import InputError
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import PlaneFits, sample_rows
-from dqreg.geometry.vector_rows import second_moment
 
 # Enough for a median that is good to one per cent.
 SPACING_SAMPLE = 5_000
@@ -54,9 +52,12 @@ class Spread:
     @staticmethod
     def of(points: FloatArray) -> Spread:
         """Moments of points, (n, 3)."""
-        columns = np.ascontiguousarray(points.T)
-        mean = columns.mean(axis=1)
-        return Spread(mean, second_moment(columns - mean[:, None]) / len(points))
+        from dqreg.kernels.point_spread import spread_of
+        from dqreg.kernels.threads import as_plain
+
+        mean, covariance = np.zeros(3), np.zeros((3, 3))
+        spread_of(as_plain(points), mean, covariance)
+        return Spread(mean, covariance)
 
     @property
     def size(self) -> float:
@@ -65,7 +66,7 @@ class Spread:
 
     def motion(self, T_a: FloatArray, T_b: FloatArray) -> float:
         """Root mean square distance that the points travel between two poses, without moving any of them."""
-        change = T_b - T_a
-        A = change[:3, :3]
-        shift = A @ self.mean + change[:3, 3]
-        return math.sqrt(max(float(np.vdot(A @ self.covariance, A)), 0.0) + float(shift @ shift))
+        from dqreg.kernels.point_spread import rms_motion
+        from dqreg.kernels.threads import as_plain
+
+        return rms_motion(as_plain(T_a), as_plain(T_b), self.mean, self.covariance)

@@ -8,16 +8,13 @@ from functools import cached_property
 
 import numpy as np
 
-from dqreg._arrays import PIECE_PRODUCTS, FloatArray, IntArray, product
+from dqreg._arrays import FloatArray, IntArray, product
 from dqreg.geometry.scan import Scan
 from dqreg.geometry.surface import Closest, Surface
 from dqreg.geometry.vector_rows import row_dots
-from dqreg.rigid import single_pose
 
-# Rows that are slid in one go.
+# Rows that are moved in one go.
 CHUNK_ROWS = 16_384
-# Points that are moved together: what `product` takes in one go, so that the bits are those of all at once.
-CHUNK_POINTS = PIECE_PRODUCTS // 9
 # No choice of rows.
 ALL_ROWS = np.zeros(0, dtype=np.int64)
 # Normals farther apart than 125 degrees look the other way.
@@ -56,7 +53,7 @@ class Correspondences:
     @cached_property
     def moved(self) -> FloatArray:
         """Source points at the pose, (n, 3)."""
-        return single_pose.apply(self.T_target_source, self.scan.points)
+        return moved_points(self.T_target_source, self.scan.points)
 
     @cached_property
     def point_to_plane(self) -> FloatArray:
@@ -101,17 +98,12 @@ def find_correspondences(
 
 
 def moved_points(T_target_source: FloatArray, points: FloatArray) -> FloatArray:
-    """Points at a pose, (n, 3): the bits of `single_pose.apply`, of many on all threads."""
-    if len(points) <= CHUNK_POINTS:
-        return single_pose.apply(T_target_source, points)
-    from dqreg.kernels.threads import over_chunks
+    """Points at a pose, (n, 3), on all threads."""
+    from dqreg.kernels.threads import as_plain, over_chunks
+    from dqreg.kernels.weighing import move_rows
 
     moved = np.zeros(points.shape)
-
-    def place(first: int, last: int) -> None:
-        moved[first:last] = single_pose.apply(T_target_source, points[first:last])
-
-    over_chunks(place, len(points), chunk=CHUNK_POINTS)
+    over_chunks(move_rows, len(points), as_plain(points), as_plain(T_target_source), moved, chunk=CHUNK_ROWS)
     return moved
 
 

@@ -220,7 +220,7 @@ class Level:
 
     def _learned(self, mixture: InlierMixture, run: Run, schedule: AnnealingSchedule) -> InlierMixture:
         pairs, rows, is_kept = run.pairs, ALL_ROWS, run.weights > 0.0
-        count = np.count_nonzero(is_kept)
+        count = int(np.count_nonzero(is_kept))
         # Where nothing is left out, as a rule, nothing is picked.
         if count < len(run.weights) or count > LEARNING_POINTS:
             kept = np.flatnonzero(is_kept)

@@ -26,7 +26,6 @@ from dqreg.kernels.largest_eigenvectors import largest_eigenvectors
 from dqreg.kernels.many_poses import distinct_rows, log_likelihoods, mean_gains, poses_within
 from dqreg.kernels.mesh_faces import ENDS, MOMENTS, face_columns, solid_faces, surface_moments
 from dqreg.kernels.mesh_sides import number_sides
-from dqreg.kernels.mixture_fits import fit_mixture
 from dqreg.kernels.motion_sums import COLUMNS as MOTION_SUMS
 from dqreg.kernels.motion_sums import TOTALS, motion_sums
 from dqreg.kernels.near_rows import near_rows
@@ -123,7 +122,6 @@ def _weights() -> None:
     strain_row_columns(0, 3, rows, rows, rows, 1.0, np.zeros((9, 3)))
     nearest, numbers = np.zeros((3, 2), dtype=np.int32), np.zeros(3, dtype=np.int64)
     slide_rows(0, 3, rows, np.eye(4), *(rows,) * 3, numbers, np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3))
-    fit_mixture(ones, 1.0, 0.5, 2.0, 1, 1.0, 1e-300, 1e-3, -1e300, 1e-8)
     follow_rows(0, 3, rows, rows, nearest, ones, rows, 1.0, numbers, np.zeros(3), np.zeros(3))
     look_up_rows(0, 3, numbers, rows, rows, ones, numbers, np.eye(3), np.eye(3), np.zeros(3), numbers.copy())
     place_rows(0, 3, rows, np.eye(4), rows, rows, np.zeros((3, 3)), np.zeros(3))
@@ -277,6 +275,7 @@ STEPS: tuple[Callable[[], None], ...] = (
     compile_clouds.order_points,
     _faces,
     compile_clouds.fit_neighbourhoods,
+    compile_clouds.measure_steps,
     _common_planes,
     _many_problems,
     compile_clouds.keep_maps,

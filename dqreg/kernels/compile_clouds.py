@@ -13,15 +13,19 @@ from dqreg.kernels.cell_smoothing import held_by_sure, plane_columns, share_of_l
 from dqreg.kernels.close_points import close_points, facing_matches
 from dqreg.kernels.depth_pixels import count_before, count_behind, directions_from, fill_nearest, least_around
 from dqreg.kernels.edge_planes import edge_plane_rows, with_others_rows
+from dqreg.kernels.fitted_normals import normal_variances, rough_rows
 from dqreg.kernels.follow_rows import follow_in_tree
 from dqreg.kernels.grid_cells import cells_of_points
 from dqreg.kernels.lined_runs import lined_runs
 from dqreg.kernels.majority_planes import majority_plane_rows
+from dqreg.kernels.mixture_fits import fit_mixture
 from dqreg.kernels.morton import count_cells, filled_cells, morton_cells, new_places, sorted_rows, take_points
 from dqreg.kernels.plane_pass import Lowering, Stepping, bend_of, lower_weights, plane_pass
 from dqreg.kernels.plane_steps import FIGURES, step_on_planes, weigh_by_roughness
+from dqreg.kernels.point_spread import rms_motion, spread_of
 from dqreg.kernels.point_tree import LEAF_POINTS, PointTree
 from dqreg.kernels.quadric_fits import quadric_residual_rows
+from dqreg.kernels.rims import known_rims
 from dqreg.kernels.shift_counts import count_at_shifts, count_on_runs, runs_around
 from dqreg.kernels.split_sort import split_sorted_rows
 from dqreg.kernels.spreads import scatter_of_most
@@ -33,6 +37,7 @@ from dqreg.kernels.voxel_planes import closest_in_voxels
 from dqreg.kernels.voxel_points import CELLS, SUMS, admit_points
 from dqreg.kernels.voxel_rows import VoxelSums, first_of_voxels, measured_rows, one_of_voxels
 from dqreg.kernels.weighing import SUMS as WEIGHED
+from dqreg.kernels.weighing import move_rows
 
 CORNERS = np.eye(3)
 FLAT, ONE = np.eye(3), np.zeros(3)
@@ -102,6 +107,18 @@ def step_between_clouds() -> None:
     plane_pass(*given)
     lower_weights(rows, rows, rows, ones, none, ones, ones, lowering, np.ones(3))
     bend_of(1.0, 2.0, 0.5, 0.1, 1.0)
+
+
+def measure_steps() -> None:
+    """What a loop learns at each step."""
+    rows, ones, none, lines = np.eye(3), np.ones(3), np.zeros(3, dtype=np.bool_), np.zeros(3, dtype=np.int64)
+    fit_mixture(ones, 1.0, 0.5, 2.0, 1, 1.0, 1e-300, 1e-3, -1e300, 1e-8)
+    spread_of(rows, mean := np.zeros(3), covariance := np.zeros((3, 3)))
+    rms_motion(np.eye(4), np.eye(4), mean, covariance)
+    move_rows(0, 3, rows, np.eye(4), rows.copy())
+    normal_variances(ones, ones, 16.0, np.zeros(3))
+    rough_rows(ones, ones, 0.5, lines)
+    known_rims(lines, none, none, none.copy(), lines.copy())
 
 
 def keep_maps() -> None:

@@ -102,8 +102,8 @@ def follow_in_tree(
 ) -> None:
     """The same, asking the tree of the cloud where a candidate may not be the nearest, and what stands there. O(k).
 
-    Where nothing is known of the queries, no candidates, (0, k), it is asked of all. The candidates from now on, (n, k),
-    are of the tree where it was asked; no more than those before are nearer.
+    Where nothing is known of the queries, no candidates, (0, k), it is asked about all. The candidates from now on are
+    of the tree, (n, k), where it was asked; no more than those before are nearer.
     """
     count, total, asked, waiting = found.shape[1], len(cloud), np.zeros(last - first, np.int64), first - first
     if len(candidates):

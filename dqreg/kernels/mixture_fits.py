@@ -56,7 +56,10 @@ def exponentials(values: FloatArray, count: int, steps: FloatArray, found: Float
 def weighed_squares(
     squares: FloatArray, factor: float, odds: float, memory: FloatArray, sums: FloatArray
 ) -> tuple[float, float]:
-    """Sum of the weights of squared distances, and of the squares so weighted. O(n). Shapes: memory (3, m), sums (2, k)."""
+    """Sum of the weights of squared distances, and of the squares so weighted. O(n).
+
+    Shapes: memory (3, m), sums (2, k).
+    """
     sums[:] = 0.0
     values, steps, weights = memory[0], memory[1], memory[2]
     for first in range(0, len(squares), BLOCK):

@@ -47,6 +47,23 @@ def one_sided_rows(
 
 
 @compiled
+def known_rims(rows: IntArray, is_rim: BoolArray, known: BoolArray, found: BoolArray, lines: IntArray) -> int:
+    """Write which rows are of the rim, (m,), where it is known, and the lines of the others; returns how many. O(m).
+
+    Of equal rows that follow each other the first alone.
+    """
+    count, before = 0, -1
+    for i in range(len(rows)):
+        row = rows[i]
+        found[i] = is_rim[row]
+        if not known[row] and row != before:
+            lines[count] = i
+            count += 1
+        before = row
+    return count
+
+
+@compiled
 def line_rows(first: int, last: int, points: FloatArray, neighbours: Rows, line: float, found: BoolArray) -> None:
     """Write which neighbourhoods, first to last, lie along a line: (m, k) rows of points, the point itself first."""
     a, v = np.zeros(ELEMENTS), np.zeros((3, 3))

@@ -80,6 +80,15 @@ def weigh_rows(
 
 
 @compiled
+def move_rows(first: int, last: int, points: FloatArray, T: FloatArray, moved: FloatArray) -> None:
+    """Write points first to last at a pose, (n, 3). O(n). Shapes: T (4, 4)."""
+    for i in range(first, last):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        for k in range(3):
+            moved[i, k] = T[k, 0] * x + T[k, 1] * y + T[k, 2] * z + T[k, 3]
+
+
+@compiled
 def slide_rows(
     first: int,
     last: int,

@@ -5,7 +5,7 @@ import pytest
 
 from dqreg.geometry import CloudSurface, MeshSurface, PointCloud, prepare_scan
 from dqreg.icp import Correspondences, find_correspondences, propagate
-from dqreg.icp.correspondences import placed, slid_distances
+from dqreg.icp.correspondences import moved_points, placed, slid_distances
 from dqreg.rigid import pose
 from tests.icp.scenes import bracket_mesh, bracket_points, bumpy_cloud, made_pairs, motion
 
@@ -112,3 +112,9 @@ def test_points_placed_at_a_pose_stand_as_high_over_their_planes_as_numpy_says()
     np.testing.assert_allclose(moved, pose.apply(T, scan.points), rtol=0, atol=1e-14)
     gaps = moved - pairs.closest.points
     np.testing.assert_allclose(heights, np.einsum("ij,ij->i", gaps, pairs.closest.normals), rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("count", [0, 1, 40_000])
+def test_moved_points_are_those_of_numpy(count: int) -> None:
+    points, T = np.random.default_rng(count).normal(size=(count, 3)), motion(0.2, 0.1)
+    np.testing.assert_allclose(moved_points(T, points), pose.apply(T, points), rtol=0, atol=1e-14)

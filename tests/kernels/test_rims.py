@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dqreg.kernels.rims import line_rows, one_sided_rows
+from dqreg.kernels.rims import known_rims, line_rows, one_sided_rows
 
 SHARE, LINE = 0.25, 0.15
 
@@ -44,3 +44,12 @@ def test_lines_and_sides_are_those_of_numpy(seed: int, count: int) -> None:
     np.testing.assert_array_equal(lines[clear], (ratio <= LINE)[clear])
     clear &= np.abs(aside - SHARE) > 1e-9
     np.testing.assert_array_equal(sides[clear], ((aside > SHARE) & (ratio > LINE))[clear])
+
+
+def test_what_is_known_of_a_rim_is_looked_up_and_the_rest_is_listed() -> None:
+    rows = np.array([3, 1, 1, 0, 2, 1, 3])
+    is_rim, known = np.array([False, True, True, False]), np.array([True, False, True, False])
+    found, lines = np.zeros(7, dtype=bool), np.full(7, -1)
+    assert known_rims(rows, is_rim, known, found, lines) == 4
+    assert lines[:4].tolist() == [0, 1, 5, 6]
+    np.testing.assert_array_equal(found[known[rows]], is_rim[rows][known[rows]])
