@@ -203,11 +203,10 @@ class CellSurface(CloudSurface):
     def _of_cells(self) -> tuple[PlaneFits, BoolArray, BoolArray]:
         """Planes where neighbouring cells make one, which of these lie on a rim, and where there is none, (m,)."""
         planes = self.cells.planes() if self._cell_planes is None else self._cell_planes
-        if np.isfinite(planes.usual):
-            self._widen(planes.fits, planes.usual)
-        return planes.fits, planes.rims, ~planes.fits.known & ~self._bare
+        fits = self._widened(planes.fits, planes.usual) if np.isfinite(planes.usual) else planes.fits
+        return fits, planes.rims, ~fits.known & ~self._bare
 
-    def _widen(self, fits: PlaneFits, noise: float) -> None:
+    def _widened(self, fits: PlaneFits, noise: float) -> PlaneFits:
         """In few rings, replace planes across two faces, and of cells along a line, by those that most neighbours hold.
 
         Where a ring of a LiDAR meets a floor its neighbours are on that ring or on the wall beyond: the plane through
@@ -216,14 +215,16 @@ class CellSurface(CloudSurface):
         """
         most = MIXED_RESIDUAL_RATIO * noise
         if not (self.of_few_rings or (_least_held(fits, most) < LEAST_HELD and self.in_rings)):
-            return
+            return fits
         known = fits.known
         rows = np.flatnonzero(~known | (fits.residuals > most))
         wide = fit_wide_planes(self._tree, self._points, rows, noise, HELD_RESIDUALS * noise)
         found = np.flatnonzero(wide.known)
         if len(found) < FEWEST_WIDE * len(known):
             # Of a plate whose points are strewn at random some neighbours lie in lines by chance.
-            return
+            return fits
+        # Threads that meet here begin with the same planes.
+        fits = fits.copied()
         fits.replace(rows, wide)
         found, origin = rows[found], None if self._find_beams is None else self._find_beams()
         if origin is not None:
@@ -233,6 +234,7 @@ class CellSurface(CloudSurface):
         # The next ones would make a plane along a ring or across faces.
         self._bare[rows] = ~self.wide[rows]
         fits.clear(self._bare)
+        return fits
 
     def fit_cells(self) -> None:
         """Fit the planes of the cells, which whoever asks for matches needs."""

@@ -112,6 +112,16 @@ def test_where_hardly_a_sure_plane_holds_a_direction_planes_are_sought_among_mor
     assert surface.wide[on_floor].any()
 
 
+def test_planes_sought_in_rings_leave_those_of_the_cells_to_other_threads() -> None:
+    surface = VoxelCloud.evened(PointCloud(hall(32, 900, 0.015)), 6_000).surface
+    assert surface is not None
+    assert surface._cell_planes is not None
+    before = surface._cell_planes.fits.normals.copy()
+    assert surface.normals.any()
+    assert surface.has_wide
+    np.testing.assert_array_equal(surface._cell_planes.fits.normals, before)
+
+
 @pytest.mark.parametrize(
     "points",
     [hall(64, 1_800, 0.015), np.c_[np.random.default_rng(5).uniform(size=(20_000, 2)), np.zeros(20_000)]],
