@@ -183,12 +183,9 @@ class Scan:
     @cached_property
     def _variances(self) -> FloatArray:
         """Variance of each normal by its fit, rad^2, (n,): 0 where it was given, 1 at most."""
-        from dqreg.kernels.fitted_normals import normal_variances
-        from dqreg.kernels.threads import as_plain
+        from dqreg.kernels.fitted_normals import variances_of_normals
 
-        variances = np.zeros(len(self))
-        normal_variances(as_plain(self.residuals), as_plain(self.levers), float(NORMAL_NEIGHBOURS), variances)
-        return variances
+        return variances_of_normals(self.residuals, self.levers, NORMAL_NEIGHBOURS)
 
     @cached_property
     def directed(self) -> BoolArray:
@@ -198,16 +195,14 @@ class Scan:
     @cached_property
     def _rejecting_normals(self) -> FloatArray:
         """Normals that may reject a correspondence, (n, 3): those that were given, or of planes on one face."""
-        from dqreg.kernels.fitted_normals import rough_rows
-        from dqreg.kernels.threads import as_plain
+        from dqreg.kernels.fitted_normals import rough_planes
 
         fits = vars(self).get("_planes", self)
-        rows = np.zeros(len(fits.levers), dtype=np.int64)
-        count, known = rough_rows(as_plain(fits.residuals), as_plain(fits.levers), MAX_FLAT_RESIDUAL, rows)
+        rough, count = rough_planes(fits.residuals, fits.levers, MAX_FLAT_RESIDUAL)
         # Of a denser scan few are, and what they reject at the edges of two views is no overlap as a rule.
-        if self.oriented or 2 * count <= known:
+        if self.oriented or 2 * len(rough) <= count:
             return self.normals
-        normals, rough = self.normals.copy(), rows[:count]
+        normals = self.normals.copy()
         normals[rough if fits is self else fits.rows[rough]] = 0.0
         return normals
 

@@ -24,8 +24,8 @@ ROUNDING = 6755399441055744.0
 LOG2_INVERSE = 1.0 / math.log(2.0)
 # Bits below the exponent of a number.
 FRACTION_BITS = 52
-# Terms of the series, one over the factorials.
-F3, F4, F5, F6, F7, F8, F9, F10, F11, F12, F13 = (1.0 / math.factorial(k) for k in range(3, 14))
+# Terms of the series: one over the factorials.
+SERIES_TERMS = tuple(1.0 / math.factorial(k) for k in range(14))
 
 
 @inside_kernels
@@ -34,7 +34,7 @@ def exponentials(values: FloatArray, count: int, steps: FloatArray, found: Float
 
     Each array (m,). No branch and no call, so that many are taken at once.
     """
-    whole, bits = steps.view(np.int64), found.view(np.int64)
+    whole, bits, terms = steps.view(np.int64), found.view(np.int64), SERIES_TERMS
     for i in range(count):
         value = max(values[i], LEAST_EXPONENT)
         shifted = value * LOG2_INVERSE + ROUNDING
@@ -43,8 +43,10 @@ def exponentials(values: FloatArray, count: int, steps: FloatArray, found: Float
         r = (value - twos * LOG2_HIGH) - twos * LOG2_LOW
         square = r * r
         fourth = square * square
-        low = ((1.0 + r) + (0.5 + r * F3) * square) + ((F4 + r * F5) + (F6 + r * F7) * square) * fourth
-        high = ((F8 + r * F9) + (F10 + r * F11) * square) + (F12 + r * F13) * fourth
+        low = ((1.0 + r) + (0.5 + r * terms[3]) * square) + (
+            (terms[4] + r * terms[5]) + (terms[6] + r * terms[7]) * square
+        ) * fourth
+        high = ((terms[8] + r * terms[9]) + (terms[10] + r * terms[11]) * square) + (terms[12] + r * terms[13]) * fourth
         found[i] = low + high * (fourth * fourth)
     for i in range(count):
         bits[i] += whole[i] << FRACTION_BITS
