@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray, dot
-from dqreg.geometry.beams import along_beams
+from dqreg.geometry.beams import Beams
 from dqreg.geometry.boundary import LINE_VARIANCE_RATIO, ONE_SIDED, CloudBoundary
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.cloud_surface import CloudSurface
@@ -171,7 +171,7 @@ class CellSurface(CloudSurface):
         cells: Cells,
         planes: CellPlanes | None = None,
         in_rings: Callable[[], bool] = bool,
-        beams: Callable[[], FloatArray | None] | None = None,
+        beams: Callable[[], Beams] = Beams,
         *,
         of_few_rings: bool = False,
     ) -> None:
@@ -216,8 +216,10 @@ class CellSurface(CloudSurface):
         most = MIXED_RESIDUAL_RATIO * noise
         if not (self.of_few_rings or (_least_held(fits, most) < LEAST_HELD and self.in_rings)):
             return fits
-        known = fits.known
-        rows = np.flatnonzero(~known | (fits.residuals > most))
+        known, beams = fits.known, self._find_beams()
+        noise = beams.noise_of_cells(noise, self.cells.size)
+        sure = known & ~(fits.residuals > MIXED_RESIDUAL_RATIO * noise)
+        rows = np.flatnonzero(~sure)
         wide = fit_wide_planes(self._tree, self._points, rows, noise, HELD_RESIDUALS * noise)
         found = np.flatnonzero(wide.known)
         if len(found) < FEWEST_WIDE * len(known):
@@ -226,10 +228,9 @@ class CellSurface(CloudSurface):
         # Threads that meet here begin with the same planes.
         fits = fits.copied()
         fits.replace(rows, wide)
-        found, origin = rows[found], None if self._find_beams is None else self._find_beams()
-        if origin is not None:
-            # Round a corner all points of a ring lie in one plane, that of its beams.
-            found = found[~along_beams(np.take(self._points, found, axis=0), fits.normals[found], origin)]
+        found = rows[found]
+        # Round a corner all points of a ring lie in one plane, that of its beams.
+        found = found[~beams.along(self._points, fits.normals, sure)[found]]
         self.wide[found], self.has_wide = True, bool(len(found))
         # The next ones would make a plane along a ring or across faces.
         self._bare[rows] = ~self.wide[rows]

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from dqreg._arrays import FloatArray, bounds
-from dqreg.geometry.beams import origin_of_beams
+from dqreg.geometry.beams import Beams, beams_of
 from dqreg.geometry.boundary import lie_in_rings
 from dqreg.geometry.cells import Cells, CellSurface
 from dqreg.geometry.cloud import PointCloud
@@ -27,8 +27,9 @@ STAND_UNEVENNESS = 2.0
 # Crowded in places so many times as much as by chance, a cloud is downsampled from fewer points on: a LiDAR that turns
 # has its points along rings, where 16 neighbours make no plane, and comes to 20 to 50; other scans came to 4 at most.
 RING_UNEVENNESS = 10.0
-# The same of a cloud in rings, whatever its number of points: fewer wide voxels hold points of several rings.
-RINGED_RATIO = 6.0
+# The same of a cloud in rings, whatever its number of points: fewer wide voxels hold points of several rings. They are
+# looked for from this unevenness on: sweeps of 8 to 32 rings with their floor cut off came to 1.4 and more.
+RINGED_RATIO, SWEPT_UNEVENNESS = 6.0, 1.2
 # A dense cloud with a larger share of cells of one ring is of few rings: sweeps of 16 came to 0.85 and more, of 64 to
 # 0.68 at most, of 32 to anything. Cells are widened while more than the second share of them are of one.
 FEW_RINGS_SHARE, ONE_RING_SHARE = 0.75, 0.85
@@ -86,7 +87,7 @@ class VoxelCloud:
         planes = cells.planes() if smooth else None
         cells = cells if planes is None else cells.smoothed(planes)
         even, in_rings = points_of(cloud, cells), partial(_lie_in_rings, cloud, cells)
-        beams = partial(_origin_of_beams, cloud, cells)
+        beams = partial(_beams_of, cloud, cells)
         return VoxelCloud(size, even, CellSurface(even, cells, planes, in_rings, beams, of_few_rings=of_few_rings))
 
     @staticmethod
@@ -118,7 +119,8 @@ class VoxelCloud:
             return VoxelCloud(0.0, cloud, None)
         cells, is_dense = Cells.of(cloud, size), len(cloud) > DENSE_RATIO * count
         # Of a dense cloud, which has cells in any case, it is asked later or not at all, but where these are lines.
-        may_be_few = cells.lined_share > FEW_RINGS_SHARE if is_dense else len(cloud) >= RINGED_RATIO * MIN_VOXEL_POINTS
+        fewest = MIN_VOXEL_POINTS * (1.0 if cells.unevenness > SWEPT_UNEVENNESS else RINGED_RATIO)
+        may_be_few = cells.lined_share > FEW_RINGS_SHARE if is_dense else len(cloud) >= fewest
         if may_be_few and _lie_in_rings(cloud, cells):
             size = _across_rings(cloud, first_size(cloud, count, RINGED_RATIO))
             return VoxelCloud.across_lines(cloud, size, of_few_rings=True)
@@ -134,8 +136,8 @@ def _lie_in_rings(cloud: PointCloud, cells: Cells) -> bool:
     return lie_in_rings(cloud.points, cells.order)
 
 
-def _origin_of_beams(cloud: PointCloud, cells: Cells) -> FloatArray | None:
-    return origin_of_beams(cloud.points, cells.order)
+def _beams_of(cloud: PointCloud, cells: Cells) -> Beams:
+    return beams_of(cloud.points, cells.order)
 
 
 def _across_rings(cloud: PointCloud, size: float) -> float:

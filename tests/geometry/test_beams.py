@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dqreg.geometry import PointCloud
-from dqreg.geometry.beams import along_beams, origin_of_beams
+from dqreg.geometry.beams import BEAM_SINE, Beams, along_beams, beams_of
 from dqreg.geometry.cells import Cells
 from dqreg.geometry.voxels import VoxelCloud, cell_size
 from dqreg.rigid import pose
@@ -25,28 +25,40 @@ def sweep(seed: int, rings: int, noise: float = NOISE) -> FloatArray:
     return with_range_noise(swept(street(rng), stand, *angles), noise, rng)
 
 
-def found(points: FloatArray) -> FloatArray | None:
-    return origin_of_beams(points, Cells.of(cloud := PointCloud(points), cell_size(cloud, len(points) // 3)).order)
+def told(points: FloatArray) -> Beams:
+    return beams_of(points, Cells.of(cloud := PointCloud(points), cell_size(cloud, len(points) // 3)).order)
 
 
 @pytest.mark.parametrize("rings", [16, 32])
 @pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
 def test_beams_begin_at_the_sensor_in_any_frame_and_unit(rings: int, unit: float) -> None:
     T = pose.exp([0.3, -0.2, 1.0, 4.0, 5.0, 6.0])
-    origin = found(unit * pose.apply(T, sweep(rings, rings)))
+    origin = told(unit * pose.apply(T, sweep(rings, rings))).origin
     assert origin is not None
     # Planes by noise alone turn by chance, and those along beams do not: a thousand of them tell its place to a few
     # standard deviations of one range.
     assert np.linalg.norm(origin / unit - T[:3, 3]) < 3.0 * NOISE
 
 
+@pytest.mark.parametrize(("seed", "rings"), [(20_670, 32), (20_671, 32), (20_671, 16)])
+def test_where_the_ground_is_cut_off_the_sensor_is_found_among_houses(seed: int, rings: int) -> None:
+    # Sums of distances alone, from the middle of the points, led metres off where a fifth of the planes were others.
+    points = sweep(seed, rings)
+    beams = told(points[points[:, 2] > -1.6])
+    assert beams.origin is not None
+    # Houses stand 9 and more away: from there beams are off by less than the sine that counts.
+    assert np.linalg.norm(beams.origin) < 9.0 * BEAM_SINE
+    # Lines are told by how thin they are, and lie slanting to the beams: noise across them is less than along these.
+    assert 0.5 * NOISE < beams.noise < 1.5 * NOISE
+
+
 def test_exact_points_and_those_strewn_over_a_body_tell_no_beams() -> None:
-    assert found(sweep(0, 16, 0.0)) is None
+    assert told(sweep(0, 16, 0.0)).origin is None
     ways = np.random.default_rng(1).normal(size=(10_000, 3))
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
-    assert found(ways) is None
-    assert found(ways[:50]) is None
-    assert found(np.linspace(0.0, 1.0, 5_000)[:, None] * [1.0, 2.0, 3.0]) is None
+    assert told(ways).origin is None
+    assert told(ways[:50]).origin is None
+    assert told(np.linspace(0.0, 1.0, 5_000)[:, None] * [1.0, 2.0, 3.0]).origin is None
 
 
 def test_planes_of_beams_are_those_that_the_place_lies_in() -> None:
@@ -63,7 +75,7 @@ def test_hardly_a_cell_of_few_rings_has_a_plane_of_beams(seed: int) -> None:
     assert surface.of_few_rings
     normals = surface.normals
     held = normals.any(axis=1)
-    assert 0.7 < held.mean() < 1.0
+    assert 0.5 < held.mean() < 1.0
     assert along_beams(surface._points[held], normals[held], np.zeros(3)).mean() < 0.01
 
 
