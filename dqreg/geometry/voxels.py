@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, bounds
+from dqreg._arrays import bounds
 from dqreg.geometry.beams import Beams, beams_of
 from dqreg.geometry.boundary import lie_in_rings
 from dqreg.geometry.cells import Cells, CellSurface
