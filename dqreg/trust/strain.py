@@ -83,15 +83,15 @@ def strain_of(
     strays: bool = False,
     faults: bool = False,
     least: float = 0.0,
-    worse: float = math.inf,
+    nearer: float = math.inf,
 ) -> Strain:
     """Strain from distances along the target's normals, fitted together with the motion and the bend that remain.
 
     Without clutter, all points have a say to begin with: a face that is off may be what a strain explains. With it, and
     beside strays where the fit to them explains more points, those on the target have. Where faults alone are asked
     for, what is too small for one is none, as is what displaces the surface by less than a least length, and its
-    covariance is not asked. A fit that leaves the usual point so many times as far off as no strain is none either: a
-    few places far off have drawn it.
+    covariance is not asked. Where the fit leaves the usual point more than so many times as far off as no strain, a few
+    places far off may have drawn it: it has to show from those on the target.
 
     Shapes: points (n, 3) in the order of a space-filling curve, normals (n, 3), residuals (n,).
     """
@@ -107,10 +107,11 @@ def strain_of(
         # Strays beside two faces stretch the fit to all; of a scan without them, they are the faces of another part.
         others = robust_fit(rows, residuals, lever, weights_of(residuals), is_small)
         fit = min((fit, others), key=lambda each: median(np.abs(each.left)))
+    least_share = NO_FAULT_SHARE if faults else NEGLIGIBLE_SHARE
+    if not is_small(fit.fitted, least_share) and median(np.abs(fit.left)) > nearer * median(np.abs(residuals)):
+        fit = robust_fit(rows, residuals, lever, weights_of(residuals), is_small)
     fitted = fit.fitted
-    if is_small(fitted, NO_FAULT_SHARE if faults else NEGLIGIBLE_SHARE):
-        return Strain()
-    if median(np.abs(fit.left)) > worse * median(np.abs(residuals)):
+    if is_small(fitted, least_share):
         return Strain()
     left = without_motion(fitted[6:] @ rows[6:], rows[:6], fit.weights)
     if weighted_rms(left, fit.weights) < least:

@@ -146,13 +146,23 @@ def test_strains_that_show_less_than_what_is_asked_for_are_none_and_the_others_a
     assert (asked == Strain()) == (value < 0.005)
 
 
-def test_what_a_few_points_draw_and_puts_the_others_farther_off_is_none_where_that_is_asked() -> None:
+@pytest.mark.parametrize("far", [0.05, 0.1])
+def test_what_a_few_points_draw_and_brings_the_others_no_nearer_is_none_where_that_is_asked(far: float) -> None:
     points, normals, noise = scanned(box)
-    off = noise + 0.1 * ((normals[:, 0] > 0.9) & (points[:, 1] > 0.3))
+    off = noise + far * ((normals[:, 0] > 0.9) & (points[:, 1] > 0.3))
     assert strain_of(points, normals, off).is_strained
-    assert strain_of(points, normals, off, worse=1.5) == Strain()
-    stretched = 0.02 * points[:, 0] * normals[:, 0] + noise
-    assert strain_of(points, normals, stretched, worse=1.5) == strain_of(points, normals, stretched) != Strain()
+    assert strain_of(points, normals, off, nearer=0.9) == Strain()
+
+
+@pytest.mark.parametrize("times", [1.0, 10.0])
+def test_a_strain_that_all_points_show_is_the_same_where_that_is_asked(times: float) -> None:
+    points, normals, noise = scanned(box)
+    # Amid ten times the noise the usual point is hardly nearer.
+    stretched = 0.01 * points[:, 0] * normals[:, 0] + times * noise
+    found, asked = strain_of(points, normals, stretched), strain_of(points, normals, stretched, nearer=0.9)
+    assert found.is_strained
+    assert asked.is_strained
+    assert asked.value == pytest.approx(found.value, abs=0.1 * found.sigma)
 
 
 def test_of_many_points_some_tell_that_there_is_no_strain(monkeypatch: pytest.MonkeyPatch) -> None:
