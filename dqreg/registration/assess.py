@@ -14,7 +14,7 @@ from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.vector_rows import row_dots
 from dqreg.icp import find_correspondences
 from dqreg.registration.between_clouds import evidence_between_clouds, have_planes_alone, planes_of
-from dqreg.registration.common_faces import OVERLAP, begin_sampling, overlap_at
+from dqreg.registration.common_faces import OVERLAP, begin_sampling, overlap_at, spread_on_common_faces
 from dqreg.registration.derived import Key
 from dqreg.registration.exposures import second_pose
 from dqreg.registration.fit import Fit
@@ -98,6 +98,8 @@ def uncertainty_of(fit: Fit, *, by_rims: bool = True) -> Uncertainty:
         if inflation is not None:
             scatter = inflation @ known.spread @ inflation.T
         scatter = None if scatter is None else scatter / share**2
+        of_both = spread_on_common_faces(fit, known)
+        scatter = scatter if of_both is None else of_both
         rims = slide_of(fit).by_rims if by_rims else np.nan
         known = replaced(known, sigma=known.sigma / share, scatter=scatter, by_rims=rims)
         return Uncertainty.of(known, fit.problem.units[1])
