@@ -32,7 +32,7 @@ def evidence_between_clouds(fit: Fit, covariance: FloatArray) -> Evidence:
     target = fit.target.geometry
     if not fit.found or fit.is_late or not isinstance(target, PointCloud):
         return fit.agreement
-    overlap, planes = overlap_of(fit)[2], planes_of(fit)
+    (moves, _, overlap), planes = overlap_of(fit), planes_of(fit)
     if overlap is None:
         return fit.agreement
     size = fit.prepared.surface.diagonal
@@ -54,6 +54,7 @@ def evidence_between_clouds(fit: Fit, covariance: FloatArray) -> Evidence:
         stretch=strain.value if strain.is_strained else 0.0,
         stretched_along=strain.along,
         bend=strain.bend if strain.is_bent else 0.0,
+        _common=len(overlap.points) / len(moves.some[0]),
     )
 
 

@@ -91,6 +91,9 @@ OVERHANG_SHARED_RIMS, FACE_OVERHANG_SHARE_WITH_RIMS = 0.75, 0.12
 # rooms take part, whose faces end as far as a LiDAR saw them from either place: of 42 right pairs the least came to
 # 0.21, with up to 0.26 of the faces beyond each other, corners of two parts to 0 and 0.03.
 SHARED_RIM_SHARE, SHARED_RIM_SHARE_OF_MANY_PLANES = 0.6, 0.12
+# The same where less than this share of what is compared is common to both: corners of prisms came to 0.37 and 0.22 of
+# the rims with 0.26 and 0.32 of the places, right poses of views to 0.63 and more, rooms to 0.41 of the places.
+LITTLE_COMMON_SHARE, SHARED_RIM_SHARE_OF_LITTLE = 0.36, 0.5
 # Diameter of a hole that is closed in the other scan, in sizes: holes of wrong faces came to 0.07 and more, shadows of
 # poles before a LiDAR to 0.012.
 CLOSED_HOLE_DIAGONALS = 0.03
@@ -200,8 +203,11 @@ def ends_limit(evidence: Evidence) -> float:
 
 
 def rims_limit(evidence: Evidence) -> float:
-    """Least share of the rims that two scans have in common: less in more planes than a corner has."""
-    return SHARED_RIM_SHARE_OF_MANY_PLANES if math.isnan(evidence.largest_plane) else SHARED_RIM_SHARE
+    """Least share of the rims that two scans have in common: less of many planes, unless both show little."""
+    if math.isfinite(evidence.largest_plane):
+        return SHARED_RIM_SHARE
+    is_little = evidence._common < LITTLE_COMMON_SHARE
+    return SHARED_RIM_SHARE_OF_LITTLE if is_little else SHARED_RIM_SHARE_OF_MANY_PLANES
 
 
 def outlier_share(evidence: Evidence) -> tuple[float, float]:

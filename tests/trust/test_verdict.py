@@ -121,6 +121,11 @@ CAUSES: dict[str, tuple[dict[str, Any], str, str]] = {
         "11 % of the rims of one are rims of the other",
         "rims_apart",
     ),
+    "rims apart, of scans with little in common": (
+        {"rims_shared": limits.SHARED_RIM_SHARE_OF_LITTLE - 0.01, "_common": limits.LITTLE_COMMON_SHARE - 0.01},
+        "49 % of the rims of one are rims of the other",
+        "rims_apart",
+    ),
     "rims elsewhere": (
         {"rims_elsewhere": (limits.RIM_GAIN_SHARE + 0.01, 3.2)},
         "slide by 3.2 16 % more of the rims of one are rims of the other",
@@ -343,7 +348,8 @@ def test_every_doubt_is_provoked_by_a_cause() -> None:
         {"looked_through": limits.RAY_CONFLICT_SHARE, "seen_alike": 0.6},
         {"ends_apart": limits.FACE_OVERHANG_SHARE},
         # A room before a LiDAR: what it saw from either place ends elsewhere, some of the rims are the same.
-        {"ends_apart": 0.26, "rims_shared": 0.21},
+        {"ends_apart": 0.26, "rims_shared": 0.21, "_common": limits.LITTLE_COMMON_SHARE},
+        {"rims_shared": limits.SHARED_RIM_SHARE_OF_LITTLE, "_common": 0.2},
         {"closed_hole": 0.012, "size": 1.0},
         {"ends_apart": limits.FACE_OVERHANG_SHARE_WITH_RIMS, "rims_shared": limits.OVERHANG_SHARED_RIMS},
         {"directions": (ROTATION,) * 6, "size": 2.01 / math.radians(2.0)},
