@@ -80,9 +80,10 @@ def show(
     if report is not None:
         page_path(report)
     in_a_window = save is None and report is None and not as_json and not serve
+    loaded = Registration.load(result)
     if in_a_window:
         require_display()
-    attached, began = attach(Registration.load(result), source, target, display_units, _start_pose(start))
+    attached, began = attach(loaded, source, target, display_units, _start_pose(start))
     assert attached.inputs is not None
     console, _ = consoles(quiet=quiet, as_json=as_json)
     data = collect(attached, attached.inputs, tolerance, began)

@@ -58,6 +58,10 @@ _SCAN = "a scanner's format; export the scan as E57 (read with dqreg[scans]) or 
 FOREIGN = {
     **dict.fromkeys((".iges", ".igs", ".brep", ".x_t", ".sldprt", ".ipt", ".3dm", ".jt", ".catpart", ".prt"), _EXACT),
     **dict.fromkeys((".ptx", ".fls", ".rcp", ".zfs", ".g3d"), _SCAN),
+    **dict.fromkeys((".gz", ".zip", ".7z", ".bz2", ".xz"), "a compressed file; unpack it first"),
+    **dict.fromkeys((".bag", ".mcap", ".db3"), "a bag of many scans; dqreg odometry reads it"),
+    **dict.fromkeys((".png", ".tif", ".tiff"), "an image; of a depth image dqreg.PointCloud.from_depth makes a cloud"),
+    **dict.fromkeys((".vtp", ".vtk", ".vtu"), "VTK's own data; save it as PLY, for example with ParaView"),
 }
 
 

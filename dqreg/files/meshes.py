@@ -107,16 +107,24 @@ def _arrays(path: Path, body: Any) -> tuple[FloatArray, IntArray]:
 
 
 def _is_binary_stl(path: Path) -> bool:
-    """Whether a file is just as long as its header promises."""
+    """Whether a file is as long as its header promises, or by less than a triangle longer: some programs add a note."""
     with path.open("rb") as stream:
         head = stream.read(HEADER_BYTES)
-    promised = HEADER_BYTES + FACET.itemsize * int.from_bytes(head[80:], "little")
-    return len(head) == HEADER_BYTES and path.stat().st_size == promised
+    beyond = path.stat().st_size - HEADER_BYTES - FACET.itemsize * _promised(head)
+    is_text = head.lstrip().lower().startswith(b"solid") and b"\0" not in head
+    return len(head) == HEADER_BYTES and (beyond == 0 or (0 < beyond < FACET.itemsize and not is_text))
+
+
+def _promised(head: bytes) -> int:
+    """Triangles of a binary STL by its first bytes."""
+    return int.from_bytes(head[80:HEADER_BYTES], "little")
 
 
 def _read_binary_stl(path: Path) -> MeshData:
     # Without trimesh, whose import takes longer than most parts.
-    facets = np.fromfile(path, dtype=FACET, offset=HEADER_BYTES)
+    with path.open("rb") as stream:
+        count = _promised(stream.read(HEADER_BYTES))
+    facets = np.fromfile(path, dtype=FACET, offset=HEADER_BYTES, count=count)
     # A signalling NaN, as damage makes it, is one that is told as any other.
     with np.errstate(invalid="ignore"):
         corners = facets["corners"].reshape(-1, 3).astype(np.float64)
@@ -129,12 +137,11 @@ def _require_whole_stl(path: Path) -> None:
         head = stream.read(512)
         stream.seek(max(0, size - 512))
         tail = stream.read()
-    promised = 84 + 50 * int.from_bytes(head[80:84], "little")
-    if size == promised:
-        return
+    promised = HEADER_BYTES + FACET.itemsize * _promised(head)
     # Binary files may begin with the word solid too, but no text holds a null byte.
     if b"\0" in head or not head.lstrip().lower().startswith(b"solid"):
         found = f"{size} bytes" if size < 84 else f"a header that promises {promised} bytes in a file of {size}"
-        raise unreadable(path, found, "an STL mesh of 84 bytes and 50 for each triangle; was the file cut short?")
+        why = "was the file cut short?" if size < promised else "was the number of triangles in its header kept?"
+        raise unreadable(path, found, f"an STL mesh of 84 bytes and 50 for each triangle; {why}")
     if b"endsolid" not in tail.lower():
         raise unreadable(path, "a text STL without its endsolid line", "a whole file; was it cut short?")

@@ -190,6 +190,8 @@ def _split_header(path: Path, lines: list[str]) -> tuple[list[str] | None, list[
             continue
         if line.lstrip().startswith(COMMENTS):
             remark = words if {"x", "y", "z"} <= {word.lower() for word in plain_names(words)[0]} else remark
+        elif header is None and words[0].isdigit() and words[1:] == [] and _is_count(words[0], lines[k + 1 :]):
+            continue
         elif _is_numbers(line):
             fits = remark is not None and len(remark) == len(line.split(_delimiter(line)))
             return header or (remark if fits else None), lines[k:]
@@ -198,6 +200,11 @@ def _split_header(path: Path, lines: list[str]) -> tuple[list[str] | None, list[
         else:
             raise unreadable(path, f"the line {line.strip()[:60]!r}", "numbers below the column names")
     raise unreadable(path, "no row of numbers", "one row per point: x, y, z")
+
+
+def _is_count(word: str, rows: Sequence[str]) -> bool:
+    """Whether a line of its own is the number of the rows below it, as some programs write."""
+    return word.isascii() and len(word) < 20 and int(word) == sum(not row.isspace() and row != "" for row in rows)
 
 
 def _words(line: str) -> list[str]:

@@ -78,8 +78,8 @@ WORDS: dict[str, tuple[str, ...]] = {
     "units": get_args(Units),
     "clutter": get_args(Clutter),
 }
-# In place of a viewpoint: none is used, be there one in the file.
-NO_VIEWPOINT = "none"
+# In place of a viewpoint: none is used, be there one in the file; or the origin of the scan's frame.
+NO_VIEWPOINT, ORIGIN = "none", "origin"
 
 
 LENGTHS = ("max_distance", "expected_deviation")

@@ -23,7 +23,7 @@ from dqreg.icp.stopwatch import Stopwatch
 from dqreg.kernels.threads import Later
 from dqreg.registration.constraints import PoseConstraints
 from dqreg.registration.derived import Derived, Key
-from dqreg.registration.options import NO_VIEWPOINT, Options
+from dqreg.registration.options import NO_VIEWPOINT, ORIGIN, Options
 from dqreg.registration.prepared import Begin, Prepared
 from dqreg.registration.source import CentredSource, centre_source, read_source, require_one_place
 from dqreg.registration.target_index import Building, Evening, TargetIndex, index_for, index_target
@@ -279,13 +279,15 @@ def _departure(start: Any, prior: Any, T_start: FloatArray | None) -> float | No
 
 def as_viewpoints(value: Any) -> FloatArray | None:
     """Viewpoints of the scanner, checked."""
+    if isinstance(value, str) and value not in (ORIGIN, NO_VIEWPOINT):
+        raise InputError(f'viewpoint must be a place, "{ORIGIN}" or "{NO_VIEWPOINT}"; got {value!r:.60}')
     if value is None or (isinstance(value, str) and value == NO_VIEWPOINT):
         return None
-    places = as_float(value, "viewpoint")
+    places = np.zeros(3) if isinstance(value, str) else as_float(value, "viewpoint")
     if places.ndim not in (1, 2) or places.shape[-1] != 3 or not places.size:
         raise InputError(
             f"viewpoint must be the place of the scanner in source coordinates, (3,), or several, (k, 3), or "
-            f'"{NO_VIEWPOINT}"; got shape {places.shape}'
+            f'"{ORIGIN}" or "{NO_VIEWPOINT}"; got shape {places.shape}'
         )
     if not np.isfinite(places).all():
         raise InputError(f"viewpoint must hold finite numbers; got {places.tolist()}")

@@ -104,7 +104,7 @@ def register(
         "solve" estimates it, see `Registration.scale` and `Registration.scale_sigma`. The pose stays rigid and is that
         of the scaled source, ``p_target = R (scale p_source) + t``; so is ``start``, but one for the unscaled source
         will do. Not together with ``dof``, ``prior`` or ``viewpoint``.
-    viewpoint : (3,) or (k, 3) array_like, or "none", optional
+    viewpoint : (3,) or (k, 3) array_like, "origin" or "none", optional
         Where the scanner stood, in source coordinates. Faces of a mesh that it cannot have seen (the inside of a thin
         wall, a part behind another) are ignored then, in deviations too. A single one also orients estimated normals,
         and what the scanner looked through from there speaks against a pose; between clouds only that. A viewpoint in

@@ -94,6 +94,14 @@ def test_no_display_is_said_with_what_to_do(saved, monkeypatch, capsys):
     assert "--save view.png" in capsys.readouterr().err
 
 
+def test_a_missing_file_is_said_before_a_missing_display(monkeypatch, capsys):
+    monkeypatch.setattr("sys.platform", "linux")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    assert run("show", "nope.json") == 2
+    assert "nope.json" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [

@@ -77,6 +77,10 @@ def test_a_path_that_cannot_be_is_refused(path: str) -> None:
         ("part.igs", "exact CAD surfaces"),
         ("scan.ptx", r"a scanner's format; .* export the scan as E57 \(read with dqreg\[scans\]\) or PLY"),
         ("scan.fls", "a scanner's format"),
+        ("scan.ply.gz", "a compressed file; .* unpack it first"),
+        ("drive.bag", "a bag of many scans; .* dqreg odometry reads it"),
+        ("depth.png", "an image; .* dqreg.PointCloud.from_depth makes a cloud"),
+        ("part.vtp", "VTK's own data; .* save it as PLY"),
     ],
 )
 def test_an_unknown_kind_lists_the_known_ones(tmp_path: Path, name: str, message: str) -> None:

@@ -164,6 +164,17 @@ def test_a_bad_mesh_is_refused_in_words(
     assert capfd.readouterr() == ("", "")
 
 
+def test_a_note_behind_the_triangles_of_a_binary_stl_is_passed_over(tmp_path: Path) -> None:
+    file = save(trimesh.creation.icosphere(1), tmp_path / "part.stl", file_type="stl")
+    alone, whole = read_mesh(file), file.read_bytes()
+    file.write_bytes(whole + b"made by ...")
+    np.testing.assert_array_equal(read_mesh(file).vertices, alone.vertices)
+    # As long as a triangle it may be one that the header does not count.
+    file.write_bytes(whole + bytes(50))
+    with pytest.raises(InputError, match="was the number of triangles in its header kept"):
+        read_mesh(file)
+
+
 @pytest.mark.parametrize("kind", ["stl", "stl_ascii", "off", "ply", "glb", "obj"])
 @pytest.mark.parametrize("kept", [0.1, 0.4, 0.7, 0.95])
 def test_a_file_cut_short_is_refused(tmp_path: Path, kind: str, kept: float) -> None:

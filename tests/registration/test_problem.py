@@ -13,7 +13,7 @@ from dqreg.errors import InputError
 from dqreg.geometry import CloudSurface, Mesh, PointCloud
 from dqreg.registration import target_index
 from dqreg.registration.prepared import Prepared
-from dqreg.registration.problem import SourceAndTarget
+from dqreg.registration.problem import SourceAndTarget, as_viewpoints
 from dqreg.registration.source import CentredSource, centre_source
 from dqreg.registration.target import prepare_target
 from dqreg.registration.target_index import TargetIndex, index_target
@@ -60,6 +60,15 @@ def test_points_are_placed_in_the_centred_target_frame() -> None:
     # The caller's own frames are the truth.
     expected = pose.apply(T, SHEET[:500] + 7.0) - problem.target.origin
     np.testing.assert_allclose(problem.placed(T), expected, atol=1e-12)
+
+
+def test_a_viewpoint_is_a_place_or_one_of_two_words() -> None:
+    origin = as_viewpoints("origin")
+    assert origin is not None
+    np.testing.assert_array_equal(origin, np.zeros((1, 3)))
+    assert as_viewpoints("none") is None
+    with pytest.raises(InputError, match='a place, "origin" or "none"; got \'here\''):
+        as_viewpoints("here")
 
 
 def test_dense_clouds_become_equal_cells_with_a_plane_at_each() -> None:
