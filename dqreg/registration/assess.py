@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, dot
 from dqreg._records import replaced
 from dqreg.geometry import PointCloud, Surface
 from dqreg.geometry.morton import distinct_in_order
@@ -221,7 +221,7 @@ def _is_partial(fit: Fit) -> bool:
         return False
     total = float(weights.sum())
     arms = points - weights @ points / total
-    spread = float(weights @ row_dots(arms, arms)) / total
+    spread = dot(weights, row_dots(arms, arms)) / total
     whole = float((fit.problem.target.spreads**2).sum())
     return bool(
         spread < PARTIAL**2 * whole

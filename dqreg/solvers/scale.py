@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, dot
 from dqreg.errors import DegenerateGeometryError
 from dqreg.rigid import pose, twist
 from dqreg.rigid.twist import scaling_by
@@ -116,13 +116,13 @@ def _spread_of(points: FloatArray, weights: FloatArray) -> float:
     if not total > 0.0:
         return 0.0
     away = points - weights @ points / total
-    return float(np.sqrt(weights @ np.einsum("ij,ij->i", away, away) / total))
+    return math.sqrt(dot(weights, np.einsum("ij,ij->i", away, away)) / total)
 
 
 def _sigma(alone: FloatArray, residuals: FloatArray, weights: FloatArray, held: float) -> float:
     # As in the covariance of the pose: White's sandwich over patches, for the one column that is left of the scale.
     total = max(float(weights.sum()) - 7.0, 1.0)
-    independent = math.sqrt(float(weights @ residuals**2) / total / held)
+    independent = math.sqrt(dot(weights, residuals**2) / total / held)
     count = min(PATCH_COUNT, len(weights) // 8)
     if count < MIN_PATCHES:
         return independent

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, dot
 from dqreg.solvers.quadratic import plane_rows
 from dqreg.trust.robust_fit import RobustFit, best_motion, robust_fit, unexplained, weights_of
 from dqreg.trust.strain import COMPONENTS
@@ -185,7 +185,7 @@ def _gained(fit: RobustFit, motions: int) -> _Found:
     """
     rigid, modes, variance = fit.rows[:motions], fit.rows[motions:], fit.variance
     stiff = fit.residuals - best_motion(fit.residuals, rigid, fit.weights) @ rigid
-    gained = float(fit.weights @ (stiff**2 - fit.left**2))
+    gained = dot(fit.weights, stiff**2 - fit.left**2)
     shown = unexplained(fit.fitted[motions:] @ modes, rigid, fit.weights)
     return _Found(math.sqrt(max(gained / variance, 0.0)) if variance > 0.0 else math.inf, shown, math.inf)
 

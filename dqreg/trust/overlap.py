@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray, median, quantile
+from dqreg._arrays import BoolArray, FloatArray, IntArray, dot, median, quantile
 from dqreg.geometry.morton import distinct_in_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import (
@@ -224,7 +224,7 @@ class Overlap:
     def best_step(self) -> tuple[FloatArray, float]:
         """That motion of the placed cloud, (4, 4), and the log-likelihood that it gains."""
         motion, left, weights = self._best
-        before, after = (float(weights @ residuals**2) for residuals in (self.residuals, left))
+        before, after = (dot(weights, residuals**2) for residuals in (self.residuals, left))
         if not before > after > 0.0:
             return np.eye(4), 0.0
         middle = self.points.mean(axis=0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable
 from functools import cached_property
 
@@ -43,7 +44,7 @@ class RobustFit:
     @cached_property
     def variance(self) -> float:
         """Variance of what remains."""
-        return float(self.weights @ self.left**2 / max(self.weights.sum() - len(self.rows), 1.0))
+        return dot(self.weights, self.left**2) / max(float(self.weights.sum()) - len(self.rows), 1.0)
 
     def scatter(self, points: FloatArray, normals: FloatArray) -> FloatArray | None:
         """Covariance of the unknowns, (k, k), by patches of points, (n, 3), and normals; None of too few."""
@@ -58,7 +59,7 @@ def without_motion(displaced: FloatArray, motions: FloatArray, weights: FloatArr
 
 def weighted_rms(values: FloatArray, weights: FloatArray) -> float:
     """Root of the weighted mean square of numbers, (n,)."""
-    return float(np.sqrt(weights @ values**2 / weights.sum()))
+    return math.sqrt(dot(weights, values**2) / float(weights.sum()))
 
 
 def unexplained(displaced: FloatArray, motions: FloatArray, weights: FloatArray) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, IntArray
+from dqreg._arrays import FloatArray, IntArray, dot
 from dqreg.inspection.alignment.surface_goals import as_small, least_largest
 from dqreg.inspection.alignment.surface_rows import SurfaceRows
 from dqreg.inspection.features.spread import DRAW_SEED
@@ -42,7 +42,7 @@ def _least_squares(rows: SurfaceRows, T: FloatArray, basis: FloatArray, known: F
     middle = np.where(banded, 0.5 * (np.where(banded, rows.low, 0.0) + np.where(banded, rows.high, 0.0)), 0.0)
     residuals = values - middle
     freedom = max(len(values) - basis.shape[1], 1)
-    variance = float(rows.weights @ residuals**2) / freedom
+    variance = dot(rows.weights, residuals**2) / freedom
     spread = scatter_of(slopes.T, moved, normals, residuals, rows.weights, known, 1.0)
     if spread is None:
         information = (slopes * rows.weights[:, None]).T @ slopes / max(variance, 1e-300) + known
