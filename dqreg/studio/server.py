@@ -17,7 +17,8 @@ from dqreg.studio import uploads
 from dqreg.studio.equivalent_commands import cleaned_name, commands_of
 from dqreg.studio.guard import REPORT_POLICY, App, Guard
 from dqreg.studio.plans import with_plan
-from dqreg.studio.sessions import NAMES, BrokenError, Session, Sessions, StoppedError
+from dqreg.studio.sessions import BrokenError, Session, Sessions, StoppedError
+from dqreg.studio.tasks import NAMES
 from dqreg.studio.visit import PROGRESS, Visit
 
 if TYPE_CHECKING:

@@ -15,14 +15,13 @@ from typing import TYPE_CHECKING, Any
 
 from dqreg.errors import DqregError, InputError
 from dqreg.registration.batch.worker import Failure, Worker
+from dqreg.studio.tasks import ASIDE, DEPENDS, Values, perform, warm
 from dqreg.studio.visit import Side, Visit
 
 if TYPE_CHECKING:
     from dqreg.studio.many import Many
     from dqreg.studio.travel import Travel
-    from dqreg.studio.worker_cache import Place
 
-Values = dict[str, Any]
 VISIT, RESULTS = "visit.json", "results.json"
 # Seconds after which a worker without work ends.
 IDLE_SECONDS = 900.0
@@ -32,45 +31,6 @@ WORKER_MEMORY_SHARE, ASIDE_MEMORY_SHARE = 0.7, 0.3
 MAX_UNDO_STEPS = 200
 # Visits kept by a server, and worker processes at a time.
 MAX_VISITS, MAX_WORKERS = 40, 3
-# Fields of a visit that each result depends on: where one of them changes, the result is of yesterday.
-DEPENDS = {
-    "scan": ("scan", "mirrored"),
-    "draw_scan": ("scan", "mirrored", "cuts"),
-    "part": ("part",),
-    "compare": ("scan", "mirrored", "part"),
-    "mirror": ("scan", "mirrored", "part"),
-    "align": ("scan", "mirrored", "part", "cuts", "start", "pairs", "T_start", "dof"),
-}
-DEPENDS["reach"] = (*DEPENDS["align"], "reach")
-DEPENDS["judge"] = (
-    *DEPENDS["align"],
-    "alignment",
-    "chosen",
-    "weights",
-    "goal",
-    "datums",
-    "references",
-    "reach",
-    "tolerance",
-    "minus",
-    "required",
-    "faces",
-    "sections",
-    "labels",
-    "plan",
-)
-DEPENDS["report"] = (*DEPENDS["judge"], "head", "views")
-
-
-# What a worker can be asked for; `tasks` does it.
-NAMES = (
-    *("scan", "part", "compare", "mirror", "plane", "draw_scan", "lasso", "pick_part", "pick_scan"),
-    *("pairs", "hand", "align", "reach", "judge", "suggest_datums", "report", "pdf"),
-)
-
-
-# Questions that nothing waits for: answered beside the work.
-ASIDE = ("mirror",)
 
 
 class StoppedError(Exception):
@@ -130,7 +90,7 @@ class Session:
         self.visit.save(self.folder / VISIT)
         (self.folder / RESULTS).write_text(json.dumps(self.results, allow_nan=False), encoding="utf-8")
 
-    async def run(self, task: str, values: dict[str, Any]) -> Any:
+    async def run(self, task: str, values: Values) -> Any:
         """Do a task in the worker process; one at a time."""
         async with self._lock:
             visit, self._stopping, self.running = self.visit, False, task
@@ -144,9 +104,9 @@ class Session:
             raise BrokenError(answer.message)
         return self._kept(task, visit, answer)
 
-    async def aside(self, task: str, values: dict[str, Any]) -> Any:
+    async def aside(self, task: str, values: Values) -> Any:
         """Answer a question in a process of its own, which ends with it: the work does not wait."""
-        visit, worker = self.visit, Worker(1, prepare=_warm)
+        visit, worker = self.visit, Worker(1, prepare=warm)
         self._asides.append(worker)
         try:
             call = partial(perform, task, self.folder, visit, values)
@@ -184,7 +144,7 @@ class Session:
 
     def _call(self, task: Callable[[], Any]) -> Any:
         if self._worker is None or self._worker.closed:
-            self._worker = Worker(os.cpu_count() or 1, prepare=_warm, idle=IDLE_SECONDS)
+            self._worker = Worker(os.cpu_count() or 1, prepare=warm, idle=IDLE_SECONDS)
         return self._worker.call(task, memory=_memory(WORKER_MEMORY_SHARE))
 
 
@@ -192,45 +152,6 @@ def _memory(share: float) -> float:
     import psutil
 
     return share * float(psutil.virtual_memory().total)
-
-
-def perform(name: str, folder: Path, visit: Visit, values: Values) -> Any:
-    """Do a task, in a worker process."""
-    from dqreg.files.strict_json import plain
-    from dqreg.studio.worker_cache import Place
-
-    return plain(tasks()[name](Place(folder, visit), values))
-
-
-def tasks() -> dict[str, Callable[[Place, Values], Any]]:
-    """What a worker can be asked for, imported where the work is done: the server stays light."""
-    from dqreg.studio import aligning, alignments, judging, picking, reading
-
-    return {
-        "scan": lambda place, _: reading.read_scan(place),
-        "part": lambda place, _: reading.read_part(place),
-        "compare": lambda place, _: reading.compare_sides(place),
-        "mirror": lambda place, _: aligning.mirror_question(place),
-        "plane": lambda place, _: reading.plane_question(place),
-        "draw_scan": lambda place, _: reading.draw_scan(place),
-        "lasso": picking.lasso_cut,
-        "pick_part": picking.pick_part,
-        "pick_scan": picking.pick_scan,
-        "pairs": lambda place, _: aligning.align_pairs(place),
-        "hand": aligning.pose_of_drawn,
-        "align": lambda place, _: aligning.align(place),
-        "reach": lambda place, _: judging.show_reach(place),
-        "judge": lambda place, _: judging.judge(place),
-        "suggest_datums": lambda place, _: alignments.suggest_datums(place),
-        "report": lambda place, _: judging.write_sheet(place),
-        "pdf": lambda place, _: judging.print_sheet(place),
-    }
-
-
-def _warm() -> None:
-    from dqreg._open3d import load_open3d
-
-    load_open3d()
 
 
 class Sessions:

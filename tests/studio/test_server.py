@@ -9,8 +9,7 @@ pytest.importorskip("httpx2", reason="starlette's test client asks with it")
 
 from starlette.testclient import TestClient
 
-from dqreg.studio import sessions as session_module
-from dqreg.studio import uploads
+from dqreg.studio import tasks, uploads
 from dqreg.studio.server import application
 from dqreg.studio.sessions import Sessions
 
@@ -203,7 +202,7 @@ def test_wrong_requests_are_a_sentence(client):
 
 
 def test_every_task_that_may_be_asked_for_is_done():
-    assert set(session_module.tasks()) == set(session_module.NAMES)
+    assert set(tasks.tasks()) == set(tasks.NAMES)
 
 
 def test_a_result_of_another_state_is_not_kept(client, sessions):
