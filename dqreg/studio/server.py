@@ -11,14 +11,15 @@ from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dqreg.errors import DqregError, InputError
+from dqreg.errors import InputError
 from dqreg.files.strict_json import plain
 from dqreg.studio import uploads
 from dqreg.studio.equivalent_commands import cleaned_name, commands_of
 from dqreg.studio.guard import REPORT_POLICY, App, Guard
 from dqreg.studio.plans import with_plan
-from dqreg.studio.sessions import BrokenError, Session, Sessions, StoppedError
+from dqreg.studio.sessions import Session, Sessions
 from dqreg.studio.tasks import NAMES
+from dqreg.studio.troubles import TRACE, Troubles
 from dqreg.studio.visit import PROGRESS, Visit
 
 if TYPE_CHECKING:
@@ -33,15 +34,11 @@ DATA = dict.fromkeys(("scan.bin", "part.bin", "judged.bin", "reach.bin"), "appli
 FILES = (
     {"report.html": "text/html", "report.pdf": "application/pdf", "plan.toml": "application/toml"}
     | dict.fromkeys(("visit.json", "result.json"), "application/json")
-    | {"start.txt": "text/plain"}
+    | dict.fromkeys(("start.txt", TRACE), "text/plain")
 )
 DRAWN = re.compile(r"(map|frame)-\d{1,9}\.bin")
 # Bytes of a request that is no file, and how often progress is looked at.
 MAX_WORDS_BYTES, POLL_SECONDS = 1 << 20, 0.08
-BROKEN = (
-    "The calculation ended before it was done ({}). Nothing that you chose is lost: press the button again, and if it "
-    "ends again, try fewer points."
-)
 
 
 def application(sessions: Sessions, token: str, port: int) -> App:
@@ -69,8 +66,7 @@ def application(sessions: Sessions, token: str, port: int) -> App:
         Route("/visits/{visit}/files/{name}", api.file),
         Route("/visits/{visit}/{side}", api.upload, methods=["PUT"]),
     ]
-    handlers: Any = {DqregError: api.bad, StoppedError: _stopped, BrokenError: _broken}
-    return Guard(Starlette(routes=routes, exception_handlers=handlers), token, port)
+    return Guard(Starlette(routes=routes, exception_handlers=Troubles(sessions).handlers), token, port)
 
 
 class Api:
@@ -92,7 +88,7 @@ class Api:
         if request.method == "POST":
             return _told(self._sessions.open())
         sessions = sorted(self._sessions.by_name.values(), key=lambda session: -session.touched)
-        return _json([{"visit": r.name, "scan": _name(r.visit.scan), "part": _name(r.visit.part)} for r in sessions])
+        return _json([_listed(session) for session in sessions])
 
     async def odometry(self, request: Request) -> Response:
         """How far the odometry is that the command line named."""
@@ -170,7 +166,6 @@ class Api:
         before = session.visit
         scan, part = (side, before.part) if which == "scan" else (before.scan, side)
         session.change(Visit(scan, part, head=before.head))
-        session.results.pop(which, None)
         return _told(session)
 
     async def events(self, request: Request) -> Response:
@@ -190,15 +185,6 @@ class Api:
         cleaned = {cleaned_name(session.visit) or "": "application/octet-stream"}
         return _file(session.folder, name, FILES | cleaned, keep=keep)
 
-    async def bad(self, request: Request, error: Exception) -> Response:
-        """What is wrong, in a sentence; a file is called by its name, wherever it lies here."""
-        words, session = str(error), self._sessions.by_name.get(request.path_params.get("visit", ""))
-        if session is not None:
-            for side in (session.visit.scan, session.visit.part):
-                folder = None if side is None else (session.folder / side.path).parent
-                words = words.replace(f"{folder}/", "")
-        return _json({"error": words}, 422)
-
     def _session(self, request: Request) -> Session:
         return self._sessions.find(request.path_params["visit"])
 
@@ -212,12 +198,14 @@ def _told(session: Session) -> Response:
             "running": session.running,
             "undo": len(session.past),
             "words": commands_of(session.visit),
+            "lost": session.lost,
         }
     )
 
 
-def _name(side: Any) -> str | None:
-    return None if side is None else side.name
+def _listed(session: Session) -> dict[str, str | None]:
+    scan, part = (None if side is None else side.name for side in (session.visit.scan, session.visit.part))
+    return {"visit": session.name, "scan": scan, "part": part, "lost": session.lost}
 
 
 async def _values(request: Request) -> dict[str, Any]:
@@ -283,11 +271,3 @@ def _file(folder: Path, name: str, known: dict[str, str], *, keep: bool = False)
     # The header's escapes are the library's: a name may have quotes and letters of any language.
     how = "attachment" if keep else "inline"
     return FileResponse(path, headers=headers, media_type=known[name], filename=name, content_disposition_type=how)
-
-
-async def _stopped(request: Request, error: Exception) -> Response:
-    return _json({"stopped": True}, 409)
-
-
-async def _broken(request: Request, error: Exception) -> Response:
-    return _json({"error": BROKEN.format(error)}, 503)

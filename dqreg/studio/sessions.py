@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import dataclasses
 import json
 import os
@@ -14,8 +15,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dqreg.errors import DqregError, InputError
+from dqreg.files.atomic import require_folder, write_atomically
+from dqreg.files.strict_json import plain
+from dqreg.files.untrusted import read_record
 from dqreg.registration.batch.worker import Failure, Worker
-from dqreg.studio.tasks import ASIDE, DEPENDS, Values, perform, warm
+from dqreg.studio.tasks import ASIDE, DEPENDS, NAMES, Values, perform, warm
 from dqreg.studio.visit import Side, Visit
 
 if TYPE_CHECKING:
@@ -31,6 +35,7 @@ WORKER_MEMORY_SHARE, ASIDE_MEMORY_SHARE = 0.7, 0.3
 MAX_UNDO_STEPS = 200
 # Visits kept by a server, and worker processes at a time.
 MAX_VISITS, MAX_WORKERS = 40, 3
+LOST = "The results of this visit could not be read ({}). What was chosen is all there: do the steps again."
 
 
 class StoppedError(Exception):
@@ -52,6 +57,7 @@ class Session:
     results: dict[str, Any] = dataclasses.field(default_factory=dict)
     running: str = ""  # Name of the task that runs; "" if none does
     touched: float = dataclasses.field(default_factory=time.time)
+    lost: str = ""  # Why the results of another day are not there; "" where they are
 
     def __post_init__(self) -> None:
         self._worker: Worker | None = None
@@ -66,29 +72,49 @@ class Session:
 
     def change(self, visit: Visit) -> None:
         """Go on with another state; the one before can be brought back."""
-        if visit == self.visit:
-            return
-        self.past = [*self.past[-MAX_UNDO_STEPS:], self.visit]
-        self._become(visit)
+        if visit != self.visit:
+            self._become(visit, [*self.past[-MAX_UNDO_STEPS:], self.visit])
 
     def undo(self) -> None:
         """Back to the state before the last change."""
         if not self.past:
             raise InputError("there is nothing to undo")
-        *self.past, before = self.past
-        self._become(before)
+        self._become(self.past[-1], self.past[:-1])
 
-    def _become(self, visit: Visit) -> None:
-        for name, fields in DEPENDS.items():
-            if any(getattr(visit, field) != getattr(self.visit, field) for field in fields):
-                self.results.pop(name, None)
-        self.visit, self.touched = visit, time.time()
-        self.save()
+    def _become(self, visit: Visit, past: list[Visit]) -> None:
+        stale = {
+            name
+            for name, fields in DEPENDS.items()
+            if any(getattr(visit, field) != getattr(self.visit, field) for field in fields)
+        }
+        results = {name: result for name, result in self.results.items() if name not in stale}
+        # On the disk before it is so here: a change that cannot be kept is none. The results first, for a state that
+        # another one's stand beside must never be there.
+        self._write_results(results)
+        visit.save(self.folder / VISIT)
+        self.visit, self.past, self.results, self.touched = visit, past, results, time.time()
 
     def save(self) -> None:
         """Keep the visit and what came of it, for whoever opens it again."""
+        self._write_results(self.results)
         self.visit.save(self.folder / VISIT)
-        (self.folder / RESULTS).write_text(json.dumps(self.results, allow_nan=False), encoding="utf-8")
+
+    def _write_results(self, results: dict[str, Any]) -> None:
+        write_atomically(self.folder / RESULTS, json.dumps(results, allow_nan=False))
+        self.lost = ""
+
+    @staticmethod
+    def load(folder: Path) -> Session:
+        """A visit of another day; results that cannot be read are done without, and it says so."""
+        visit, results, lost = Visit.load(folder / VISIT), {}, ""
+        try:
+            results = _results_of(read_record(folder / RESULTS, "the results of a visit"))
+        except DqregError as error:
+            lost = LOST.format(str(error).replace(f"{folder}{os.sep}", ""))
+        found = Session(folder.name, folder, visit, [], results, lost=lost)
+        with contextlib.suppress(OSError):
+            found.touched = (folder / VISIT).stat().st_mtime
+        return found
 
     async def run(self, task: str, values: Values) -> Any:
         """Do a task in the worker process; one at a time."""
@@ -123,7 +149,9 @@ class Session:
         depends = DEPENDS.get(task)
         if depends is not None and all(getattr(visit, f) == getattr(self.visit, f) for f in depends):
             self.results[task] = answer
-            self.save()
+            # Known here even where the disk is full: on another day it is missing, and can be had again.
+            with contextlib.suppress(InputError):
+                self._write_results(self.results)
         return answer
 
     def cancel(self) -> None:
@@ -148,6 +176,16 @@ class Session:
         return self._worker.call(task, memory=_memory(WORKER_MEMORY_SHARE))
 
 
+def _results_of(text: str) -> dict[str, Any]:
+    try:
+        values = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{RESULTS} is no JSON: {error}") from error
+    if not (isinstance(values, dict) and all(name in NAMES and isinstance(values[name], dict) for name in values)):
+        raise InputError(f"{RESULTS} holds no results")
+    return dict(plain(values))
+
+
 def _memory(share: float) -> float:
     import psutil
 
@@ -170,27 +208,21 @@ class Sessions:
         self._one_aside = asyncio.Lock()
         self.by_name: dict[str, Session] = {}
         for place in sorted(folder.glob(f"*/{VISIT}")):
-            try:
-                results = json.loads((place.parent / RESULTS).read_text(encoding="utf-8"))
-                self.by_name[place.parent.name] = Session(
-                    place.parent.name, place.parent, Visit.load(place), [], results
-                )
-            except (DqregError, OSError, ValueError):
-                continue  # what is no visit of ours is left alone
+            # What is no visit of ours is left alone.
+            with contextlib.suppress(DqregError, OSError, ValueError):
+                self.by_name[place.parent.name] = Session.load(place.parent)
 
     def open(self, visit: Visit | None = None) -> Session:
         """A new visit, with the files that the command line named where no others are given."""
+        name = secrets.token_hex(6)
+        scan, part = (None if path is None else Side(path.name, str(path.absolute())) for path in self.named)
+        session = Session(name, require_folder(self.folder / name), visit or Visit(scan, part))
+        session.save()
         if len(self.by_name) >= MAX_VISITS:
-            oldest = min(self.by_name.values(), key=lambda session: session.touched)
+            oldest = min(self.by_name.values(), key=lambda each: each.touched)
             oldest.close()
             del self.by_name[oldest.name]
-        name = secrets.token_hex(6)
-        folder = self.folder / name
-        folder.mkdir(parents=True)
-        scan, part = (None if path is None else Side(path.name, str(path.absolute())) for path in self.named)
-        session = Session(name, folder, visit or Visit(scan, part))
         self.by_name[name] = session
-        session.save()
         return session
 
     def find(self, name: str) -> Session:

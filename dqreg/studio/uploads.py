@@ -9,6 +9,7 @@ from collections.abc import AsyncIterator
 from pathlib import Path
 
 from dqreg.errors import InputError, did_you_mean
+from dqreg.files.atomic import require_folder
 from dqreg.files.formats import FOREIGN, READERS
 from dqreg.studio.visit import Side
 
@@ -44,8 +45,7 @@ async def receive(folder: Path, which: str, name: str, length: int | None, chunk
     if length is not None and length > room:
         raise InputError(f"{clean} has {_size(length)}; there is room for {_size(max(room, 0))}")
     # A folder for this file alone: a file that names others finds none, and the one before it can be brought back.
-    home = folder / which / secrets.token_hex(4)
-    home.mkdir(parents=True)
+    home = require_folder(folder / which / secrets.token_hex(4))
     partial, got = home / ".part", 0
     try:
         with partial.open("wb") as stream:
@@ -57,6 +57,8 @@ async def receive(folder: Path, which: str, name: str, length: int | None, chunk
         if length is not None and got != length:
             raise InputError(f"{clean} came incomplete ({got} of {length} bytes): drop it again")
         partial.rename(home / clean)
+    except OSError as error:
+        raise InputError(f"{clean} cannot be kept: {error.strerror or error}") from error
     finally:
         partial.unlink(missing_ok=True)
     return Side(clean, f"{which}/{home.name}/{clean}")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 from pathlib import Path
 from typing import Any, Literal
 
@@ -31,6 +30,8 @@ START, PLAN = "start.txt", "plan.toml"
 # Largest numbers of each, so that a visit stays small.
 MAX_CUTS, MAX_PAIRS = 100, 200
 MAX_CORNERS, MAX_WORDS = 2_000, 400
+# Larger ones have no square: they are no place, and every distance to them is infinite.
+MAX_NUMBER = 1e150
 UNITS = ("mm", "cm", "m", "inch", "ft")
 
 
@@ -175,8 +176,8 @@ class Visit:
     def of(values: Any) -> Visit:
         """A visit from plain values, as JSON has them."""
         found = record_from(Visit, {**_defaults(), **values} if isinstance(values, dict) else values)
-        if not _is_finite(_numbers(found)):
-            raise InputError("a visit holds finite numbers only")
+        if not all(abs(x) < MAX_NUMBER for x in _numbers(found)):
+            raise InputError(f"a visit holds finite numbers only, none of {MAX_NUMBER:g} or more")
         return found
 
     @staticmethod
@@ -244,12 +245,8 @@ def _require_sides(name: str, plus: float | None, minus: float | None) -> None:
 
 def _numbers(value: Any) -> list[float]:
     """All numbers of a record, however deep."""
-    if isinstance(value, float):
+    if isinstance(value, int | float):
         return [value]
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return [x for field in dataclasses.fields(value) for x in _numbers(getattr(value, field.name))]
     return [x for item in value for x in _numbers(item)] if isinstance(value, tuple) else []
-
-
-def _is_finite(numbers: list[float]) -> bool:
-    return all(math.isfinite(x) for x in numbers)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+
 import pytest
 
 pytest.importorskip("starlette", reason="the studio is an extra: dqreg[studio]")
@@ -9,9 +11,12 @@ pytest.importorskip("httpx2", reason="starlette's test client asks with it")
 
 from starlette.testclient import TestClient
 
+from dqreg.errors import InputError
+from dqreg.registration.batch.worker import Worker
+from dqreg.studio import sessions as session_module
 from dqreg.studio import tasks, uploads
 from dqreg.studio.server import application
-from dqreg.studio.sessions import Sessions
+from dqreg.studio.sessions import Session, Sessions
 
 KEY, PORT = "key-of-the-test", 8123
 HOST = f"127.0.0.1:{PORT}"
@@ -142,6 +147,125 @@ def test_files_that_were_dropped_are_there_on_another_day(client, sessions):
     side = Sessions(sessions.folder).find(visit).visit.scan
     assert side is not None
     assert (sessions.folder / visit / side.path).read_bytes() == b"its points"
+
+
+@pytest.mark.parametrize("content", [None, '{"align": {"found": tr', "[]", '{"align": 5}', "[" * 100_000])
+def test_a_visit_whose_results_cannot_be_read_is_there_and_says_so(client, sessions, content):
+    visit, other = opened(client), opened(client)
+    client.post(f"visits/{visit}/change", json={"tolerance": 0.5})
+    results = sessions.folder / visit / "results.json"
+    results.unlink() if content is None else results.write_text(content)
+    again = Sessions(sessions.folder)
+    client = TestClient(application(again, KEY, PORT), base_url=f"http://{HOST}/{KEY}/")
+    assert {each["visit"]: bool(each["lost"]) for each in client.get("visits").json()} == {visit: True, other: False}
+    told = client.get(f"visits/{visit}").json()
+    assert (told["visit"]["tolerance"], told["results"]) == (0.5, {})
+    assert "results.json" in told["lost"]
+    assert str(sessions.folder) not in told["lost"]
+    # Until it is written anew.
+    assert not client.post(f"visits/{visit}/change", json={"tolerance": 0.6}).json()["lost"]
+
+
+@contextlib.contextmanager
+def full_disk(room: int):
+    """No file gets longer than that many bytes, as on a disk that is full."""
+    resource = pytest.importorskip("resource")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def test_results_are_written_whole_or_not_at_all(sessions):
+    session = sessions.open()
+    session.results["align"] = {"level": "accepted"}
+    session.save()
+    session.results["judge"] = {"words": "x" * 100_000}
+    with full_disk(10_000), pytest.raises(InputError, match=r"results\.json"):
+        session.save()
+    assert Sessions(sessions.folder).find(session.name).results == {"align": {"level": "accepted"}}
+
+
+@pytest.mark.parametrize("act", ["change", "undo"])
+def test_a_change_that_cannot_be_kept_is_none(client, sessions, act):
+    visit = opened(client)
+    session = sessions.find(visit)
+    client.post(f"visits/{visit}/change", json={"tolerance": 0.5})
+    session.results["judge"] = {"outcome": "pass"}
+    session.save()
+    before = client.get(f"visits/{visit}").json()
+    with full_disk(0):
+        answer = client.post(f"visits/{visit}/{act}", json={"tolerance": 0.1} if act == "change" else None)
+    assert answer.status_code == 422
+    assert "cannot write results.json" in answer.json()["error"]
+    assert client.get(f"visits/{visit}").json() == before
+    assert Sessions(sessions.folder).find(visit).visit.tolerance == 0.5
+
+
+def test_an_answer_is_there_though_the_disk_is_full(client, sessions, monkeypatch):
+    visit = opened(client)
+    monkeypatch.setattr(session_module, "perform", lambda *_: {"drawing": {}})
+    monkeypatch.setattr(Session, "_call", lambda _, task: task())
+    with full_disk(0):
+        assert client.post(f"visits/{visit}/run/align").json() == {"drawing": {}}
+        # An upload and a visit that there is no room for are sentences.
+        for answer in (client.post("visits"), client.put(f"visits/{visit}/scan?name=a.ply", content=b"ply")):
+            assert answer.status_code == 422
+            assert str(sessions.folder) not in answer.json()["error"]
+    assert client.get(f"visits/{visit}").json()["results"]["align"]
+    assert [each["visit"] for each in client.get("visits").json()] == [visit]
+
+
+@pytest.mark.parametrize("room", [1 << 20, 0])
+def test_a_mistake_of_ours_is_a_sentence_and_its_trace_is_kept(sessions, monkeypatch, room):
+    address = f"http://{HOST}/{KEY}/"
+    client = TestClient(application(sessions, KEY, PORT), base_url=address, raise_server_exceptions=False)
+    visit = opened(client)
+    folder = sessions.folder / visit
+    monkeypatch.setattr(session_module, "perform", _mistaken)
+    monkeypatch.setattr(Session, "_call", lambda session, task: Worker(1).call(task) if room else task())
+    with full_disk(room):
+        answer = client.post(f"visits/{visit}/run/align")
+    told = answer.json()
+    assert answer.status_code == 500
+    assert "mistake of dqreg" in told["error"]
+    assert "ZeroDivisionError: division by zero" in told["error"]
+    assert str(folder) not in told["error"]
+    if not room:
+        assert "could not be written" in told["error"]
+        return
+    assert told["file"] == "trace.txt"
+    trace = client.get(f"visits/{visit}/files/trace.txt").text
+    assert trace == (folder / "trace.txt").read_text()
+    # Down to the line of the worker process; without the key of the page.
+    assert "in _mistaken" in trace
+    assert f"POST /visits/{visit}/run/align" in trace
+    assert KEY not in trace
+
+
+def _mistaken(task, folder, visit, values):
+    return 1 / 0
+
+
+def test_a_mistake_without_a_visit_is_told_with_the_place_of_its_trace(sessions, monkeypatch):
+    address = f"http://{HOST}/{KEY}/"
+    client = TestClient(application(sessions, KEY, PORT), base_url=address, raise_server_exceptions=False)
+    monkeypatch.setattr(Sessions, "open", lambda *_: 1 / 0)
+    answer = client.post("visits")
+    assert answer.status_code == 500
+    assert str(sessions.folder / "trace.txt") in answer.json()["error"]
+
+
+@pytest.mark.parametrize("far", [1e300, -1e160, 10**200])
+def test_places_that_no_distance_reaches_are_refused_before_the_state_changes(client, far):
+    visit = opened(client)
+    for values in ({"labels": [[far, 0, 0]]}, {"sections": [{"point": [0, far, 0], "normal": [0, 0, 1]}]}):
+        answer = client.post(f"visits/{visit}/change", json=values)
+        assert answer.status_code == 422
+        assert "finite numbers" in answer.json()["error"]
+    assert client.get(f"visits/{visit}").json()["undo"] == 0
 
 
 def test_a_plan_is_taken_and_a_wrong_one_is_a_sentence(client):

@@ -7,8 +7,11 @@ import pickle
 import queue
 import struct
 import threading
+import traceback
 from collections.abc import Callable
 from typing import IO, Any
+
+from dqreg.errors import DqregError
 
 LENGTH = struct.Struct("<Q")
 
@@ -49,6 +52,9 @@ def serve(idle: float | None = None) -> None:
         try:
             answer = _task(main, data)(), None
         except Exception as error:
+            # A trace is not sent with its error; where that is no refusal of ours, it is all that can be known.
+            if not isinstance(error, DqregError):
+                error.add_note("in the worker process: " + "".join(traceback.format_exception(error)))
             answer = None, error
         send(answers, answer)
 

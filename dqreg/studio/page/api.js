@@ -1,7 +1,8 @@
 // Questions to the server. Addresses are relative: the key is part of the page's own.
 const base = location.pathname.endsWith("/") ? location.pathname : location.pathname + "/";
 
-export class Trouble extends Error {}
+// What went wrong, in a sentence; `file` of the visit says more where it was a mistake of the program.
+export class Trouble extends Error { constructor(words, file) { super(words); this.file = file; } }
 export class Stopped extends Error {}
 
 const SILENT = "The studio does not answer. If its terminal was closed, start dqreg studio again.";
@@ -13,7 +14,7 @@ export async function ask(path, { method = "GET", body } = {}) {
   } catch { throw new Trouble(SILENT); }
   const json = (answer.headers.get("content-type") ?? "").includes("json") ? await answer.json() : null;
   if (json?.stopped) throw new Stopped();
-  if (!answer.ok) throw new Trouble(json?.error ?? `The studio refused this (${answer.status}).`);
+  if (!answer.ok) throw new Trouble(json?.error ?? `The studio refused this (${answer.status}).`, json?.file);
   return json;
 }
 export const send = (path, body = {}) => ask(path, { method: "POST", body });
@@ -35,7 +36,7 @@ export function upload(path, file, progress) {
       let json = null;
       try { json = JSON.parse(request.responseText); } catch { /* said below */ }
       if (request.status === 200) done(json);
-      else fail(new Trouble(json?.error ?? `The studio refused this file (${request.status}).`));
+      else fail(new Trouble(json?.error ?? `The studio refused this file (${request.status}).`, json?.file));
     };
     request.send(file);
   });

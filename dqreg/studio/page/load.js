@@ -120,6 +120,6 @@ export function panel(app) {
     both && mirrorQuestion(app),
     zone(app, "scan", "Points or a surface as they were measured: PLY, PCD, XYZ, CSV, STL, OBJ …"),
     zone(app, "part", "The CAD part as a surface: STL, OBJ, PLY, 3MF …"),
-    app.others?.length ? h("details", { id: "others" }, h("summary", {}, "Earlier visits"), h("ul", {}, app.others.map(each => h("li", {}, h("a", { href: `#${each.visit}/load`, onclick: () => setTimeout(() => location.reload()) }, `${each.scan ?? "no scan"} on ${each.part ?? "no part"}`))))) : null,
+    app.others?.length ? h("details", { id: "others" }, h("summary", {}, "Earlier visits"), h("ul", {}, app.others.map(each => h("li", {}, h("a", { href: `#${each.visit}/load`, onclick: () => setTimeout(() => location.reload()) }, `${each.scan ?? "no scan"} on ${each.part ?? "no part"}${each.lost ? " (its results could not be read)" : ""}`))))) : null,
   ];
 }

@@ -1,5 +1,5 @@
 // The page: one visit, five steps, one drawing.
-import { ask, events, fetchBytes, send, Stopped, Trouble, upload } from "./api.js";
+import { address, ask, events, fetchBytes, send, Stopped, Trouble, upload } from "./api.js";
 import { copyable, count, h, show } from "./dom.js";
 import { Stage, colours } from "./stage.js";
 import * as load from "./load.js";
@@ -86,7 +86,7 @@ export const app = {
   unit() { return app.results.compare?.units?.[1] ?? app.visit?.part?.units ?? app.results.part?.units ?? ""; },
   scale() { return app.results.compare?.scale ?? 1; },
   go(step) { app.many = false; STEPS[app.step].leave?.(app, stage); app.step = step; location.hash = `${app.name}/${step}`; STEPS[step].enter?.(app, stage); render(); $("#panel").focus({ preventScroll: true }); },
-  say(words) { $("#said").replaceChildren(words ? h("p", {}, words, h("button", { onclick: () => app.say("") }, "Close")) : ""); },
+  say(words, file) { $("#said").replaceChildren(words ? h("p", {}, words, file && h("a", { href: address(`visits/${app.name}/files/${file}?keep`), download: file }, `Save ${file}`), h("button", { onclick: () => app.say("") }, "Close")) : ""); },
   render, stop: () => send(`visits/${app.name}/cancel`).catch(() => {}),
 };
 globalThis.studio = app;
@@ -166,7 +166,7 @@ function said() {
 // Whatever goes wrong is a sentence; nothing that was chosen is lost.
 addEventListener("unhandledrejection", e => {
   if (e.reason instanceof Stopped) app.say("Stopped. Nothing was changed.");
-  else if (e.reason instanceof Trouble) app.say(e.reason.message);
+  else if (e.reason instanceof Trouble) app.say(e.reason.message, e.reason.file);
   else { app.say(`Something went wrong on this page: ${e.reason?.message ?? e.reason}. Reload it: your visit is kept.`); return; }
   e.preventDefault();
 });
@@ -220,6 +220,7 @@ async function begin() {
   const told = known.some(each => each.visit === name) ? await ask(`visits/${name}`) : await send("visits");
   app.others = known.filter(each => each.visit !== told.name && (each.scan || each.part));
   accept(told);
+  if (told.lost) app.say(told.lost);
   location.hash = `${app.name}/${app.step}`;
   listen();
   if (told.running) await app.resume(told.running);
