@@ -13,10 +13,11 @@ from dqreg.compare.store import FORMAT
 from dqreg.compare.summary import SummaryRow, summarise
 from dqreg.errors import InputError
 from dqreg.files.atomic import require_folder, require_writable, write_atomically
+from dqreg.files.csv_text import csv_text
 from dqreg.files.strict_json import plain
 from dqreg.report.html import data_uri, render
 from dqreg.report.page_file import page_content, page_path
-from dqreg.report.table import Table, to_csv, to_markdown
+from dqreg.report.table import Table, to_markdown
 
 
 def to_html(title: str, made: Sequence[Table], pictures: Sequence[Plot], note: str, command: str = "") -> str:
@@ -97,4 +98,4 @@ def summary_csv(lines: Sequence[SummaryRow]) -> str:
         (line.engine, *(getattr(line.place, name) for name in places), *(getattr(line, name) for name in numbers))
         for line in lines
     )
-    return to_csv(("engine", *places, *numbers), rows)
+    return csv_text(("engine", *places, *numbers), rows)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import io
 import math
 import os
@@ -17,6 +16,7 @@ from dqreg._arrays import FloatArray, IntArray
 from dqreg.errors import InputError
 from dqreg.files import write_cloud
 from dqreg.files.atomic import write_atomically
+from dqreg.files.csv_text import csv_text
 from dqreg.inspection.membership import FLAGS_IN_WORDS, ON_PART
 from dqreg.inspection.tolerances import PointLimits
 
@@ -135,17 +135,16 @@ def write_sections(
 
     A place without scan points has no deviation.
     """
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
     lengths = ("arc", "x", "y", "z", "deviation", "sigma")
-    writer.writerow(f"{name} [{units}]" if units and name in lengths else name for name in SECTION)
+    head = [f"{name} [{units}]" if units and name in lengths else name for name in SECTION]
     length = f"%.{decimals}f"
     formats = ["%d", *[length] * 4, *[f"%.{NORMAL_DIGITS}f"] * 3, length, length, "%d"]
-    for name, rows in sections:
-        for row in rows.tolist():
-            words = ("" if math.isnan(x) else f % (x + 0.0) for x, f in zip(row, formats, strict=True))
-            writer.writerow([name, *words])
-    write_atomically(path, stream.getvalue())
+    table = (
+        [name, *("" if math.isnan(x) else f % (x + 0.0) for x, f in zip(row, formats, strict=True))]
+        for name, rows in sections
+        for row in rows.tolist()
+    )
+    write_atomically(path, csv_text(head, table))
 
 
 def write_coloured(

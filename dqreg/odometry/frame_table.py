@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from dqreg.files.atomic import write_atomically
+from dqreg.files.csv_text import csv_text
 from dqreg.odometry.run_sequence import TrajectoryRun
 from dqreg.odometry.scans import Scans
 from dqreg.registration.result import Registration
@@ -33,9 +32,7 @@ HEADER = (
 
 def write_frames(path: str | Path, trip: TrajectoryRun, scans: Scans) -> None:
     """Write verdict, place, one-sigmas and reasons of every frame as CSV."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(HEADER)
+    rows = []
     for number, name in enumerate(scans.names):
         time = "" if scans.times is None else f"{scans.times[number]:.9f}"
         place = [_number(value) for value in trip.poses[number, :3, 3]]
@@ -48,8 +45,8 @@ def write_frames(path: str | Path, trip: TrajectoryRun, scans: Scans) -> None:
                 "; ".join(result.verdict.reasons),
             ]
         row = [number, name, time, words[0], *place, *words[1:5], _number(trip.seconds[number]), words[5]]
-        writer.writerow(row)
-    write_atomically(Path(path), text.getvalue())
+        rows.append(row)
+    write_atomically(Path(path), csv_text(HEADER, rows))
 
 
 def to_records(trip: TrajectoryRun, scans: Scans) -> list[dict[str, Any]]:

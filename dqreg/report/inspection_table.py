@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dqreg.files.csv_text import csv_text
 from dqreg.inspection import Characteristic, DatumAlignment, Decision, Inspection
 from dqreg.inspection.places import COVERAGE_FACTOR, PLACE_POINTS
 from dqreg.report.decision_rows import decision_rows, shown_outcome
 from dqreg.report.hints import hints_of
 from dqreg.report.summary import ALIGNMENT, COLOURS
-from dqreg.report.table import EMPTY, Column, Table, print_tables, to_csv
+from dqreg.report.table import EMPTY, Column, Table, print_tables
 from dqreg.report.text import measured_text
 
 if TYPE_CHECKING:
@@ -98,7 +99,7 @@ def sheet_csv(found: Inspection | None, decision: Decision | None, unit: str) ->
             name = "place at " + " ".join(f"{x:.7g}" for x in place.position)
             cells = _cells(0.0, *ends.get(place.region, (decision.low, decision.high)), place.value, place.uncertainty)
             rows.append((len(rows) + 1, name, "deviation", unit, *cells, place.outcome, PLACE_POINTS, "", ""))
-    return to_csv(columns, rows)
+    return csv_text(columns, rows)
 
 
 def _cells(*numbers: float) -> list[str]:

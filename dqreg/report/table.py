@@ -5,11 +5,9 @@ A page shows it with the macro of ``templates/table.html``.
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
@@ -135,15 +133,6 @@ def to_markdown(tables: Sequence[Table], note: str = "") -> str:
 
 def _escaped(text: str) -> str:
     return text.replace("\\", "\\\\").replace("|", "\\|").replace("\n", " ").replace("<", "&lt;")
-
-
-def to_csv(head: Iterable[object], rows: Iterable[Iterable[object]]) -> str:
-    """Rows as CSV: what is to be read by programs, at full precision."""
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(head)
-    writer.writerows(rows)
-    return buffer.getvalue()
 
 
 def print_tables(console: Console, tables: Sequence[Table]) -> None:

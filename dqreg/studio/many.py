@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
-import io
 import json
 from pathlib import Path
 from typing import Any
 
 from dqreg.errors import InputError
+from dqreg.files.csv_text import csv_rows
+from dqreg.files.strict_json import plain
 from dqreg.files.untrusted import read_record
 from dqreg.inspection.plan.file import HEAD
 from dqreg.registration.batch.file_digests import digest_of
 from dqreg.registration.batch.line import RESULTS
+from dqreg.registration.batch.resume import ROWS
 from dqreg.registration.batch.row import BATCH
 from dqreg.registration.batch.run import SUMMARY_CSV
 from dqreg.studio.plans import with_plan
@@ -31,41 +32,71 @@ class Many:
 
     def rows(self) -> dict[str, Any]:
         """Every row that has ended, by name; those without a result are known once the batch is over."""
-        found = {path.stem: self._row(path) for path in sorted((self.folder / RESULTS).glob("*.json"))}
-        over = (self.folder / SUMMARY_CSV).is_file()
-        if over:
-            text = (self.folder / SUMMARY_CSV).read_text(encoding="utf-8", errors="replace")
-            for line in csv.DictReader(io.StringIO(text)):
-                missing = {"level": line.get("verdict"), "why": line.get("reasons"), "scan": line.get("scan")}
-                # The rows above have the names of their files.
-                name = Path(line.get("result") or "").stem or line.get("name")
-                found.setdefault(str(name), missing | {"opens": False})
-        return {"over": over, "rows": [{"name": name, **row} for name, row in found.items()]}
+        summary, names = self._summary(), self._names()
+        if summary is None:
+            known = {path.stem: path for path in sorted((self.folder / RESULTS).glob("*.json"))}
+            found = {name: self._row(path) for name, path in known.items() if names is None or name in names}
+        else:
+            found = dict(map(self._of_summary, summary))
+        rows = [{"name": name, **row} for name, row in found.items() if row is not None]
+        return {"over": summary is not None, "rows": plain(rows), "total": None if names is None else len(names)}
+
+    def _summary(self) -> list[dict[str, str]] | None:
+        """Rows of the summary; None where it is not there yet, or that of a session before the one that runs."""
+        path, begun = self.folder / SUMMARY_CSV, self.folder / ROWS
+        try:
+            if begun.is_file() and path.stat().st_mtime_ns < begun.stat().st_mtime_ns:
+                return None
+            return list(csv_rows(path.read_text(encoding="utf-8", errors="replace")))
+        except FileNotFoundError:
+            return None
+        except (OSError, InputError) as error:
+            raise InputError(f"{SUMMARY_CSV} of the batch cannot be read: {error}") from error
+
+    def _names(self) -> set[str] | None:
+        """Names of the rows of the manifest; None of a folder of old."""
+        try:
+            return set(map(str, json.loads(read_record(self.folder / ROWS, "the rows of a batch"))))
+        except (InputError, ValueError, TypeError):
+            return None
+
+    def _of_summary(self, line: dict[str, str]) -> tuple[str, dict[str, Any] | None]:
+        # Rows that have a result are called as its file is.
+        stem = Path(line.get("result", "")).stem
+        row = self._row(self.folder / RESULTS / f"{stem}.json") if stem else None
+        missing = {"level": line.get("verdict"), "why": line.get("reasons"), "scan": line.get("scan"), "opens": False}
+        return stem or line.get("name", ""), row or missing
 
     def visit(self, name: str) -> Visit:
         """A visit of a row's scan and part under the pose that was found; only if the files are those of the batch."""
-        record = self._record(self.folder / RESULTS / f"{name}.json", name)
+        known = {each.stem: each for each in (self.folder / RESULTS).glob("*.json")}
+        if name not in known:
+            raise InputError(f"the batch has no row {name!r:.60}")
         try:
+            record = self._record(known[name], name)
             inputs, T = record[BATCH]["inputs"], record["T_target_source"]
             marks, units = [inputs[side] for side in ("scan", "target")], record["settings"]
             places = [Path(mark[0]) for mark in marks]
             names = [units.get(f"{side}_units") for side in ("source", "target")]
-        except (KeyError, TypeError, IndexError) as error:
+            pose = {"start": "rival", "T_start": T} if T and T[0][0] is not None else {}
+        except OSError as error:
+            raise InputError(f"the result of {name} cannot be read: {error.strerror or error}") from error
+        except (KeyError, TypeError, IndexError, AttributeError) as error:
             raise InputError(f"the result of {name} was not written by a batch ({error!r})") from error
         for place, mark in zip(places, marks, strict=True):
             # A result from elsewhere could name any file of this machine.
             if digest_of(place) != mark:
                 raise InputError(f"{place.name} has changed since the batch read it")
         scan, part = (Side(place.name, str(place), unit) for place, unit in zip(places, names, strict=True))
-        plain = {"start": "rival", "T_start": T} if T and T[0][0] is not None else {}
-        return _asked(Visit(scan, part), inputs.get("inspection")).changed(plain)
+        return _asked(Visit(scan, part), inputs.get("inspection")).changed(pose)
 
-    def _row(self, path: Path) -> dict[str, Any]:
+    def _row(self, path: Path) -> dict[str, Any] | None:
+        """A row with a result; None where that was taken away just now."""
         try:
             record = self._record(path, path.stem)
             verdict = record["verdict"]
             return {
-                "level": verdict["level"],
+                "level": str(verdict["level"]),
                 "why": "; ".join(map(str, verdict["reasons"])),
                 "scan": Path(record[BATCH]["inputs"]["scan"][0]).name,
                 "rms": record["rms"],
@@ -74,19 +105,20 @@ class Many:
                 "outcome": (record[BATCH].get("inspection") or {}).get("outcome"),
                 "opens": True,
             }
-        except (InputError, KeyError, TypeError, IndexError) as error:
+        except FileNotFoundError:
+            return None
+        except (InputError, OSError, KeyError, TypeError, IndexError, AttributeError) as error:
             return {"level": "error", "why": f"its result cannot be read: {error}", "opens": False}
 
     def _record(self, path: Path, name: str) -> dict[str, Any]:
-        known = {each.stem: each for each in (self.folder / RESULTS).glob("*.json")}
-        if name not in known:
-            raise InputError(f"the batch has no row {name!r:.60}")
         when = path.stat().st_mtime_ns
         if path not in self._read or self._read[path][0] != when:
             try:
                 record = json.loads(read_record(path, "a result"))
-            except ValueError as error:
+            except (ValueError, RecursionError) as error:
                 raise InputError(f"the result of {name} is no JSON: {error}") from error
+            if not isinstance(record, dict):
+                raise InputError(f"the result of {name} is none")
             # Iterations are most of a result, and no table shows them.
             record.pop("history", None)
             self._read[path] = when, record

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import csv
 import io
 import math
 
@@ -9,7 +8,7 @@ from rich.console import Console
 
 from dqreg.papers.document import Report, Section
 from dqreg.report.html import render
-from dqreg.report.table import Column, Estimate, Table, cell_text, print_tables, to_csv, to_markdown
+from dqreg.report.table import Column, Estimate, Table, cell_text, print_tables, to_markdown
 
 NASTY = "<script>|\\\n"
 COLUMNS = (Column("name"), Column("value", "mm"), Column("words", align="left"))
@@ -78,11 +77,6 @@ def test_markdown_has_the_same_columns_in_every_line():
     ]
     assert {line.count("|") for line in lines} == {4}
     assert lines[1] == "|---|--:|---|"
-
-
-def test_csv_reads_back():
-    rows = [["a,b", '"', "line\nline"], ["1", "2", "3"]]
-    assert list(csv.reader(io.StringIO(to_csv(("x", "y", "z"), rows), newline=""))) == [["x", "y", "z"], *rows]
 
 
 @pytest.mark.parametrize("width", [30, 40, 80])

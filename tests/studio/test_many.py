@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import os
 
 import pytest
 
 from dqreg.errors import InputError
 from dqreg.registration.batch.file_digests import digest_of
+from dqreg.registration.batch.resume import Folder
 from dqreg.studio.many import Many
 from dqreg.studio.visit import FaceTolerance
 
@@ -36,21 +38,53 @@ def write(batch, name: str, **inputs) -> None:
 
 def test_the_table_fills_while_the_batch_runs(batch):
     many = Many(batch / "out")
-    assert many.rows() == {"over": False, "rows": []}
+    assert many.rows() == {"over": False, "rows": [], "total": None}
     write(batch, "one")
     (row,) = many.rows()["rows"]
     assert (row["name"], row["level"], row["outcome"], row["scan"]) == ("one", "accepted", "fail", "scan.xyz")
     (batch / "out" / "results" / "bad.json").write_text("{")
     (batch / "out" / "summary.csv").write_text(
-        "name,verdict,reasons,scan\nlost,timeout,no answer,x.ply\none,accepted,,x\n"
+        "name,verdict,reasons,scan,result\n'=lost,timeout,no answer,x.ply,\none,accepted,,x,results/one.json\n"
+        "bad,accepted,,x,results/bad.json\n"
     )
     found = many.rows()
     assert found["over"]
     assert {row["name"]: row["level"] for row in found["rows"]} == {
         "one": "accepted",
         "bad": "error",
-        "lost": "timeout",
+        "=lost": "timeout",
     }
+
+
+def test_a_batch_that_is_resumed_is_not_over_and_rows_that_are_gone_do_not_stay(batch):
+    many, folder = Many(batch / "out"), Folder(batch / "out")
+    write(batch, "one")
+    write(batch, "gone")
+    summary = batch / "out" / "summary.csv"
+    summary.write_text("name,verdict,result\none,accepted,results/one.json\ngone,accepted,results/gone.json\n")
+    assert many.rows()["over"]
+    os.utime(summary, (1.0, 1.0))
+    folder.begin(["one", "two"])
+    found = many.rows()
+    assert (found["over"], found["total"], [row["name"] for row in found["rows"]]) == (False, 2, ["one"])
+    summary.write_text("name,verdict,result\none,accepted,results/one.json\ntwo,error,\n")
+    found = many.rows()
+    assert found["over"]
+    assert [(row["name"], row["level"]) for row in found["rows"]] == [("one", "accepted"), ("two", "error")]
+
+
+def test_a_result_that_vanishes_or_is_none_is_no_mistake(batch):
+    many = Many(batch / "out")
+    results = batch / "out" / "results"
+    write(batch, "one")
+    (results / "gone.json").symlink_to(results / "nowhere")
+    (results / "list.json").write_text("[]")
+    (results / "deep.json").write_text("[" * 100_000)
+    levels = {row["name"]: row["level"] for row in many.rows()["rows"]}
+    assert levels == {"one": "accepted", "list": "error", "deep": "error"}
+    for name in ("gone", "list", "deep"):
+        with pytest.raises(InputError, match=name):
+            many.visit(name)
 
 
 def test_a_row_opens_its_own_files_and_no_others(batch):

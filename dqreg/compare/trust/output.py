@@ -14,10 +14,11 @@ from dqreg.compare.trust.calibration import Calibration, calibration_of, calibra
 from dqreg.compare.trust.rates import Rate, rates, tables
 from dqreg.compare.trust.sweep import FORMAT, TrustSweep
 from dqreg.files.atomic import write_atomically
+from dqreg.files.csv_text import csv_text
 from dqreg.files.strict_json import plain
 from dqreg.report.figure import PALETTE, encode, stacked
 from dqreg.report.page_file import page_content
-from dqreg.report.table import Table, to_csv, to_markdown
+from dqreg.report.table import Table, to_markdown
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,7 +45,7 @@ def to_json(sweep: TrustSweep) -> str:
 def to_rows(made: Sequence[Rate]) -> str:
     """The rates at full precision as CSV."""
     names = [field.name for field in dataclasses.fields(Rate) if field.name != "codes"]
-    return to_csv(names, ([getattr(rate, name) for name in names] for rate in made))
+    return csv_text(names, ([getattr(rate, name) for name in names] for rate in made))
 
 
 def tables_of(sweep: TrustSweep) -> list[Table]:

@@ -49,12 +49,13 @@ def read_manifest(path: str | os.PathLike[str], defaults: Defaults | None = None
     place, defaults = Path(path), defaults or Defaults()
     check_options(dict(defaults.options))
     if place.is_dir():
-        cells = _of_folder(place, defaults)
+        cells = list(_of_folder(place, defaults))
         base = place
     else:
-        cells = _of_csv(place)
+        cells = list(_of_csv(place))
         base = place.parent
-    rows, faults, seen = [], [], RowNames()
+    rows, faults = [], []
+    seen = RowNames((line, values.get("name", "")) for line, values in cells)
     for line, values in cells:
         try:
             row = _row(line, values, base, defaults)

@@ -11,7 +11,7 @@ import contextlib
 import json
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import IO, Any
 
@@ -23,7 +23,8 @@ from dqreg.registration.batch.row import BATCH, Row, RowResult, inputs_of
 from dqreg.registration.inspected import require_record
 from dqreg.registration.result import Registration
 
-THUMBNAILS, LOCK = "thumbnails", ".lock"
+# ROWS names the rows of the last session, and is as old as its beginning.
+THUMBNAILS, LOCK, ROWS = "thumbnails", ".lock", ".rows.json"
 # What `write_atomically` leaves where it is killed.
 LEFT_OVER = re.compile(r"\.[0-9a-f]{16}\.tmp")
 
@@ -45,6 +46,10 @@ class Folder:
     def report(self, row: Row) -> Path:
         """Page of a row; it need not exist."""
         return self.path / REPORTS / f"{row.name}.html"
+
+    def begin(self, names: Iterable[str]) -> None:
+        """Say which rows there are: a summary that is older is that of an earlier session."""
+        write_atomically(self.path / ROWS, json.dumps(list(names)))
 
     def finished(self, row: Row) -> dict[str, Any] | None:
         """What the result file of a row holds."""

@@ -21,10 +21,14 @@ RESERVED = re.compile(r"(con|prn|aux|nul|conin\$|conout\$|(com|lpt)[0-9\u00b9\u0
 
 
 class RowNames:
-    """Gives each row a name of its own that is a file name everywhere."""
+    """Gives each row a name of its own that is a file name everywhere; names that were given go first."""
 
-    def __init__(self) -> None:
+    def __init__(self, given: Iterable[tuple[int, str]] = ()) -> None:
         self._lines: dict[str, int] = {}
+        # Of all lines, before any name is made of a scan: else the order of the rows would decide whose it is.
+        for line, name in given:
+            if name:
+                self._lines.setdefault(_key(file_name(name)), line)
 
     def named_or_scan(self, row: Row) -> str:
         """The name that was given, where that can be used."""
@@ -38,9 +42,9 @@ class RowNames:
         name = file_name(row.name) if given else _cut(row.scan.stem)
         if not given:
             name = next(each for each in _numbered(name) if _key(each) not in self._lines)
-        elif _key(name) in self._lines:
-            raise InputError(f"the name {row.name!r:.150} is that of line {self._lines[_key(name)]}, too")
-        self._lines[_key(name)] = row.line
+        line = self._lines.setdefault(_key(name), row.line)
+        if line != row.line:
+            raise InputError(f"the name {row.name!r:.150} is that of line {line}, too")
         return name
 
 

@@ -107,6 +107,7 @@ def run_batch(
         files = tuple(require_writable(folder.path / name) for name in names)
         sound = [row for row in rows if not row.fault]
         lines = _kept(folder, sound) if resume else {}
+        folder.begin(row.name for row in rows)
         todo = [row for row in sound if row.name not in lines]
         progress = _watched(len(rows), len(lines))
         tell(progress())
@@ -119,12 +120,14 @@ def run_batch(
                 for row, done in answers:
                     lines[row.name] = line_of(row, folder.save(row, done))
                     tell(progress(lines[row.name]))
-        except DqregError:
+            ordered = _in_order(rows, lines)
+            _write(folder, ordered, title)
+        except DqregError as error:
             with contextlib.suppress(DqregError):
                 _write(folder, _in_order(rows, lines), title)
-            raise
-        ordered = _in_order(rows, lines)
-        _write(folder, ordered, title)
+            kept = sum(line.ran for line in lines.values())
+            words = f"{kept} of {len(rows)} rows are kept in {folder.path}: resume with --resume once that is mended"
+            raise InputError(f"{error}; {words}") from error
     return Batch(ordered, len(lines) < len(rows), files)
 
 
@@ -140,12 +143,21 @@ def _in_order(rows: Sequence[Row], lines: dict[str, Line]) -> tuple[Line, ...]:
 
 
 def _write(folder: Folder, lines: Sequence[Line], title: str) -> None:
-    write_atomically(folder.path / SUMMARY_CSV, summary_csv(lines))
+    """Write the summaries; one that there is no room for costs no other."""
+    contents: dict[str, Callable[[], str]] = {SUMMARY_CSV: lambda: summary_csv(lines)}
     if any(line.row.asked.inspects for line in lines):
-        write_atomically(folder.path / VALUES_CSV, values_csv(lines))
-        write_atomically(folder.path / TRENDS_CSV, trends_csv(trends_of(lines)))
-    page = to_html(title or folder.path.absolute().name, lines, folder.path / THUMBNAILS)
-    write_atomically(folder.path / SUMMARY_HTML, page)
+        contents[VALUES_CSV] = lambda: values_csv(lines)
+        contents[TRENDS_CSV] = lambda: trends_csv(trends_of(lines))
+    name = title or folder.path.absolute().name
+    contents[SUMMARY_HTML] = lambda: to_html(name, lines, folder.path / THUMBNAILS)
+    lost: list[DqregError] = []
+    for file, content in contents.items():
+        try:
+            write_atomically(folder.path / file, content())
+        except DqregError as error:
+            lost.append(error)
+    if lost:
+        raise lost[0]
 
 
 def _watched(rows: int, kept: int) -> Callable[..., BatchProgress]:

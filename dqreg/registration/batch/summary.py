@@ -10,11 +10,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from dqreg.files.csv_text import csv_text
 from dqreg.registration.batch.line import Line
 from dqreg.registration.batch.trends import trends_of, trends_on_page
 from dqreg.report.decision_rows import shown_outcome
 from dqreg.report.html import data_uri, render
-from dqreg.report.table import to_csv
 
 # From the one that needs a look first to the one that needs none.
 VERDICTS = ("crashed", "timeout", "memory", "error", "not run", "failed", "suspect", "accepted")
@@ -59,7 +59,7 @@ def summary_csv(lines: Sequence[Line]) -> str:
     fields = tuple(dict.fromkeys(name for line in lines for name, _ in line.row.asked.head))
     # One called like a column is told from it.
     heads += [f"head_{name}" if name in COLUMNS else name for name in fields]
-    return to_csv(heads, (_csv_row(line, fields) for line in lines))
+    return csv_text(heads, (_csv_row(line, fields) for line in lines))
 
 
 def _csv_row(line: Line, fields: Sequence[str]) -> tuple[object, ...]:

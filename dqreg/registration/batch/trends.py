@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dqreg.files.csv_text import csv_text
 from dqreg.registration.batch.left_out import LeftOut, left_out_of, withheld_words
 from dqreg.report.control_chart import Sample, control_chart
-from dqreg.report.table import to_csv
 from dqreg.report.text import decimals_of
 
 if TYPE_CHECKING:
@@ -171,12 +171,12 @@ def values_csv(lines: Sequence[Line]) -> str:
         )
         for line, number, value in _values(lines)
     )
-    return to_csv(VALUE_COLUMNS, rows)
+    return csv_text(VALUE_COLUMNS, rows)
 
 
 def trends_csv(trends: Sequence[Trend]) -> str:
     """The trends as CSV, one a line."""
-    return to_csv(TREND_COLUMNS, map(_row, trends))
+    return csv_text(TREND_COLUMNS, map(_row, trends))
 
 
 def _row(trend: Trend) -> list[object]:

@@ -15,7 +15,7 @@ export async function open(app, home) {
   const levels = {};
   for (const row of found.rows) levels[row.level] = (levels[row.level] ?? 0) + 1;
   show(home, h("h2", {}, "Many parts"),
-    h("p", { id: "many-said" }, `${found.rows.length} done${found.over ? "" : " so far"}: ${Object.entries(levels).map(([level, n]) => `${n} ${SIGNS[level] ?? level}`).join(", ") || "none yet"}.`),
+    h("p", { id: "many-said" }, `${found.rows.length}${found.total && !found.over ? ` of ${found.total}` : ""} done${found.over ? "" : " so far"}: ${Object.entries(levels).map(([level, n]) => `${n} ${SIGNS[level] ?? level}`).join(", ") || "none yet"}.`),
     h("div", { class: "scroll" }, h("table", { class: "faces", id: "many" }, h("thead", {}, h("tr", {}, ["Scan", "Alignment", "Distance (rms)", "On the part", "Part", ""].map(t => h("th", { scope: "col" }, t)))),
       h("tbody", {}, found.rows.map(row => h("tr", { title: row.why ?? "" }, h("td", {}, row.name), h("td", { class: `outcome ${LIGHT[row.level] ?? "fail"}` }, SIGNS[row.level] ?? row.level),
         h("td", { class: "n" }, row.rms ? long(row.rms, row.unit) : ""), h("td", { class: "n" }, row.inliers ? percent(row.inliers, 0) : ""), h("td", { class: `outcome ${conditional(row) ? "undecided" : row.outcome ?? ""}` }, conditional(row) ? "pass, if the alignment holds" : row.outcome ?? ""),

@@ -65,6 +65,17 @@ def test_names_are_file_names_and_never_twice(folder):
     odd.unlink()
 
 
+@pytest.mark.parametrize("order", [(0, 1, 2), (2, 1, 0), (1, 2, 0), (0, 2, 1)])
+def test_names_that_were_given_go_first(folder, order):
+    """A name made of a scan takes none that another row was given."""
+    lines = ["scan0.npy,feeder.off,double", "scan1.npy,feeder.off,double", "scan0.npy,feeder.off,scan1"]
+    rows = rows_of(folder, "scan,target,name\n" + "\n".join(lines[k] for k in order) + "\n")
+    (wrong,) = [row for row in rows if row.fault]
+    assert "'double'" in wrong.fault
+    assert next(row for row in rows if row.line == 2 + order.index(2)).name == "scan1"
+    assert len({row.name for row in rows}) == 3
+
+
 def test_columns_have_the_words_of_the_command_too(folder):
     (row,) = rows_of(folder, "source,part\nscan0.npy,bracket.off\n")
     assert row == rows_of(folder, "scan,target\nscan0.npy,bracket.off\n")[0]
