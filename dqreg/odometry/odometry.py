@@ -15,6 +15,7 @@ from dqreg.geometry import PointCloud
 from dqreg.geometry.fields import stamp_of
 from dqreg.odometry.align import FrameSearch
 from dqreg.odometry.assess import MapLink
+from dqreg.odometry.clock import stamp_given
 from dqreg.odometry.frame import DownsampledFrame, RawFrame, downsample_frame, read_frame
 from dqreg.odometry.kiss import KissParts, load_kiss, rigid
 from dqreg.odometry.map_file import SavedMap, load_map, save_map
@@ -150,8 +151,8 @@ class Odometry(Tracker):
             ``timestamp`` of the points.
         stamp : float, optional
             Time of the frame, seconds: scales the predicted motion where frames are missing, and lets the motion
-            decide where a frame is like itself elsewhere (columns at equal distances). Default: that of a message's
-            header.
+            decide where a frame is like itself elsewhere (columns at equal distances). A wrong one makes that frame
+            suspect and no other; of a clock that was set anew the second is taken. Default: that of a message's header.
         prediction : (4, 4) array_like, optional
             Where other sensors (wheels, an IMU) expect the frame, T_map_frame: ``last_pose`` times their motion since
             the frame that has it: not since one that was kept out. Default: constant velocity.
@@ -172,20 +173,24 @@ class Odometry(Tracker):
         Raises
         ------
         InputError
-            If the shapes are wrong.
+            If the shapes are wrong, or the stamp is no number.
         """
         began = clock.perf_counter()
         raw = self._ahead(read_frame(points, timestamps))
         expected = Prediction.of(prediction, prediction_covariance)
-        return self._registered(raw, stamp_of(points) if stamp is None else stamp, expected, began, insert=insert)
+        return self._registered(
+            raw, stamp_of(points) if stamp is None else stamp_given(stamp), expected, began, insert=insert
+        )
 
     def _registered(
         self, raw: RawFrame, stamp: float | None, expected: Prediction | None, began: float, *, insert: bool = True
     ) -> Registration:
-        ratio, doubt = self._timeline.ratio(stamp)
+        ratio, remark = self._timeline.ratio(stamp)
         result = self._place(raw, ratio, expected, insert=insert)
-        if doubt is not None:
-            result = dataclasses.replace(result, verdict=result.verdict.doubted(doubt))
+        if remark is not None:
+            verdict = result.verdict
+            said = verdict._remarked(remark) if remark.code == "new_clock" else verdict.doubted(remark)
+            result = dataclasses.replace(result, verdict=said)
         self._timeline.add(result.T_target_source, stamp)
         # Its own, and nobody has seen it yet: a copy would be checked anew.
         result.timings["total"] = clock.perf_counter() - began

@@ -53,7 +53,8 @@ def run_sequence(
         result = _explained(odometry._registered(raw, stamp, expected, began), data)
         results.append(result)
         if guide is not None:
-            guide.learn(result, odometry.last_pose, stamp)
+            # Of a frame whose stamp is wrong the place is known, and not when.
+            guide.learn(result, odometry.last_pose, None if "time_stamp" in result.verdict.codes else stamp)
         if show is not None:
             show(data.points, result)
         if tell is not None:

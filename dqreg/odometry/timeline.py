@@ -8,6 +8,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
+from dqreg.odometry.clock import Clock
 from dqreg.rigid import Trajectory
 from dqreg.trust.records import Reason
 
@@ -24,9 +25,8 @@ class Timeline:
         self.slid = 0  # Those of them that only left a motion free
         self._poses: deque[FloatArray] = deque(maxlen=history)
         self._stamps: deque[float | None] = deque(maxlen=history)
-        # Seconds since the last trusted frame, and seconds a frame, where stamps told.
-        self._gap, self._pace = 0.0, 0.0
-        self._last: float | None = None
+        self._clock = Clock()
+        self._pace = 0.0  # Seconds a frame, where stamps told
 
     @property
     def has_slid(self) -> bool:
@@ -37,6 +37,21 @@ class Timeline:
     def steps(self) -> float:
         """Frames since the last trusted one, with the one to come."""
         return 1.0 + self.missed
+
+    @property
+    def _gap(self) -> float:
+        """Seconds since the last trusted frame; 0 where unknown."""
+        return self._clock.gap
+
+    @property
+    def is_ahead(self) -> bool:
+        """Whether it may be very long since the last trusted frame, or the stamps are wrong."""
+        return self._clock.is_ahead
+
+    @property
+    def is_guessed(self) -> bool:
+        """Whether constant velocity is a guess like any other: the stamps tell of a gap."""
+        return self.span > max(MAX_PREDICTED_STEPS, self.steps)
 
     @property
     def span(self) -> float:
@@ -74,22 +89,15 @@ class Timeline:
         self._stamps.append(stamp)
 
     def ratio(self, stamp: float | None) -> tuple[float, Reason | None]:
-        """Time since the last trusted frame over that of the last motion, and what is wrong with the stamp."""
-        if stamp is None:
-            return self.steps, None
-        before, self._last = self._last, float(stamp)
-        if not np.isfinite(stamp):
-            self._last = before
-            return self.steps, Reason("the frame's time is not finite", "time_stamp")
-        if before is None:
-            return self.steps, None
-        if stamp <= before:
-            self._last = before
-            words = f"the frame's time {stamp:.6f} is not after that of the frame before, {before:.6f}"
-            return self.steps, Reason(words, "time_stamp")
-        self._gap += stamp - before
-        return (float(np.clip(self._gap / self._pace, 0.0, MAX_PREDICTED_STEPS)) if self._pace else self.steps), None
+        """Time since the last trusted frame over that of the last motion, and what is to be said of the stamp."""
+        remark = self._clock.read(stamp)
+        if self._clock.is_ahead or not self._gap > 0.0 or not self._pace > 0.0:
+            return self.steps, remark
+        return float(np.clip(self._gap / self._pace, 0.0, MAX_PREDICTED_STEPS)), remark
 
     def trust(self) -> None:
-        """The frame of now is trusted: the pace is that of the steps since the last one."""
-        self._pace, self._gap, self.missed, self.slid = self._gap / self.steps, 0.0, 0, 0
+        """The frame of now is trusted: the pace is that of the steps since the last one, where it is known."""
+        if not self._clock.is_ahead and self._gap > 0.0:
+            self._pace = self._gap / self.steps
+        self._clock.trust()
+        self.missed, self.slid = 0, 0

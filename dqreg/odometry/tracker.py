@@ -226,8 +226,8 @@ class Tracker:
         return aligned.found and aligned.inlier_fraction >= LOST_FRACTION and accepted
 
     def _deviation(self, kiss: KissParts, aligned: Alignment, expected: Prediction | None) -> float:
-        """How far off constant velocity may be: infinite after a frame that was not trusted, and much at first."""
-        if self._timeline.missed and not self._slides_on(aligned):
+        """How far off constant velocity may be: infinite after a gap or a doubtful frame, and much at first."""
+        if (self._timeline.missed or self._timeline.is_guessed) and not self._slides_on(aligned):
             return np.inf
         is_first = expected is None and not self._usual
         return kiss.deviation * (FIRST_MOTION_DEVIATIONS if is_first else self._timeline.steps)
@@ -262,7 +262,6 @@ class Tracker:
             return
         T = result.T_target_source
         if not enters:
-            # Reported, not absorbed: neither the map nor the motion learns from it.
             self._kept_out += 1
             self._timeline.missed += 1
             self._timeline.slid += (slides := self._link.slides(result))
@@ -270,9 +269,10 @@ class Tracker:
             return
         deviation = pose.inverse(T_predicted) @ T
         kiss.learn(deviation)
-        # Of a gap only the mean motion is known.
+        # Of a gap only the mean motion is known, and of one that nobody measured none.
         step = pose.inverse(self._T_last) @ T
-        before, self._motion = self._motion, rigid(predict(np.eye(4), step, 1.0 / self._timeline.steps))
+        before, ahead = self._motion, self._timeline.is_ahead
+        self._motion = before if ahead else rigid(predict(np.eye(4), step, 1.0 / self._timeline.steps))
         self._pace.learn(frame.scan._spread, T, before, self._motion)
         self._timeline.trust()
         self._T_last = T

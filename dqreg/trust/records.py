@@ -83,6 +83,7 @@ Code = Literal[
     "stray_points",
     "not_deskewed",
     "held_by_prediction",
+    "new_clock",
 ]
 
 
