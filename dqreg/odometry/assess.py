@@ -202,6 +202,13 @@ class MapLink:
         self._for_good = False
         self.is_held = is_held  # Whether the last frame that entered left no motion free; the first one was not asked
 
+    @staticmethod
+    def hanging_on(number: int) -> MapLink:
+        """Of a map that hangs on a frame for good."""
+        link = MapLink()
+        link._frame, link._for_good = number, True
+        return link
+
     def slides(self, result: Registration) -> bool:
         """Whether a frame leaves a motion free where the one before left none: the map is better off without it.
 

@@ -47,6 +47,12 @@ class Clock:
         self._trusted, self.is_ahead = self._now, False
         self._owed = -1 if self._last is None else self._frames
 
+    def resume(self, ago: int) -> None:
+        """The frame is trusted that was so many before the frame of now."""
+        self._trusted, self._owed = None, -1
+        if self._now is not None and self._steps:
+            self._trusted = self._now - ago * self._steps[-1]
+
     def read(self, stamp: float | None) -> Reason | None:
         """Take the stamp of the next frame; what is wrong with it, or that it is of another clock."""
         self._frames, self._now = self._frames + 1, None

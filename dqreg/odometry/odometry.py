@@ -16,12 +16,13 @@ from dqreg.geometry.fields import stamp_of
 from dqreg.odometry.align import FrameSearch
 from dqreg.odometry.assess import MapLink
 from dqreg.odometry.clock import stamp_given
+from dqreg.odometry.cold_start import ColdStartTracker
 from dqreg.odometry.frame import DownsampledFrame, RawFrame, downsample_frame, read_frame
 from dqreg.odometry.kiss import KissParts, load_kiss, rigid
 from dqreg.odometry.map_file import SavedMap, load_map, save_map
 from dqreg.odometry.prediction import Prediction
 from dqreg.odometry.settings import OdometryOptions, OdometrySettings, Resolved, with_options
-from dqreg.odometry.tracker import MIN_POINTS, Tracker
+from dqreg.odometry.tracker import MIN_POINTS
 from dqreg.odometry.turned import equal_turns
 from dqreg.odometry.voxel_map import VoxelMap
 from dqreg.registration.log import logged
@@ -31,7 +32,7 @@ from dqreg.rigid import Trajectory
 from dqreg.trust.records import Reason
 
 
-class Odometry(Tracker):
+class Odometry(ColdStartTracker):
     """LiDAR odometry with a verdict and a covariance for every frame.
 
     Parameters
@@ -229,7 +230,7 @@ class Odometry(Tracker):
         if found.verdict.level == "accepted":
             self._T_last, self._motion, self._first = rigid(found.T_target_source), np.eye(4), None
             self._T_doubtful, self._kept_out, self._link = None, 0, MapLink(is_held=True)
-            self._timeline.missed, self._timeline.slid, self._unlike = 0, 0, None
+            self._timeline.missed, self._timeline.slid, self._unlike, self._suspect = 0, 0, None, None
         return found
 
     def _without_equal_turn(

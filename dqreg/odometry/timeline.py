@@ -95,6 +95,11 @@ class Timeline:
             return self.steps, remark
         return float(np.clip(self._gap / self._pace, 0.0, MAX_PREDICTED_STEPS)), remark
 
+    def resume(self, missed: int) -> None:
+        """Trust an earlier frame after all, so many before the frame of now."""
+        self.missed, self.slid = missed, 0
+        self._clock.resume(missed + 1)
+
     def trust(self) -> None:
         """The frame of now is trusted: the pace is that of the steps since the last one, where it is known."""
         if not self._clock.is_ahead and self._gap > 0.0:

@@ -82,5 +82,5 @@ def test_a_new_clock_is_a_remark(jerky):
 
 @pytest.mark.parametrize("stamp", ["x", "1.5", object()])
 def test_a_stamp_that_is_no_number_is_named(jerky, stamp):
-    with pytest.raises(InputError, match="stamp must be a number.*got"):
+    with pytest.raises(InputError, match=r"stamp must be a number.*got"):
         Odometry().register_frame(jerky.frames[0], stamp=stamp)

@@ -1,0 +1,96 @@
+"""A drive that begins at speed, of which the map of the first frame soon shows nothing.
+
+Sixteen rings at 20 m/s have few points in common after 0.1 s: the second frame is right and suspect, so it stays out of
+the map, and the third is lost in what the first one saw. So where a frame is lost before any motion is known, the last
+suspect frame is made part of the map, if the lost one is found then. All after it hang on that frame, and say so.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from dqreg._arrays import FloatArray
+from dqreg.odometry.assess import MapLink
+from dqreg.odometry.frame import DownsampledFrame, RawFrame
+from dqreg.odometry.kiss import KissParts, rigid
+from dqreg.odometry.prediction import Prediction
+from dqreg.odometry.settings import Resolved
+from dqreg.odometry.starts import predict
+from dqreg.odometry.tracker import Tracker
+from dqreg.odometry.voxel_map import VoxelMap
+from dqreg.registration.result import Registration
+from dqreg.rigid import pose
+
+# What a trial changes, and what is taken back where it fails.
+TRIED = ("_map", "_T_last", "_motion", "_T_doubtful", "_link", "_kept_out")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class SuspectFrame:
+    """A frame with a pose that was kept out of the map."""
+
+    frame: DownsampledFrame
+    T_map_frame: FloatArray  # (4, 4)
+    motion: FloatArray  # (4, 4): Of one step, up to it
+    number: int
+
+
+class ColdStartTracker(Tracker):
+    """A tracker that goes on from a suspect frame while no motion is known."""
+
+    def _begin(self, start: Any) -> None:
+        super()._begin(start)
+        self._suspect: SuspectFrame | None = None
+
+    def _register(
+        self,
+        kiss: KissParts,
+        world: VoxelMap,
+        lengths: Resolved,
+        frame: DownsampledFrame,
+        raw: RawFrame,
+        ratio: float,
+        expected: Prediction | None,
+        *,
+        insert: bool,
+    ) -> Registration:
+        suspect = self._suspect
+        found = super()._register(kiss, world, lengths, frame, raw, ratio, expected, insert=insert)
+        if suspect is None or "lost" not in found.verdict.codes or not insert:
+            return found
+        before, timeline = {name: vars(self)[name] for name in TRIED}, self._timeline
+        missed, self._suspect = timeline.missed, None
+        self._map = VoxelMap(lengths, world.points)
+        self._map.insert(lambda: suspect.frame.dense, suspect.T_map_frame)
+        self._T_last, self._motion, self._T_doubtful = suspect.T_map_frame, suspect.motion, None
+        self._link, self._kept_out = MapLink.hanging_on(suspect.number), 0
+        timeline.resume(timeline.count - suspect.number - 1)
+        again = super()._register(kiss, self._map, lengths, frame, raw, timeline.steps, expected, insert=True)
+        if again.verdict.level != "failed":
+            return again
+        vars(self).update(before)
+        timeline.missed, self._suspect = missed, suspect
+        return found
+
+    def _learn(
+        self,
+        kiss: KissParts,
+        world: VoxelMap,
+        frame: DownsampledFrame,
+        result: Registration,
+        T_predicted: FloatArray,
+        *,
+        enters: bool,
+        insert: bool,
+    ) -> None:
+        steps, T_last = self._timeline.steps, self._T_last
+        super()._learn(kiss, world, frame, result, T_predicted, enters=enters, insert=insert)
+        if enters:
+            self._suspect = None
+        elif result.verdict.level == "suspect" and not self._usual:
+            T = result.T_target_source
+            motion = rigid(predict(np.eye(4), pose.inverse(T_last) @ T, 1.0 / steps))
+            self._suspect = SuspectFrame(frame, T, motion, self._timeline.count)
