@@ -162,8 +162,11 @@ def _counted(
 ) -> Evidence:
     """How many points are inliers, of those that count, (n,), and how far off they are; nothing else is known."""
     near = near_limit(max_distance)
-    on = pairs.distances <= min(max(INLIER_SIGMAS * run.mixture.scale, expected), near)
+    of_noise = min(INLIER_SIGMAS * run.mixture.scale, near)
+    on = pairs.distances <= min(max(of_noise, expected), near)
     here, aside = np.flatnonzero(on), pairs.point_to_plane[on]
+    width = root_mean_square(aside) if len(aside) else run.mixture.scale
+    of_inliers = pairs.point_to_plane[pairs.distances <= of_noise] if expected > of_noise else aside
     return Evidence(
         status=run.status,
         found=run.found,
@@ -179,13 +182,14 @@ def _counted(
         patches_off=0.0,
         strays=0.0,
         normals_apart=0.0,
-        width=root_mean_square(aside) if len(aside) else run.mixture.scale,
+        width=width,
         expected=0.0,
         places=places_of(np.take(pairs.moved, here[sample_rows(len(here), COUNTED_POINTS)], axis=0)),
         share_on=share_of(on),
         share_other=share_of(~on),
         looking_away=pairs.looking_away(max_distance),
         expected_deviation=expected,
+        _width_of_inliers=root_mean_square(of_inliers) if len(of_inliers) else width,
     )
 
 

@@ -154,7 +154,9 @@ class Fit:
     def _information(self) -> Information:
         T, pairs, weights = self.T_target_source, self.run.pairs, self.run.weights
         prior = self.constraints.information(T)
-        points, heights = placed(pairs, T)
+        # Where their feet were searched: the last step may be a long one along what nothing holds, and the normals of a
+        # round part, all turned against their places, would hold that.
+        points, heights = pairs.moved, placed(pairs, T)[1]
         if self.settings.fine is not None and self.settings.fine is not ESTIMATORS["generalised"]:
             weights = weights_by_face(pairs, weights, self.run.mixture.scale)
         information = information_of(

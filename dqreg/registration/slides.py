@@ -15,6 +15,7 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry.neighbours import NeighbourTree
+from dqreg.geometry.normals import sample_rows
 from dqreg.icp import find_correspondences
 from dqreg.registration.derived import Key
 from dqreg.registration.fit import Fit
@@ -24,6 +25,7 @@ from dqreg.rigid import pose, twist
 from dqreg.rigid.twist import scaling_by
 from dqreg.search.refine import Refinement, refined_on
 from dqreg.search.scoring import CLEAR_LOG_RATIO
+from dqreg.search.symmetry import ON_PART_DIAGONALS
 from dqreg.trust.limits import CONSTRAINT_LOG_LIKELIHOOD, fewest_carriers
 from dqreg.trust.patch_tests import INLIER_SIGMAS, is_background
 
@@ -34,8 +36,9 @@ DISPLACEMENTS_DIAGONALS = (0.01, 0.02, 0.05, 0.1)
 RETURNED_DIAGONALS = 0.005
 # Refinement of what is displaced.
 REFINEMENT = Refinement(first=6e-3, steps=6)
-# Log-likelihood that one point may lose at most: few strays hold nothing.
-MAX_POINT_LOG_LIKELIHOOD = CONSTRAINT_LOG_LIKELIHOOD / 8.0
+# Points that hold a motion at least, and the log-likelihood that one may lose at most: few strays hold nothing.
+FEWEST_HELD = 8
+MAX_POINT_LOG_LIKELIHOOD = CONSTRAINT_LOG_LIKELIHOOD / FEWEST_HELD
 # Log-likelihood of all points from which another pose is better; times that one is gone on from.
 BETTER_LOG_LIKELIHOOD, MAX_ROUNDS = 5.0, 2
 # Where points that gain clearly have more than this share of what others lose, the scan is divided.
@@ -72,7 +75,7 @@ def slide_of(fit: Fit) -> Slide:
 def _slide_of(fit: Fit, share: float = 0.0) -> Slide:
     if not fit.found or fit.between_clouds or fit.problem.watch.is_over:
         return Slide()
-    motions, by_rims = _motions(fit, share)
+    motions, free = _motions(fit, share)
     if not len(motions):
         return Slide()
     size = fit.prepared.surface.diagonal
@@ -80,6 +83,7 @@ def _slide_of(fit: Fit, share: float = 0.0) -> Slide:
     moved = np.stack([twist.exp(step * motion) @ fit.T_target_source for step in steps for motion in motions])
     sample = REFINEMENT.sample(fit.prepared.scan.points)
     refined = refined_on(moved, sample.points, fit.prepared.surface, REFINEMENT)
+    along_free = moved.reshape(len(steps), -1, 4, 4)[:, len(motions) - free :]
     poses = np.concatenate([fit.T_target_source[None], moved, refined])
     ends = sample.points[[*sample.points.argmin(axis=0), *sample.points.argmax(axis=0)]]
     here = pose.apply(poses[0], ends)
@@ -91,15 +95,30 @@ def _slide_of(fit: Fit, share: float = 0.0) -> Slide:
     loss = float(losses[counted].min(initial=np.inf))
     better = poses[1 + best] if losses[best] < -BETTER_LOG_LIKELIHOOD else None
     reach = np.nan
-    if by_rims and loss >= CONSTRAINT_LOG_LIKELIHOOD:
+    if free and loss >= CONSTRAINT_LOG_LIKELIHOOD and not _stays_on_part(fit, along_free):
         nearest = losses[: 2 * len(motions)].min() >= CONSTRAINT_LOG_LIKELIHOOD
         # Anywhere within the least displacement that is excluded: an even distribution.
         reach = DISPLACEMENTS_DIAGONALS[0 if nearest else 1] * size / np.sqrt(3.0)
     return Slide(loss, better, reach)
 
 
-def _motions(fit: Fit, share: float) -> tuple[FloatArray, bool]:
-    """Twists, (k, 6), of displacement one along which the pose is displaced; and whether some are free."""
+def _stays_on_part(fit: Fit, poses: FloatArray) -> bool:
+    """Whether one of k motions, displaced m times, (m, k, 4, 4), takes no point off the part, but for its facets.
+
+    To a scan without noise, facets of a round part are rims.
+    """
+    pairs, surface = fit.run.pairs, fit.prepared.surface
+    rows = np.flatnonzero(fit.run.weights > 0.0)
+    rows = rows[sample_rows(len(rows), JUDGING_POINTS)]
+    points, off = pairs.scan.points[rows], pairs.distances[rows] + ON_PART_DIAGONALS * surface.diagonal
+    for along in poses.swapaxes(0, 1):
+        if all(np.count_nonzero(surface.closest(pose.apply(T, points)).distances > off) < FEWEST_HELD for T in along):
+            return True
+    return False
+
+
+def _motions(fit: Fit, share: float) -> tuple[FloatArray, int]:
+    """Twists, (k, 6), of displacement one along which the pose is displaced; and how many at the end are free."""
     information = fit.information
     free, nothing = information.free, np.zeros((0, 6))
     inliers = float(fit.run.weights.sum())
@@ -110,12 +129,11 @@ def _motions(fit: Fit, share: float) -> tuple[FloatArray, bool]:
     along = fit.strain_axis if share else ()
     strained = np.array([[0.0, 0.0, 0.0, *along]] if any(along) else nothing)
     if fit.constraints.any or not (weak.any() or held_by_rims or len(strained)):
-        return nothing, False
+        return nothing, 0
     unit = information.vectors / scaling_by(information.lever)[:, None]
     motions = [_mixtures(unit[:, weak]), strained]
-    if held_by_rims:
-        motions.append(_mixtures(unit[:, free]))
-    return np.concatenate(motions).astype(np.float64), held_by_rims
+    motions.append(_mixtures(unit[:, free]) if held_by_rims else nothing)
+    return np.concatenate(motions).astype(np.float64), len(motions[-1])
 
 
 def _mixtures(motions: FloatArray) -> FloatArray:

@@ -150,6 +150,8 @@ class Evidence:
         Fraction of the scan off the target in those.
     expected_deviation : float
         How far the part may be off its mesh; 0 where nothing is said.
+    _width_of_inliers : float
+        The width without what is an inlier only because the part may deviate so far; NaN where it was not asked.
     _common : float
         Share of the points compared at which both of two scans show one smooth surface; NaN where that was not asked.
 
@@ -221,6 +223,7 @@ class Evidence:
     going_on: float = math.nan
     expected_deviation: float = 0.0
     _common: float = math.nan
+    _width_of_inliers: float = math.nan
 
     @property
     def deviation_ratio(self) -> float:

@@ -176,8 +176,9 @@ def _why_nothing(evidence: Evidence) -> Reason:
 
 
 def _summary(evidence: Evidence) -> str:
+    width = evidence.width if math.isnan(evidence._width_of_inliers) else evidence._width_of_inliers
     words = (
-        f"{evidence.inliers:.0f} inliers with residuals of {evidence.length(evidence.width)} (one sigma), "
+        f"{evidence.inliers:.0f} inliers with residuals of {evidence.length(width)} (one sigma), "
         f"{100 * evidence.share_near:.0f} % of {fit.counted(evidence)}; all degrees of freedom are constrained"
     )
     return words + _symmetry(evidence)

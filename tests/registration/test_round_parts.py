@@ -1,0 +1,73 @@
+"""What nothing holds of a round part: its rotation about the axis, whatever its facets and the noise seem to say."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+import dqreg
+from dqreg.geometry import sample_mesh
+from dqreg.rigid import pose
+from dqreg.synth.parts import bracket
+
+STEPPED = [(0.0, 0.0), (8.0, 0.0), (8.0, 10.0), (5.0, 10.0), (5.0, 35.0), (3.0, 35.0), (3.0, 50.0), (0.0, 50.0)]
+PIN = [(0.0, 0.0), (5.0, 0.0), (5.0, 40.0), (0.0, 40.0)]
+
+
+def turned(profile: list[tuple[float, float]], facets: int) -> dqreg.Mesh:
+    """A closed solid of revolution about z, from radii and heights."""
+    angle = 2.0 * np.pi * np.arange(facets) / facets
+    r, z = np.array(profile).T[..., None]
+    vertices = np.stack([r * np.cos(angle), r * np.sin(angle), z + 0.0 * angle], axis=-1).reshape(-1, 3)
+    k = np.arange(facets)
+    faces = []
+    for i in range(len(profile) - 1):
+        a, b = i * facets + k, i * facets + (k + 1) % facets
+        faces += [np.stack([a, b, b + facets], axis=1), np.stack([a, b + facets, a + facets], axis=1)]
+    corners = np.concatenate(faces)
+    area = np.linalg.norm(np.cross(*(vertices[corners[:, k]] - vertices[corners[:, 0]] for k in (1, 2))), axis=1)
+    return dqreg.Mesh(vertices, corners[area > 1e-9])
+
+
+def about_axis_rad(T: np.ndarray) -> float:
+    return float(np.arctan2(T[1, 0], T[0, 0]))
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.2])
+def test_noise_on_facets_does_not_hold_a_round_part_and_its_rotation_stays_as_it_was_given(turn: float) -> None:
+    part, rng = turned(STEPPED, 64), np.random.default_rng(0)
+    points = sample_mesh(part, 8_000, rng).points + rng.normal(scale=4e-3 * part.diagonal, size=(8_000, 3))
+    result = dqreg.register(points, part, pose.exp([0.02, 0.02, turn, 0.1, 0.1, 0.1]), search="never")
+    # To wander along what nothing holds is no lack of convergence either.
+    assert result.verdict.codes == ("unconstrained",)
+    assert "rotation about the axis" in result.verdict.reasons[0]
+    assert np.isnan(result.covariance).any()
+    assert about_axis_rad(result.T_target_source) == pytest.approx(turn, abs=1e-3)
+
+
+def test_facets_that_a_scan_without_noise_shows_are_no_rims() -> None:
+    part = turned(PIN, 1_024)
+    points = sample_mesh(part, 8_000, np.random.default_rng(0)).points
+    result = dqreg.register(points, part, pose.exp([0.02, 0.02, 0.3, 0.1, 0.1, 0.1]))
+    assert result.verdict.codes == ("unconstrained",)
+    assert np.isnan(result.covariance).any()
+
+
+def test_residuals_are_of_the_inliers_however_far_the_part_may_deviate() -> None:
+    part, rng = dqreg.Mesh(*bracket()), np.random.default_rng(0)
+    scan = sample_mesh(part, 8_000, rng)
+    # A patch that was made too thick lies within what is expected, and is no noise.
+    off = np.where(np.linalg.norm(scan.points - scan.points[0], axis=1) < 0.06 * part.diagonal, 5e-3, 0.0)
+    points = (
+        scan.points + np.asarray(scan.normals) * (off * part.diagonal + rng.normal(scale=0.02, size=8_000))[:, None]
+    )
+    said = []
+    for expected in (None, 0.01 * part.diagonal):
+        result = dqreg.register(points, part, "identity", expected_deviation=expected)
+        assert result.verdict.level == "accepted", result.verdict.reasons
+        found = re.search(r"residuals of (\S+) \(one sigma\)", result.verdict.reasons[0])
+        assert found is not None
+        said.append(float(found[1]))
+    assert said[1] == pytest.approx(said[0], rel=0.02)
