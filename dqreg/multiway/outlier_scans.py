@@ -17,6 +17,7 @@ from dqreg.multiway.edges import Edge, EdgeCode
 from dqreg.multiway.equal_steps import EqualSteps
 from dqreg.multiway.merge import merged_target
 from dqreg.multiway.pairs import Pair
+from dqreg.multiway.passed_rays import MAX_PASSED_SHARE
 from dqreg.multiway.scans import View
 from dqreg.multiway.sides import Sides
 from dqreg.registration.options import Effort
@@ -127,6 +128,20 @@ def _left_out(judge: Judge, selection: EdgeSelection, k: int) -> tuple[Judge, Ed
     return without, rest, against
 
 
+def without_passed_scans(judge: Judge, selection: EdgeSelection) -> tuple[Judge, EdgeSelection]:
+    """The selection without scans that stand where the rays of all others together passed, the worst first.
+
+    All stay where that does not bring the others to agree: the verdict names the contradiction then.
+    """
+    rays, found = judge.sides.rays, (judge, selection)
+    for _ in range(int(MAX_LEFT_OUT_SHARE * judge.count) + 1):
+        shares = np.zeros(1) if rays is None else rays.shares(found[1].T_world_scan)
+        if shares.max() <= MAX_PASSED_SHARE:
+            return found
+        found = _left_out(*found, int(shares.argmax()))[:2]
+    return judge, selection
+
+
 def _fits(judge: Judge, rest: EdgeSelection, edge: Edge, k: int) -> bool:
     """Whether an edge puts a scan where nothing speaks against it."""
     T = rest.T_world_scan[: judge.count].copy()
@@ -136,7 +151,9 @@ def _fits(judge: Judge, rest: EdgeSelection, edge: Edge, k: int) -> bool:
         return False
     T_edge = edge.registration.T_target_source
     T[k] = T_other @ (pose.inverse(T_edge) if edge.target == k else T_edge)
-    return not judge.sides.free.contradictions_of(k, T).any()
+    rays = judge.sides.rays
+    is_passed = rays is not None and rays.shares(T)[k] > MAX_PASSED_SHARE
+    return not is_passed and not judge.sides.free.contradictions_of(k, T).any()
 
 
 def key_of(edge: Edge) -> Key:

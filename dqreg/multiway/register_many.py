@@ -16,7 +16,12 @@ from dqreg.multiway.consensus import by_consensus
 from dqreg.multiway.edge_selection import EdgeSelection
 from dqreg.multiway.edges import PART, Edge
 from dqreg.multiway.equal_steps import EqualSteps
-from dqreg.multiway.outlier_scans import Judge, without_contradicting_scans, without_misfits
+from dqreg.multiway.outlier_scans import (
+    Judge,
+    without_contradicting_scans,
+    without_misfits,
+    without_passed_scans,
+)
 from dqreg.multiway.overlap import overlap_matrix
 from dqreg.multiway.pair_runs import PairRunner, Progress, workers_of
 from dqreg.multiway.pairs import Edges, Order, asked_pairs
@@ -183,11 +188,13 @@ def _selection(
     if turned is not None:
         # The others refuse what is laid by angles that nobody knows.
         return without_contradicting_scans(judge, selection)[1]
+    judge, selection = without_passed_scans(judge, selection)
     judge, selection = without_contradicting_scans(*by_consensus(runner, judge, selection))
     if automatic:
         judge, selection = without_contradicting_scans(
             judge, with_overlapping_pairs(runner, selection, judge, judge.size)
         )
+    judge, selection = without_passed_scans(judge, selection)
     return without_misfits(runner.views, judge, selection, runner.effort, runner.seed)[1]
 
 

@@ -21,6 +21,7 @@ from dqreg.multiway.edges import PART, Edge, EdgeCode
 from dqreg.multiway.free_space import FreeSpace
 from dqreg.multiway.overlap import MIN_OVERLAP
 from dqreg.multiway.pairs import Order
+from dqreg.multiway.passed_rays import PassedRays
 from dqreg.multiway.scans import View, every_so_many
 from dqreg.multiway.viewpoints import Viewpoint, Viewpoints, common_viewpoints, given_viewpoints
 from dqreg.rigid import pose
@@ -93,6 +94,7 @@ class Sides:
 
     bodies: tuple[Body | None, ...]  # None for scans that cannot be used
     free: FreeSpace
+    rays: PassedRays | None = None  # Of scanners amid what they show
     known: dict[tuple[int, int, bytes], EdgeCode | None] = dataclasses.field(default_factory=dict)
 
     @staticmethod
@@ -103,7 +105,7 @@ class Sides:
             body_of(view, viewpoint) if view.usable else None for view, viewpoint in zip(views, viewpoints, strict=True)
         ]
         certain = tuple(viewpoint if viewpoint is not None and viewpoint.certain else None for viewpoint in viewpoints)
-        return Sides(tuple(bodies), FreeSpace.of(views, certain))
+        return Sides(tuple(bodies), FreeSpace.of(views, certain), PassedRays.of(views))
 
     def signed(self, views: Sequence[View]) -> tuple[View, ...]:
         """The scans with normals of known sign, where it is certain from which side they were taken."""
@@ -140,6 +142,8 @@ class Sides:
     def contradictions(self, T_world_scan: FloatArray, overlap: FloatArray) -> Iterator[Contradiction]:
         """Pairs of placed scans that overlap, and that their sides or lines of sight contradict."""
         through = self.free.contradictions(T_world_scan)
+        if self.rays is not None:
+            through = np.maximum(through, self.rays.contradictions(T_world_scan))
         overlapping = np.nan_to_num(overlap) >= MIN_OVERLAP
         for i, j in np.argwhere(np.triu(overlapping | (through > 0.0), 1)).tolist():
             if self.bodies[i] is None or self.bodies[j] is None:

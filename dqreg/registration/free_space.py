@@ -77,7 +77,7 @@ def met_by(fit: Fit, rays: BothRays, poses: FloatArray) -> Met:
 
 
 def _both_rays(problem: Problem) -> BothRays | None:
-    target = _rays_of_target(problem.target)
+    target = rays_of_target(problem.target)
     if target is None:
         return None
     source, viewpoint = problem.source, _viewpoint(problem)
@@ -88,7 +88,7 @@ def _both_rays(problem: Problem) -> BothRays | None:
     return None if found is None else BothRays(found, target)
 
 
-def _rays_of_target(index: TargetIndex) -> Rays | None:
+def rays_of_target(index: TargetIndex) -> Rays | None:
     """The target's: the same for every scan that is registered to it."""
     geometry = index.geometry
     if not isinstance(geometry, PointCloud):
