@@ -71,7 +71,7 @@ def multiway_command(scans: tuple[str, ...], quiet: bool, as_json: bool, **optio
     dqreg multiway scans/*.ply --out poses.json --fused model.ply --report report.html
     dqreg multiway scans/*.ply --order turntable --out poses.json --fused model.ply
     dqreg multiway scans/*.ply --target part.stl --out poses.json
-    dqreg multiway stops/*.pcd --order sequence --graph graph.g2o --out poses.txt
+    dqreg multiway stops/*.pcd --viewpoint origin --graph graph.g2o --out poses.txt
     dqreg multiway scans/*.ply --out poses.json --resume        after an interruption
 
     Pairs are kept in a folder beside --out (poses-pairs) as they are finished.
@@ -85,11 +85,10 @@ def multiway_command(scans: tuple[str, ...], quiet: bool, as_json: bool, **optio
 
     files = _files(scans)
     _check(files, options)
-    # After all that can be refused: it removes the pairs of an earlier run.
-    folder = _folder(options["out"], resume=options["resume"])
     console, shown = consoles(quiet=quiet, as_json=as_json, width=PIPE_COLUMNS, apart=True)
     names = ("target", "edges", "order", "anchor", "effort", "seed", "workers", "time_limit")
-    with _kept(folder), WorkBar(shown) as bar:
+    # After all that can be refused: it removes the pairs of an earlier run.
+    with _pairs_folder(shown, options["out"], resume=options["resume"]) as folder, _kept(folder), WorkBar(shown) as bar:
         load_open3d()
         result = register_many(
             files,
@@ -122,28 +121,45 @@ def _files(scans: tuple[str, ...]) -> list[Path]:
     return found
 
 
-def _folder(out: Path | None, *, resume: bool) -> Path | None:
+@contextlib.contextmanager
+def _pairs_folder(console: Console, out: Path | None, *, resume: bool) -> Iterator[Path | None]:
+    """The folder of finished pairs, held against other runs; without --resume, those of an earlier run are removed."""
+    from dqreg.files.folder_lock import LOCK, hold_lock
+    from dqreg.multiway.kept_pairs import pairs_in
+
     # Beside a device, such as /dev/null, nothing is kept.
     if out is None or (out.exists() and not out.is_file()):
         if resume:
             raise InputError("--resume needs --out and the name of a file: the finished pairs are kept beside it")
-        return None
+        yield None
+        return
     folder = out.with_name(f"{out.stem}-pairs")
-    if folder.is_dir() and not resume:
-        for old in folder.glob("*.json"):
-            old.unlink()
-    return folder
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        stream = (folder / LOCK).open("ab")
+    except OSError as error:
+        raise InputError(f"cannot keep the pairs in {folder}: {error.strerror or error}; give another --out") from error
+    with stream:
+        hold_lock(stream, folder, "dqreg multiway")
+        old = [] if resume else list(pairs_in(folder))
+        for path in old:
+            path.unlink(missing_ok=True)
+        if old:
+            pairs = "1 finished pair" if len(old) == 1 else f"{len(old)} finished pairs"
+            say(console, f"removed {pairs} of an earlier run from {folder}; --resume would have taken them")
+        yield folder
 
 
 @contextlib.contextmanager
 def _kept(folder: Path | None) -> Iterator[None]:
     """Whoever ends the run early is told what is kept of it."""
     from dqreg.cli.signals import write
+    from dqreg.multiway.kept_pairs import pairs_in
 
     try:
         yield
     except (KeyboardInterrupt, SystemExit):
-        count = 0 if folder is None else len(list(folder.glob("*.json")))
+        count = 0 if folder is None else len(list(pairs_in(folder)))
         if count:
             write(
                 f"{count} finished {'pair is' if count == 1 else 'pairs are'} kept in {folder}: --resume goes on there"

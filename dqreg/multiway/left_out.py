@@ -4,12 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+import numpy as np
+
+from dqreg.files.units import factor
 from dqreg.multiway.edge_selection import EdgeSelection
 from dqreg.multiway.edges import EdgeCode, ended_in_error
 from dqreg.multiway.scan_names import named, pairs_named
-from dqreg.multiway.scans import View
+from dqreg.multiway.scans import View, size_of
 from dqreg.trust.records import Reason
 
+# Units that are confused, those most often first; and how far the ratio of sizes may be off theirs: scans of one place
+# may be half as large as the others, and small ratios are told of what is near them alone.
+UNITS = ("m", "mm"), ("inch", "mm"), ("m", "ft"), ("m", "inch"), ("m", "cm")
+UNIT_SLACK, WIDE_RATIO, NARROW_SLACK = (0.6, 1.7), 5.0, 1.25
 # Errors of pairs that are told, of those that differ.
 TOLD_ERRORS = 3
 
@@ -31,7 +38,7 @@ def unplaced(views: Sequence[View], selection: EdgeSelection, placed: Sequence[i
                 "islands",
             )
         else:
-            alone.setdefault(_why_alone(selection, group[0]), []).append(group[0])
+            alone.setdefault(_why_alone(views, selection, placed, group[0]), []).append(group[0])
     for why, scans in alone.items():
         verb = "is" if len(scans) == 1 else "are each"
         yield Reason(f"{named(views, scans)} {verb} joined to no other scan: {why}", "scan_left_out")
@@ -44,9 +51,14 @@ def _why_apart(selection: EdgeSelection, group: Sequence[int]) -> str:
     return f"scan the part between{other}"
 
 
-def _why_alone(selection: EdgeSelection, k: int) -> str:
+def _why_alone(views: Sequence[View], selection: EdgeSelection, placed: Sequence[int], k: int) -> str:
     if _all_in_error(selection, [k]):
         return "the registrations to others ended in errors"
+    if _cut_off(selection, k):
+        return "not all of its pairs were registered before the end of the run"
+    units = _units_words(views, [j for j in placed if j != k], k)
+    if units:
+        return units
     if _has(selection, k, "looked_through"):
         return "where its pairs put it, the scanners of other scans looked through: another object, or wrong pairs"
     if _has(selection, k, "misfit"):
@@ -54,6 +66,34 @@ def _why_alone(selection: EdgeSelection, k: int) -> str:
     if _has(selection, k, "ambiguous"):
         return "it fits all others together in several ways, or too little holds it: scan more overlap, or give starts"
     return "another object, or too little overlap"
+
+
+def _cut_off(selection: EdgeSelection, k: int) -> bool:
+    """Whether a pair of a scan was not begun, or not ended, in time: too little is known of it."""
+    return any(
+        k in (edge.target, edge.source)
+        and not edge.found
+        and (edge.code == "untried" or "search_time_limit" in edge.registration.verdict.codes)
+        for edge in selection.edges
+    )
+
+
+def _units_words(views: Sequence[View], others: Sequence[int], k: int) -> str:
+    """What a scan's size says of its unit; nothing where it is as large as the others or units do not explain it."""
+    sizes = [size_of(views[j]) for j in others]
+    if not sizes or views[k].cloud is None:
+        return ""
+    size, usual = size_of(views[k]), sorted(sizes)[len(sizes) // 2]
+    ratio = max(size, usual) / max(min(size, usual), np.finfo(float).tiny)
+    for coarse, fine in UNITS:
+        low, high = UNIT_SLACK if factor(coarse, fine) > WIDE_RATIO else (1.0 / NARROW_SLACK, NARROW_SLACK)
+        if low < ratio / factor(coarse, fine) < high:
+            more = "larger" if size > usual else "smaller"
+            return (
+                f"it is {ratio:.3g} times {more} than the others, close to the ratio of {coarse} and {fine}: "
+                "its unit may be another one. Convert it"
+            )
+    return ""
 
 
 def _all_in_error(selection: EdgeSelection, group: Sequence[int]) -> bool:

@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
-import json
+import importlib.metadata
 import os
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import DqregError, InputError
-from dqreg.files.atomic import write_atomically
 from dqreg.multiway.edges import PART, Edge
+from dqreg.multiway.kept_pairs import digest_of_part, keep, kept
 from dqreg.multiway.scans import View
 from dqreg.registration.options import Effort
 from dqreg.registration.register import register
-from dqreg.registration.result import Registration
 from dqreg.registration.target import Target
 from dqreg.registration.unmeasured import without_pose
 from dqreg.report.work_bar import TimeLeft
@@ -123,9 +123,9 @@ class PairRunner:
             self.stopped = "the observer"
 
     def _edge(self, job: PairJob) -> Edge:
-        kept = self._kept(job)
-        if kept is not None:
-            return Edge(job.target, job.source, kept)
+        finished = None if self.folder is None else kept(self._file(job), self._fingerprint(job))
+        if finished is not None:
+            return Edge(job.target, job.source, finished)
         target = self.part if job.target == PART else self.views[job.target].target
         assert target is not None
         limit = self.deadline - time.monotonic()
@@ -145,41 +145,30 @@ class PairRunner:
             return _failed(job, str(error), "unreadable")
         result = dataclasses.replace(result, history=())
         if self.folder is not None and not self.is_over():
-            self._keep(job, result)
+            keep(self._file(job), result, self._fingerprint(job))
         return Edge(job.target, job.source, result)
 
     def _fingerprint(self, job: PairJob) -> dict[str, object]:
         start = None if job.start is None else np.round(job.start, 9).tolist()
-        target = "part" if job.target == PART else self.views[job.target].digest
         return {
-            "target": target,
-            "source": self.views[job.source].digest,
+            "version": importlib.metadata.version("dqreg"),
+            "target": self._part_digest if job.target == PART else self.views[job.target].whole_digest,
+            "source": self.views[job.source].whole_digest,
             "start": start,
             "effort": self.effort,
             "seed": self.seed,
             "near": job.near,
         }
 
+    @cached_property
+    def _part_digest(self) -> str:
+        assert self.part is not None
+        return digest_of_part(self.part)
+
     def _file(self, job: PairJob) -> Path:
         assert self.folder is not None
         kind = "search" if job.start is None else "near" if job.near else "start"
         return self.folder / f"{job.target}-{job.source}-{kind}.json"
-
-    def _kept(self, job: PairJob) -> Registration | None:
-        """The result of an earlier run with the same scans and settings."""
-        if self.folder is None:
-            return None
-        try:
-            record = json.loads(self._file(job).read_text(encoding="utf-8"))
-            if record.pop("multiway") != self._fingerprint(job):
-                return None
-            return Registration.load(self._file(job))
-        except (OSError, ValueError, KeyError, TypeError, InputError):
-            return None
-
-    def _keep(self, job: PairJob, result: Registration) -> None:
-        record = {**result.to_dict(), "multiway": self._fingerprint(job)}
-        write_atomically(self._file(job), json.dumps(record, allow_nan=False))
 
 
 def workers_of(asked: int | None) -> int:

@@ -17,6 +17,7 @@ from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.files.untrusted import require_readable
 from dqreg.geometry import CloudSurface, Mesh, PointCloud, Scan, prepare_scan, sample_mesh
 from dqreg.geometry.opening import open_geometry
+from dqreg.multiway.kept_pairs import digest_of
 from dqreg.registration.source import MESH_SAMPLES
 from dqreg.registration.strays import Strays, without_strays
 from dqreg.registration.target import Target
@@ -77,6 +78,12 @@ class View:
         """Tells its points from all others."""
         assert self.cloud is not None
         return hashlib.sha256(np.ascontiguousarray(self.cloud.points).tobytes()).hexdigest()
+
+    @cached_property
+    def whole_digest(self) -> str:
+        """Tells all that its registrations depend on from that of others."""
+        assert self.cloud is not None
+        return digest_of(self.cloud)
 
 
 def read_views(scans: Sequence[Any] | Mapping[str, Any], seed: int, viewpoints: Any = None) -> tuple[View, ...]:
@@ -201,9 +208,13 @@ def unit_of(views: Sequence[View]) -> str | None:
 
 def typical_size(views: Sequence[View]) -> float:
     """Median diagonal of the usable scans."""
-    return float(
-        np.median([np.linalg.norm(np.subtract(*bounds(v.cloud.points))) for v in views if v.usable and v.cloud])
-    )
+    return float(np.median([size_of(view) for view in views if view.usable]))
+
+
+def size_of(view: View) -> float:
+    """Diagonal of a scan."""
+    assert view.cloud is not None
+    return float(np.linalg.norm(np.subtract(*bounds(view.cloud.points))))
 
 
 def typical_spacing(views: Sequence[View]) -> float:

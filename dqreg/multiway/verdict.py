@@ -47,13 +47,12 @@ def judge_scans(
     placed = [k for k in usable if np.isfinite(T_world_scan[k]).all()]
     joined = len(placed) > 1 or (selection.anchor == PART and bool(placed))
     known = views, selection, placed
-    doubts = [*unplaced(*known), *_weak(*known), *_unconfirmed(*known)]
+    doubts = [Reason(f"not all pairs were registered: {stopped} ended them", "search_time_limit")] if stopped else []
+    doubts += [*unplaced(*known), *_weak(*known), *_unconfirmed(*known)]
     doubts += _uncertain(views, placed, covariances, size) if joined else ()
     doubts += _contradicted(views, against)
     doubts += _turned(views, turns)
     doubts += _viewpoints(views, selection)
-    if stopped:
-        doubts.append(Reason(f"not all pairs were registered: {stopped} ended them", "search_time_limit"))
     if not joined:
         nothing = Reason("no pose: no two scans could be joined", "no_pose")
         return Verdict("failed", (nothing, *doubts, *_notes(views, selection)))

@@ -106,6 +106,45 @@ def test_a_resumed_run_takes_the_finished_pairs(made: Path, capsys: pytest.Captu
     assert "verdict:" in capsys.readouterr().out
 
 
+def test_a_new_run_removes_pairs_alone_and_says_so(folder: Path, tmp_path: Path) -> None:
+    words = ("multiway", f"{folder}/view*.ply", "--out", tmp_path / "poses.json")
+    starts = ("--starts", folder / "truth.txt", "--effort", "fast", "--workers", 1)
+    assert run(*words, *starts, "--quiet") in (0, 1)
+    pairs = tmp_path / "poses-pairs"
+    theirs = {pairs / "mine.json": '{"a": 1}', pairs / "0-1-start.json.json": "[]", pairs / "7-8-search.json": "{}"}
+    for path, text in theirs.items():
+        path.write_text(text)
+    (pairs / "9-8-search.json").write_text((pairs / "0-1-start.json").read_text())
+    assert run(*words, *starts, "--quiet") in (0, 1)
+    assert all(path.read_text() == text for path, text in theirs.items())
+    assert not (pairs / "9-8-search.json").exists()
+    assert json.loads((pairs / "0-1-start.json").read_text())["multiway"]["version"]
+
+
+def test_pairs_of_a_killed_run_are_not_removed_without_a_word(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ("multiway", f"{folder}/view*.ply", "--out", tmp_path / "poses.json")
+    starts = ("--starts", folder / "truth.txt", "--effort", "fast", "--workers", 1)
+    assert run(*words, *starts, "--quiet") in (0, 1)
+    capsys.readouterr()
+    assert run(*words, *starts) in (0, 1)
+    told = capsys.readouterr()
+    assert "removed 1 finished pair of an earlier run" in told.out + told.err
+    assert "--resume" in told.out + told.err
+
+
+def test_two_runs_are_not_at_work_in_one_folder(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fcntl = pytest.importorskip("fcntl")
+    (tmp_path / "poses-pairs").mkdir()
+    with (tmp_path / "poses-pairs" / ".lock").open("ab") as other:
+        fcntl.flock(other, fcntl.LOCK_EX)
+        assert run("multiway", f"{folder}/view*.ply", "--out", tmp_path / "poses.json", "--quiet") == 2
+    assert "another dqreg multiway is at work" in capsys.readouterr().err
+
+
 def test_whoever_ends_a_run_is_told_what_is_kept_of_it(
     made: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -16,6 +16,7 @@ from dqreg.errors import InputError
 from dqreg.files import write_cloud
 from dqreg.geometry import Mesh, sample_mesh
 from dqreg.multiway.edges import PART
+from dqreg.multiway.kept_pairs import digest_of
 from dqreg.multiway.tables import scans_table
 from dqreg.rigid import pose
 from dqreg.synth.parts import bracket
@@ -284,6 +285,43 @@ def test_finished_pairs_are_taken_from_the_folder_and_others_are_not(tmp_path: P
     assert {path: path.stat().st_mtime_ns for path in (tmp_path / "pairs").iterdir()} == files
     dqreg.register_many(scans, **{**options, "seed": 1})
     assert all(path.stat().st_mtime_ns > before for path, before in files.items())
+
+
+def test_pairs_of_another_part_or_other_viewpoints_are_registered_anew(tmp_path: Path) -> None:
+    scans, truth = views_of_a_part(2)
+    vertices, faces = bracket()
+    shift = pose.from_parts(np.eye(3), np.array([0.0, 0.0, 0.01 * np.ptp(vertices)]))
+    options: dict[str, Any] = {"effort": "fast", "workers": 1, "edges": [(0, 1)], "folder": tmp_path / "pairs"}
+
+    def poses(T_part: Any) -> Any:
+        part = Mesh(pose.apply(T_part, np.asarray(vertices)), faces)
+        return dqreg.register_many(scans, target=part, starts=truth, **options).T_world_scan
+
+    here, there = poses(np.eye(4)), poses(shift)
+    assert np.abs(there - here).max() > 0.5 * shift[2, 3]
+    clouds = [dqreg.PointCloud(points) for points in scans]
+    signed = [dqreg.PointCloud(points, normals=np.tile([0.0, 0.0, 1.0], (len(points), 1))) for points in scans]
+    named = [dqreg.PointCloud(points, units="mm") for points in scans]
+    seen = [dqreg.PointCloud(points, viewpoint=[0.0, 0.0, 9.0]) for points in scans]
+    assert len({digest_of(each[0]) for each in (clouds, signed, named, seen)}) == 4
+
+
+def test_a_limit_is_told_first_and_scans_that_it_left_are_no_other_objects() -> None:
+    scans, _ = views_of_a_part(3)
+    verdict = dqreg.register_many(scans, effort="fast", workers=1, time_limit=1e-6).verdict
+    assert verdict.codes[:2] == ("no_pose", "search_time_limit")
+    words = " ".join(str(reason) for reason in verdict.reasons)
+    assert "another object" not in words
+    assert "not all of its pairs were registered" in words
+
+
+@pytest.mark.parametrize(("times", "units"), [(1000.0, "m and mm"), (25.4, "inch and mm"), (1.0 / 0.3048, "m and ft")])
+def test_a_scan_in_another_unit_is_told_in_words_of_units(times: float, units: str) -> None:
+    scans, truth = views_of_a_part(3)
+    scans[2] = times * scans[2]
+    result = dqreg.register_many(scans, starts=[*truth[:2], None], effort="fast", workers=1)
+    assert result.placed == (0, 1)
+    assert any(f"ratio of {units}" in str(reason) for reason in result.verdict.reasons)
 
 
 def test_an_observer_that_says_no_ends_the_pairs() -> None:

@@ -13,10 +13,11 @@ import os
 import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from dqreg.errors import DqregError, InputError
 from dqreg.files.atomic import write_atomically
+from dqreg.files.folder_lock import LOCK, hold_lock
 from dqreg.files.untrusted import read_record
 from dqreg.registration.batch.line import REPORTS, RESULTS
 from dqreg.registration.batch.row import BATCH, Row, RowResult, inputs_of
@@ -24,7 +25,7 @@ from dqreg.registration.inspected import require_record
 from dqreg.registration.result import Registration
 
 # ROWS names the rows of the last session, and is as old as its beginning.
-THUMBNAILS, LOCK, ROWS = "thumbnails", ".lock", ".rows.json"
+THUMBNAILS, ROWS = "thumbnails", ".rows.json"
 # What `write_atomically` leaves where it is killed.
 LEFT_OVER = re.compile(r"\.[0-9a-f]{16}\.tmp")
 
@@ -117,7 +118,7 @@ def open_folder(path: str | os.PathLike[str], *, resume: bool) -> Iterator[Folde
             f"cannot write to the folder {place}: {error.strerror or error}; give another --out"
         ) from error
     with stream:
-        _lock(stream, place)
+        hold_lock(stream, place, "dqreg batch")
         # Asked again, now that nobody else can put one there.
         _refuse(place, resume=resume)
         for each in (place, place / RESULTS, place / THUMBNAILS):
@@ -136,17 +137,3 @@ def _refuse(place: Path, *, resume: bool) -> None:
     if held:
         results = "a result" if held == 1 else f"{held} results"
         raise InputError(f"the folder {place} holds {results} already; add --resume to resume, or give another --out")
-
-
-def _lock(stream: IO[bytes], place: Path) -> None:
-    # The system lets go of it when the process ends, however it ends.
-    try:
-        import fcntl
-    except ImportError:
-        return
-    try:
-        fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        raise InputError(f"another dqreg batch is at work in {place}; wait for it, or give another --out") from None
-    except OSError:
-        return  # a network drive without locks
