@@ -16,7 +16,8 @@ from dqreg.trust.records import Reason
 # Units that are confused, those most often first; and how far the ratio of sizes may be off theirs: scans of one place
 # may be half as large as the others, and small ratios are told of what is near them alone.
 UNITS = ("m", "mm"), ("inch", "mm"), ("m", "ft"), ("m", "inch"), ("m", "cm")
-UNIT_SLACK, WIDE_RATIO, NARROW_SLACK = (0.6, 1.7), 5.0, 1.25
+WIDE_RATIO, NARROW_SLACK = 5.0, 1.25
+UNIT_SLACK = 0.6, 1.7
 # Errors of pairs that are told, of those that differ.
 TOLD_ERRORS = 3
 

@@ -23,7 +23,7 @@ from dqreg.trust.rays import APART_SIGMAS, Rays
 # third did by chance at most, of LiDARs all.
 MIN_LIKELY_SHARE = 0.8
 # Points of a scan that are compared with the rays of so many scanners that stood nearest.
-COMPARED, NEAREST_SCANS = 3_000, 20
+COMPARED_POINTS, NEAREST_SCANS = 3_000, 20
 # Share of what a scan and the others compare that rays passed, from which it stands wrong: synthetic stops and streets
 # came to 0.0002, a measured sequence with people in it to 0.008, a stop of another room and a mirrored one to 0.046 to
 # 0.12.
@@ -90,7 +90,7 @@ class PassedRays:
     def _met(self, i: int, j: int, T_world_scan: FloatArray) -> FloatArray:
         """Points of scan j that the rays of scan i passed, and that they met as far."""
         points = self._rays(j).points
-        points = points[sample_rows(len(points), COMPARED)]
+        points = points[sample_rows(len(points), COMPARED_POINTS)]
         T_i_j = pose.inverse(self._centred(T_world_scan, i)) @ self._centred(T_world_scan, j)
         margin = APART_SIGMAS * max(self.noises[i], self.noises[j])
         return np.asarray(self._rays(i).met(points, T_i_j[None], margin)[0, :2], dtype=np.float64)
