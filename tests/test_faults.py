@@ -140,7 +140,8 @@ def test_a_disk_that_fills_up_in_a_batch_keeps_what_was_done(scene, tmp_path, ca
     with limit:
         assert run_here("batch", scene.manifest, "--quiet", "--out", out) == 2
     said = capsys.readouterr().err
-    assert said == f"dqreg: error: cannot write {out / 'results' / 'scan1.json'}: File too large\n"
+    kept = f"1 of 2 rows are kept in {out}: resume with --resume once that is mended"
+    assert said == f"dqreg: error: cannot write {out / 'results' / 'scan1.json'}: File too large; {kept}\n"
     assert [path.name for path in (out / "results").iterdir()] == ["scan0.json"]
     assert left_over(out) == []
     monkeypatch.setattr("dqreg.registration.batch.run.Workers.answers", lambda _, rows, *__: (

@@ -58,8 +58,9 @@ def without_motion(displaced: FloatArray, motions: FloatArray, weights: FloatArr
 
 
 def weighted_rms(values: FloatArray, weights: FloatArray) -> float:
-    """Root of the weighted mean square of numbers, (n,)."""
-    return math.sqrt(dot(weights, values**2) / float(weights.sum()))
+    """Root of the weighted mean square of numbers, (n,); NaN without weight."""
+    total = float(weights.sum())
+    return math.sqrt(dot(weights, values**2) / total) if total > 0.0 else math.nan
 
 
 def unexplained(displaced: FloatArray, motions: FloatArray, weights: FloatArray) -> float:

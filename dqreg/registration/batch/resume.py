@@ -25,7 +25,7 @@ from dqreg.registration.inspected import require_record
 from dqreg.registration.result import Registration
 
 # ROWS names the rows of the last session, and is as old as its beginning.
-THUMBNAILS, ROWS = "thumbnails", ".rows.json"
+THUMBNAILS, ROWS = "thumbnails", ".rows"
 # What `write_atomically` leaves where it is killed.
 LEFT_OVER = re.compile(r"\.[0-9a-f]{16}\.tmp")
 
