@@ -30,8 +30,15 @@ def mirrored(room: ManyViews) -> tuple[FloatArray, FloatArray]:
     return room.scans[1] * [-1.0, 1.0, 1.0], MIRROR @ room.T_world_scan[1] @ MIRROR
 
 
-@pytest.mark.parametrize("kind", ["other room", "mirrored"])
-@pytest.mark.parametrize("place", [0, 2])
+@pytest.mark.parametrize(
+    ("kind", "place"),
+    [
+        ("other room", 2),
+        ("mirrored", 0),
+        pytest.param("other room", 0, marks=pytest.mark.soak),
+        pytest.param("mirrored", 2, marks=pytest.mark.soak),
+    ],
+)
 def test_a_scan_through_which_rays_of_the_others_passed_is_left_out_and_named(
     kind: str, place: int, room: ManyViews
 ) -> None:
