@@ -34,7 +34,7 @@ def mirrored(room: ManyViews) -> tuple[FloatArray, FloatArray]:
     ("kind", "place"),
     [
         ("other room", 2),
-        ("mirrored", 0),
+        pytest.param("mirrored", 0, marks=pytest.mark.soak),
         pytest.param("other room", 0, marks=pytest.mark.soak),
         pytest.param("mirrored", 2, marks=pytest.mark.soak),
     ],
