@@ -124,7 +124,7 @@ def _files(scans: tuple[str, ...]) -> list[Path]:
 @contextlib.contextmanager
 def _pairs_folder(console: Console, out: Path | None, *, resume: bool) -> Iterator[Path | None]:
     """The folder of finished pairs, held against other runs; without --resume, those of an earlier run are removed."""
-    from dqreg.files.folder_lock import LOCK, hold_lock
+    from dqreg.files.folder_lock import held_folder
     from dqreg.multiway.kept_pairs import pairs_in
 
     # Beside a device, such as /dev/null, nothing is kept.
@@ -134,13 +134,7 @@ def _pairs_folder(console: Console, out: Path | None, *, resume: bool) -> Iterat
         yield None
         return
     folder = out.with_name(f"{out.stem}-pairs")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        stream = (folder / LOCK).open("ab")
-    except OSError as error:
-        raise InputError(f"cannot keep the pairs in {folder}: {error.strerror or error}; give another --out") from error
-    with stream:
-        hold_lock(stream, folder, "dqreg multiway")
+    with held_folder(folder, "dqreg multiway"):
         old = [] if resume else list(pairs_in(folder))
         for path in old:
             path.unlink(missing_ok=True)

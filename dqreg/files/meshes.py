@@ -110,9 +110,9 @@ def _is_binary_stl(path: Path) -> bool:
     """Whether a file is as long as its header promises, or by less than a triangle longer: some programs add a note."""
     with path.open("rb") as stream:
         head = stream.read(HEADER_BYTES)
+    # Letters in place of the number promise more than any text file holds.
     beyond = path.stat().st_size - HEADER_BYTES - FACET.itemsize * _promised(head)
-    is_text = head.lstrip().lower().startswith(b"solid") and b"\0" not in head
-    return len(head) == HEADER_BYTES and (beyond == 0 or (0 < beyond < FACET.itemsize and not is_text))
+    return len(head) == HEADER_BYTES and 0 <= beyond < FACET.itemsize
 
 
 def _promised(head: bytes) -> int:

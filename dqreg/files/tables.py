@@ -190,7 +190,7 @@ def _split_header(path: Path, lines: list[str]) -> tuple[list[str] | None, list[
             continue
         if line.lstrip().startswith(COMMENTS):
             remark = words if {"x", "y", "z"} <= {word.lower() for word in plain_names(words)[0]} else remark
-        elif header is None and words[0].isdigit() and words[1:] == [] and _is_count(words[0], lines[k + 1 :]):
+        elif header is None and len(words) == 1 and words[0].isdigit() and _is_count(words[0], lines[k + 1 :]):
             continue
         elif _is_numbers(line):
             fits = remark is not None and len(remark) == len(line.split(_delimiter(line)))

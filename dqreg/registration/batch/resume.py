@@ -17,7 +17,7 @@ from typing import Any
 
 from dqreg.errors import DqregError, InputError
 from dqreg.files.atomic import write_atomically
-from dqreg.files.folder_lock import LOCK, hold_lock
+from dqreg.files.folder_lock import held_folder
 from dqreg.files.untrusted import read_record
 from dqreg.registration.batch.line import REPORTS, RESULTS
 from dqreg.registration.batch.row import BATCH, Row, RowResult, inputs_of
@@ -109,16 +109,7 @@ def open_folder(path: str | os.PathLike[str], *, resume: bool) -> Iterator[Folde
     """Take a folder for a batch."""
     place = Path(path)
     _refuse(place, resume=resume)
-    try:
-        for folder in (place / RESULTS, place / THUMBNAILS):
-            folder.mkdir(parents=True, exist_ok=True)
-        stream = (place / LOCK).open("ab")
-    except OSError as error:
-        raise InputError(
-            f"cannot write to the folder {place}: {error.strerror or error}; give another --out"
-        ) from error
-    with stream:
-        hold_lock(stream, place, "dqreg batch")
+    with held_folder(place, "dqreg batch", RESULTS, THUMBNAILS):
         # Asked again, now that nobody else can put one there.
         _refuse(place, resume=resume)
         for each in (place, place / RESULTS, place / THUMBNAILS):
