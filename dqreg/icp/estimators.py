@@ -39,12 +39,6 @@ CHUNK_PAIRS = 8_192
 GAUSS_NEWTON_PAIRS = 4_000
 # Longest rotation: of the size half its square is left out, 5e-7, and its product with the noise, to the next step.
 MAX_STEP_RAD = 1e-3
-# Rows of the sums over correspondences: weighted points and feet,
-MEAN_ROWS = slice(1, 7)
-# squared heights over the planes, squared distances,
-SQ_HEIGHT_ROW, SQ_DISTANCE_ROW = 7, 8
-# and pairs of directions.
-DIRECTION_PAIR_ROW = 9
 # Normals that are in the target's frame.
 IDENTITY = np.eye(3)
 
@@ -157,17 +151,21 @@ def cells_to_cells(pairs: Correspondences, weights: FloatArray, noise: float) ->
 
 
 def _between_planes(pairs: Correspondences, weights: FloatArray, noise: float) -> Fit:
+    from dqreg.kernels.weighted_planes import PLANE_PAIR_COLUMN
+
     moments = pair_sums(pairs, weights)
-    if moments[DIRECTION_PAIR_ROW] < MIN_PLANES:
+    if moments[PLANE_PAIR_COLUMN] < MIN_PLANES:
         return points_only(pairs, weights, noise)
     return _newton_step(both_planes(pairs, weights, moments), pairs, weights)
 
 
 def both_planes(pairs: Correspondences, weights: FloatArray, moments: FloatArray) -> QuadraticForm:
     """The plane-to-plane cost, in units in which the distance between two sure and parallel planes counts once."""
+    from dqreg.kernels.weighted_planes import POINT_COLUMN, SQ_HEIGHT_COLUMN, WEIGHT_COLUMN
+
     scan, found, bend, turn = pairs.scan, pairs.closest, _bend(moments), pairs.T_target_source[:3, :3]
     spreads = NOTHING if found.variances is None else found.variances, scan._variances
-    origins = moments[MEAN_ROWS].reshape(2, 3) / moments[0]
+    origins = moments[POINT_COLUMN:SQ_HEIGHT_COLUMN].reshape(2, 3) / moments[WEIGHT_COLUMN]
     columns = scan.points, found.points, found.normals, scan.normals, turn, *spreads, weights, origins
     form = _form_of(_disc_sums(columns, bend, 2.0 * bend), origins)
     return QuadraticForm(form, *origins)
@@ -176,18 +174,19 @@ def both_planes(pairs: Correspondences, weights: FloatArray, moments: FloatArray
 def _bend(moments: FloatArray) -> float:
     """Variance of every normal beyond that of its fit, rad^2, as far as the pairs show it."""
     from dqreg.kernels.plane_pass import bend_of
+    from dqreg.kernels.weighted_planes import SQ_DISTANCE_COLUMN, SQ_HEIGHT_COLUMN
 
-    squares = float(moments[SQ_HEIGHT_ROW]), float(moments[SQ_DISTANCE_ROW])
+    squares = float(moments[SQ_HEIGHT_COLUMN]), float(moments[SQ_DISTANCE_COLUMN])
     return bend_of(*squares, BEND_VARIANCE_SHARE, MIN_BEND_VARIANCE, BEND_VARIANCE)
 
 
 def pair_sums(pairs: Correspondences, weights: FloatArray) -> FloatArray:
     """Sums over correspondences, see `pair_moments`."""
     from dqreg.kernels.threads import as_plain, over_chunks
-    from dqreg.kernels.weighted_planes import OF_PAIRS, pair_moments
+    from dqreg.kernels.weighted_planes import PAIR_COLUMNS, pair_moments
 
     scan, found, scatter = pairs.scan, pairs.closest, counted(pairs.scan)[1]
-    sums = np.zeros((max(-(-len(scan) // CHUNK_PAIRS), 1), OF_PAIRS))
+    sums = np.zeros((max(-(-len(scan) // CHUNK_PAIRS), 1), PAIR_COLUMNS))
     columns = scan.points, pairs.T_target_source, found.points, found.normals, found.distances, scatter, weights
     over_chunks(pair_moments, len(scan), *map(as_plain, columns), CHUNK_PAIRS, sums, chunk=CHUNK_PAIRS)
     totals: FloatArray = sums.sum(axis=0)

@@ -60,7 +60,7 @@ from dqreg.kernels.triangle_tree import TriangleTree
 from dqreg.kernels.weighing import SUMS as WEIGHED
 from dqreg.kernels.weighing import place_rows, slide_rows, weigh_rows
 from dqreg.kernels.weighted_draws import drawn_rows
-from dqreg.kernels.weighted_planes import COLUMNS, OF_PAIRS, STEP, pair_moments, plane_sums, short_twist, step_sums
+from dqreg.kernels.weighted_planes import COLUMNS, PAIR_COLUMNS, STEP, pair_moments, plane_sums, short_twist, step_sums
 
 FLAT, ONE = np.eye(3), np.zeros(3)
 NOTHING = np.zeros(0)
@@ -128,7 +128,7 @@ def _weights() -> None:
     plane_sums(0, 3, rows, rows, rows, ones, np.zeros((2, 3)), 3, np.zeros((1, COLUMNS)))
     step_sums(0, 3, rows, rows, rows, ones, ONE, 3, np.zeros((1, STEP)))
     short_twist(np.zeros((1, STEP)), 1e-9, np.zeros(6))
-    pair_moments(0, 3, rows, np.eye(4), rows, rows, ones, NOTHING, ones, 3, np.zeros((1, OF_PAIRS)))
+    pair_moments(0, 3, rows, np.eye(4), rows, rows, ones, NOTHING, ones, 3, np.zeros((1, PAIR_COLUMNS)))
     faces, part, sums, known = (
         np.zeros(3, dtype=np.int64),
         np.zeros(0, dtype=np.uint8),

@@ -12,7 +12,16 @@ from dqreg.kernels.disc_pairs import disc_pair_sums
 from dqreg.kernels.lowered_weights import lower_by_distance, lower_by_height, lower_by_noise
 from dqreg.kernels.pose_forms import NUMBERS, SUMS, form_of_sums, least_cost_pose
 from dqreg.kernels.weighing import weigh_rows
-from dqreg.kernels.weighted_planes import OF_PAIRS, pair_moments
+from dqreg.kernels.weighted_planes import (
+    FOOT_COLUMN,
+    PAIR_COLUMNS,
+    PLANE_PAIR_COLUMN,
+    POINT_COLUMN,
+    SQ_DISTANCE_COLUMN,
+    SQ_HEIGHT_COLUMN,
+    WEIGHT_COLUMN,
+    pair_moments,
+)
 
 
 class Lowering(NamedTuple):
@@ -108,19 +117,21 @@ def plane_pass(
     weigh_rows(begin, count, distances, normals, *own_rows, count + 1, weights, sums)
     lowered[:] = weights
     lower_weights(moved, feet, normals, distances, flat, standing, moving, lowering, lowered)
-    moments, totals = np.zeros((chunks, OF_PAIRS)), np.zeros(OF_PAIRS)
+    moments, totals = np.zeros((chunks, PAIR_COLUMNS)), np.zeros(PAIR_COLUMNS)
     for first in range(begin, count, chunk):
         last = min(first + chunk, count)
         pair_moments(first, last, points, T, feet, normals, distances, scatter, lowered, chunk, moments)
     for c in range(chunks):
-        for k in range(OF_PAIRS):
+        for k in range(PAIR_COLUMNS):
             totals[k] += moments[c, k]
-    if totals[9] < stepping.planes:
+    if totals[PLANE_PAIR_COLUMN] < stepping.planes:
         return np.nan
-    bend = bend_of(totals[7], totals[8], stepping.bend, stepping.least_bend, stepping.most_bend)
+    squares = totals[SQ_HEIGHT_COLUMN], totals[SQ_DISTANCE_COLUMN]
+    bend = bend_of(*squares, stepping.bend, stepping.least_bend, stepping.most_bend)
     origins, forms, matrix = np.zeros((2, 3)), np.zeros((chunks, SUMS)), np.zeros((NUMBERS, NUMBERS))
     for k in range(3):
-        origins[0, k], origins[1, k] = totals[1 + k] / totals[0], totals[4 + k] / totals[0]
+        origins[0, k] = totals[POINT_COLUMN + k] / totals[WEIGHT_COLUMN]
+        origins[1, k] = totals[FOOT_COLUMN + k] / totals[WEIGHT_COLUMN]
     factor = 2.0 * bend
     for first in range(begin, count, chunk):
         last, given = min(first + chunk, count), (standing, moving, lowered, origins, bend, factor, chunk, forms)

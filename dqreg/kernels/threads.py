@@ -13,7 +13,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextvars import ContextVar, copy_context
 from functools import cached_property
 from typing import Any, Generic, TypeVar
@@ -141,6 +141,16 @@ def as_plain(values: FloatArray) -> FloatArray:
     return np.array(values, dtype=np.float64, order="C")
 
 
+@contextlib.contextmanager
+def running_beside() -> Iterator[None]:
+    """What is computed inside has a core for itself, beside its caller: ranges of others leave it that."""
+    _running.append(None)
+    try:
+        yield
+    finally:
+        _running.pop()
+
+
 def aside(kernel: Callable[..., Any], *arguments: Any) -> Any:
     """Result of a kernel that takes long, computed on another thread: an interrupt of this one is seen at once."""
     # Others than the main thread see none.
@@ -156,14 +166,9 @@ class Later(Generic[T]):
     """
 
     def __init__(self, call: Callable[[], T], *, beside: bool = True) -> None:
-        self._call, self._process = call, os.getpid()
+        self._call = call
         beside = beside and thread_count() > 1
         self._future = _submit(copy_context().run, self._beside, stage=True) if beside else None
-
-    @property
-    def is_beside(self) -> bool:
-        """Whether another thread may be at it."""
-        return self._future is not None
 
     def result(self) -> T:
         """The result; what the call raises is raised here."""
@@ -175,24 +180,9 @@ class Later(Generic[T]):
         known: T = self._future.result()
         return known
 
-    def result_in_time(self) -> T:
-        """The same of one that was begun without the deadline that its caller has now, or before a fork."""
-        deadline, future = _deadline.get(), self._future
-        if future is not None and not future.done() and self._process != os.getpid():
-            # Its thread is the parent's.
-            return self._call()
-        if future is not None and deadline < NEVER and not future.cancel():
-            wait([future], max(deadline - time.perf_counter(), 0.0))
-            if not future.done():
-                raise TimeUpError
-        return self.result()
-
     def _beside(self) -> T:
-        _running.append(None)
-        try:
+        with running_beside():
             return self._call()
-        finally:
-            _running.pop()
 
 
 class unlocked_property(cached_property[T]):  # noqa: N801

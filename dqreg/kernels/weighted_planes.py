@@ -14,8 +14,12 @@ from dqreg.kernels.pose_forms import SUMS, add_pair
 COLUMNS = SUMS + 8
 # A triangle of products of six motions and a height, and the count.
 STEP = 29
-# Sums of weights, points, feet, squared heights over the planes and squared distances, and the pairs with a plane.
-OF_PAIRS = 10
+# Columns of the sums over pairs: their weights, and with these the points and the feet, three each,
+WEIGHT_COLUMN = 0
+POINT_COLUMN, FOOT_COLUMN = 1, 4
+# squared heights over the planes and squared distances; the pairs with a plane, and how many columns there are.
+SQ_HEIGHT_COLUMN, SQ_DISTANCE_COLUMN = 7, 8
+PLANE_PAIR_COLUMN, PAIR_COLUMNS = 9, 10
 
 
 @compiled
@@ -191,9 +195,9 @@ def pair_moments(
             moved = T[k, 0] * points[i, 0] + T[k, 1] * points[i, 1] + T[k, 2] * points[i, 2] + T[k, 3]
             height += (moved - feet[i, k]) * normals[i, k]
             directed = directed or normals[i, k] != 0.0
-            total[1 + k] += w * points[i, k]
-            total[4 + k] += w * feet[i, k]
-        total[0] += w
-        total[7] += w * height * height
-        total[8] += w * (distances[i] * distances[i] + (scatter[i] if len(scatter) else 0.0))
-        total[9] += 1.0 if directed else 0.0
+            total[POINT_COLUMN + k] += w * points[i, k]
+            total[FOOT_COLUMN + k] += w * feet[i, k]
+        total[WEIGHT_COLUMN] += w
+        total[SQ_HEIGHT_COLUMN] += w * height * height
+        total[SQ_DISTANCE_COLUMN] += w * (distances[i] * distances[i] + (scatter[i] if len(scatter) else 0.0))
+        total[PLANE_PAIR_COLUMN] += 1.0 if directed else 0.0

@@ -24,6 +24,7 @@ from dqreg.geometry.sides import without_signs
 from dqreg.geometry.unit_check import principal_spreads
 from dqreg.geometry.visibility import VisibleSurface, visible_faces
 from dqreg.geometry.voxels import DENSE_RATIO, EVENLY_DENSE, VoxelCloud, first_size
+from dqreg.kernels.kept import Kept
 from dqreg.kernels.threads import Later, until
 from dqreg.registration.derived import Derived
 from dqreg.registration.source import require_spread
@@ -61,7 +62,7 @@ class TargetIndex:
     # What is derived of it elsewhere, kept for the next scan; made twice alike where threads meet
     derived: Derived = dataclasses.field(default_factory=Derived, init=False, repr=False, compare=False)
     # Near symmetries while they are found beside
-    _flips: Later[FloatArray] | None = dataclasses.field(default=None, init=False, repr=False, compare=False)
+    _flips: Kept[FloatArray] | None = dataclasses.field(default=None, init=False, repr=False, compare=False)
     _evened: dict[tuple[int, float], VoxelCloud] = dataclasses.field(default_factory=dict, repr=False, compare=False)
 
     @cached_property
@@ -103,10 +104,8 @@ class TargetIndex:
         self._build_surface()
         mesh, surface = self.geometry, self.surface
         if isinstance(mesh, Mesh) and "near_rotations" not in self.__dict__:
-            with until(np.inf):
-                self.__dict__["_flips"] = begun = Later(lambda: near_flips(mesh, surface))
-            if not begun.is_beside:
-                _ = self.near_rotations
+            self.__dict__["_flips"] = flips = Kept(lambda: near_flips(mesh, surface))
+            flips.begin()
         return self
 
     def _build_surface(self) -> None:
@@ -187,7 +186,7 @@ class TargetIndex:
     def near_rotations(self) -> FloatArray:
         """Rotations that leave most of a part in place, (k, 4, 4); none for a cloud."""
         if self._flips is not None:
-            return self._flips.result_in_time()
+            return self._flips.result()
         return near_flips(self.geometry, self.surface) if isinstance(self.geometry, Mesh) else np.zeros((0, 4, 4))
 
     @cached_property

@@ -7,7 +7,7 @@ counterparts there is discriminative, so rare ones go first. All hypotheses are 
 from __future__ import annotations
 
 import dataclasses
-from functools import cached_property
+from functools import partial
 
 import numpy as np
 
@@ -64,22 +64,12 @@ class PairTable:
     edges: Edges | None  # Edges of the target, where there are any
     target: PointCloud | Mesh  # The target
     surface: Surface  # The same
-    _deadline: float = dataclasses.field(default_factory=deadline_here, repr=False, compare=False)  # Of its making
+    _symmetry: Kept[Symmetry | None] = dataclasses.field(repr=False, compare=False)
 
     @unlocked_property
     def symmetry(self) -> Symmetry | None:
-        """Symmetries of a mesh, found when first asked for and kept; None for a cloud.
-
-        Where the table was made without a deadline it is for others, too: they are found to the end.
-        """
-        return self._find_symmetry() if self._deadline < NEVER else self._symmetry.result()
-
-    @cached_property
-    def _symmetry(self) -> Kept[Symmetry | None]:
-        return Kept(self._find_symmetry)
-
-    def _find_symmetry(self) -> Symmetry | None:
-        return find_symmetry(self.target, self.surface, self.grid) if isinstance(self.target, Mesh) else None
+        """Symmetries of a mesh, found when first asked for and kept; None for a cloud."""
+        return self._symmetry.result()
 
     @staticmethod
     def of(target: PointCloud | Mesh, surface: Surface) -> PairTable:
@@ -98,7 +88,13 @@ class PairTable:
         )
         grid = PlaneGrid(surface, even, low, high)
         (first, second, starts), known = beside.result()
-        return PairTable(points, first, second, starts, surface.diagonal, grid, known, target, surface)
+        # A table that is made without a deadline is for other scans, too.
+        symmetry = Kept(partial(_symmetry_of, target, surface, grid), for_others=deadline_here() == NEVER)
+        return PairTable(points, first, second, starts, surface.diagonal, grid, known, target, surface, symmetry)
+
+
+def _symmetry_of(target: PointCloud | Mesh, surface: Surface, grid: PlaneGrid) -> Symmetry | None:
+    return find_symmetry(target, surface, grid) if isinstance(target, Mesh) else None
 
 
 def _pairs_by_key(oriented: OrientedPoints, size: float) -> tuple[Rows, Rows, IntArray]:

@@ -220,35 +220,6 @@ def test_what_is_begun_is_made_once_with_the_deadline_of_its_beginning(
             late.result()
 
 
-def test_a_deadline_that_came_after_the_beginning_is_waited_for_and_no_longer(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(threads, "thread_count", lambda: 2)
-    go = threading.Event()
-    begun = threads.Later(lambda: go.wait(30.0))
-    while not begun._future.running():
-        time.sleep(1e-3)
-    with threads.until(time.perf_counter() + 0.05), pytest.raises(threads.TimeUpError):
-        begun.result_in_time()
-    assert not begun._future.done()
-    # It goes on, for whoever asks later.
-    go.set()
-    assert begun.result_in_time() is True
-
-
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
-def test_a_fork_does_not_wait_for_its_parents_thread(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(threads, "thread_count", lambda: 2)
-    go, parent = threading.Event(), os.getpid()
-    begun = threads.Later(lambda: os.getpid() != parent or go.wait(30.0))
-    while not begun._future.running():
-        time.sleep(1e-3)
-    child = os.fork()
-    if not child:
-        signal.alarm(20)
-        os._exit(0 if begun.result_in_time() is True else 1)
-    assert os.waitpid(child, 0)[1] == 0
-    go.set()
-
-
 @pytest.mark.parametrize("count", [1, 2])
 def test_all_results_come_in_order_from_the_caller_at_the_end_and_others_at_the_beginning(
     monkeypatch: pytest.MonkeyPatch, count: int
