@@ -49,6 +49,19 @@ def box_above(nodes: FloatArray, links: IntArray, j: int, square: float) -> int:
 
 
 @inside_kernels
+def box_beside(
+    nodes: FloatArray, links: IntArray, low: int, x: float, y: float, z: float, reach: float
+) -> tuple[int, int]:
+    """Box beside a box, or beside one above it, that is within reach, and the box that holds both; 0 where none is."""
+    while low > 0:
+        # Children follow each other, the first one odd.
+        node, low = low + 1 if low & 1 else low - 1, links[U(low), 2]
+        if not box_distance(nodes, node, x, y, z) >= reach:
+            return node, low
+    return low, low
+
+
+@inside_kernels
 def is_before(
     packed: FloatArray, faces: IntArray, t: int, other: int, x: float, y: float, z: float, floor: float
 ) -> bool:
@@ -85,8 +98,8 @@ def closest_places(
     Guesses are faces to begin with, one a query, or none at all: then each query begins with the face of the one before
     it. From there it walks across sides while it comes nearer, and from the box of where that ends the search goes on
     to those beside the boxes above. O(log n) boxes for a query near the surface, half as many as from the first box,
-    and the processor foresees that few are near. All in one function: a call for each query would be a tenth of its
-    time.
+    and the processor foresees that few are near. The search is in one function: a call for each query would be a tenth
+    of its time.
     """
     stack, away = np.zeros(DEEPEST, np.int64), np.zeros(DEEPEST)
     floor = ROUNDING_SHARE * size * size
@@ -145,12 +158,8 @@ def closest_places(
                 waiting -= 1
                 node = stack[U(waiting)]
                 continue
-            beyond = True
-            while low > 0 and beyond:
-                # Children follow each other, the first one odd.
-                node, low = low + 1 if low & 1 else low - 1, links[U(low), 2]
-                beyond = box_distance(nodes, node, x, y, z) >= reach
-            if beyond:
+            node, low = box_beside(nodes, links, low, x, y, z, reach)
+            if node == 0:
                 break
         if slot < 0:
             points[i], normals[i], distances[i], found[i] = np.nan, np.nan, np.inf, -1

@@ -9,7 +9,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.kernels.compiled import compiled, inside_kernels
 from dqreg.kernels.free_shifts import hold_free_shifts
-from dqreg.kernels.row_products import COLUMNS, LANES, PRODUCTS, UNKNOWNS, WEIGHT, add_rows, place_sums
+from dqreg.kernels.row_products import COLUMNS, LANES, PRODUCTS, RIGHT, UNKNOWNS, WEIGHT, add_rows, place_sums
 
 # Damping of unknowns that nothing holds, over the mean of their kind.
 DAMPING = 1e-3
@@ -99,7 +99,7 @@ def step_on_planes(
             noise += w * min(variances[i], 1.0)
             rows[0, waiting], rows[1, waiting], rows[2, waiting] = y * nz - z * ny, z * nx - x * nz, x * ny - y * nx
             rows[3, waiting], rows[4, waiting], rows[5, waiting] = nx, ny, nz
-            rows[6, waiting], rows[7, waiting] = h, w
+            rows[RIGHT, waiting], rows[WEIGHT, waiting] = h, w
             waiting += 1
             if waiting == LANES:
                 add_rows(rows, sums)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
-from dqreg.kernels.closest_triangles import DEEPEST, FIRST_BOX_DISTANCES, U, box_above, box_distance
+from dqreg.kernels.closest_triangles import DEEPEST, FIRST_BOX_DISTANCES, U, box_above, box_beside, box_distance
 from dqreg.kernels.compiled import compiled
 from dqreg.kernels.triangle import closest_on
 from dqreg.kernels.triangles_across import walk_across
@@ -79,11 +79,8 @@ def pose_distances(
                 waiting -= 1
                 node = stack[U(waiting)]
                 continue
-            beyond = True
-            while low > 0 and beyond:
-                node, low = low + 1 if low & 1 else low - 1, links[U(low), 2]
-                beyond = box_distance(nodes, node, x, y, z) >= best
-            if beyond:
+            node, low = box_beside(nodes, links, low, x, y, z, best)
+            if node == 0:
                 break
         if slot < 0:
             distances[at] = np.inf

@@ -23,7 +23,17 @@ from dqreg.kernels.plane_steps import (
     solve_in_place,
     turn_and_shift,
 )
-from dqreg.kernels.row_products import COLUMNS, LANES, PRODUCTS, UNKNOWNS, WEIGHT, add_rows, place_sums
+from dqreg.kernels.row_products import (
+    COLUMNS,
+    FACTOR,
+    LANES,
+    PRODUCTS,
+    RIGHT,
+    UNKNOWNS,
+    WEIGHT,
+    add_rows,
+    place_sums,
+)
 
 # Place among the limits, after those of both kernels: share of the weights that has to face a motion for it to count;
 # at this share, half of it is believed in a step.
@@ -83,8 +93,9 @@ def step_on_planes_of_sweep(
             whole, first, second = whole + w, first + w * s, second + w * s * s
             noise += w * min(variances[i], 1.0)
             rows[0, waiting], rows[1, waiting] = (y * nz - z * ny) / lever, (z * nx - x * nz) / lever
-            rows[2, waiting], rows[3, waiting], rows[4, waiting] = (x * ny - y * nx) / lever, nx, ny
-            rows[5, waiting], rows[6, waiting], rows[7, waiting], rows[8, waiting] = nz, h, w, s
+            rows[2, waiting] = (x * ny - y * nx) / lever
+            rows[3, waiting], rows[4, waiting], rows[5, waiting] = nx, ny, nz
+            rows[RIGHT, waiting], rows[WEIGHT, waiting], rows[FACTOR, waiting] = h, w, s
             waiting += 1
             if waiting == LANES:
                 add_rows(rows, sums)

@@ -170,6 +170,11 @@ class Later(Generic[T]):
         beside = beside and thread_count() > 1
         self._future = _submit(copy_context().run, self._beside, stage=True) if beside else None
 
+    @property
+    def is_beside(self) -> bool:
+        """Whether another thread may be at it."""
+        return self._future is not None
+
     def result(self) -> T:
         """The result; what the call raises is raised here."""
         if self._future is None or self._future.cancel():
