@@ -49,7 +49,7 @@ def dented(size: FloatArray, depth: float, rng: np.random.Generator) -> FloatArr
 
 @pytest.mark.parametrize("size", [SIZE, THIN], ids=["block", "thin"])
 @pytest.mark.parametrize("depth", [-0.6, 0.6])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_dented_face_fails_however_few_points_it_has(size: FloatArray, depth: float, seed: int) -> None:
     rng = np.random.default_rng(seed)
     assert judged(dented(size, depth, rng), size, rng).outcome == "fail"

@@ -7,6 +7,9 @@ from dqreg import Odometry
 from dqreg.rigid import pose
 from dqreg.synth.many_views import street_drive
 
+# The fourth is lost no more; what follows shows that it stays so.
+FRAMES = 8
+
 
 @pytest.fixture(scope="module")
 def fast():
@@ -16,9 +19,9 @@ def fast():
 
 def test_a_drive_that_begins_at_speed_goes_on_from_its_suspect_frame_and_says_so(fast):
     odometry = Odometry()
-    results = [odometry.register_frame(scan, stamp=0.1 * k) for k, scan in enumerate(fast.scans)]
+    results = [odometry.register_frame(scan, stamp=0.1 * k) for k, scan in enumerate(fast.scans[:FRAMES])]
     assert "low_inlier_fraction" in results[1].verdict.codes
-    steps, truth = (pose.inverse(T[1:-1]) @ T[2:] for T in (odometry.poses, fast.T_world_scan))
+    steps, truth = (pose.inverse(T[1:-1]) @ T[2:] for T in (odometry.poses, fast.T_world_scan[:FRAMES]))
     # A tenth of the voxel, which is 0.6 m here.
     assert np.linalg.norm(steps[:, :3, 3] - truth[:, :3, 3], axis=1).max() < 0.06
     # That the frame is right nobody knows.

@@ -60,7 +60,8 @@ def test_zeros_of_a_survey_far_from_its_origin_are_left_out() -> None:
 def test_real_points_far_off_stay_and_those_that_set_the_lengths_are_named() -> None:
     size = float(np.abs(FIXED - np.median(FIXED, axis=0)).max())
     for times, code in ((3.0, ()), (9.0, ()), (40.0, ("stray_points",))):
-        found = register(SCAN, with_row(FIXED, [times * size, 0, 0]), "identity", effort="fast")
+        target = with_row(FIXED, [times * size, 0, 0])
+        found = register(SCAN, target, "identity", effort="fast", search="never")
         assert found.settings["target_dropped"] == 0
         assert found.verdict.codes[1:] == code or found.verdict.level == "suspect"
         assert ("stray_points" in found.verdict.codes) == bool(code)
@@ -102,7 +103,7 @@ def test_a_prepared_target_tells_of_them_from_a_file_too(tmp_path: Path) -> None
 
 
 def test_many_scans_go_on_without_them() -> None:
-    found = register_many([with_row(FIXED, [FAR, 0, 0]), SCAN], seed=0)
+    found = register_many([with_row(FIXED, [FAR, 0, 0]), SCAN], starts=[np.eye(4), np.eye(4)], effort="fast", seed=0)
     assert "stray_points" in found.verdict.codes
     assert "scan 0" in found.verdict.reasons[found.verdict.codes.index("stray_points")]
     assert np.abs(found.merged().points).max() < FAR

@@ -186,18 +186,13 @@ def test_hints_name_units_that_are_confused():
     import dqreg
 
     points = bumpy().inputs.source.cloud.points[:2000]
-    result = dqreg.register(points / 1000.0, bumpy().inputs.target.geometry, "identity", units="ignore")
+    part = bumpy().inputs.target.geometry
+    # No search: with wrong units it would be a long one.
+    result = dqreg.register(points / 1000.0, part, "identity", units="ignore", search="never")
     assert result.verdict.level != "accepted"
     assert any("m and mm" in hint for hint in hints_of(result))
-    named = dqreg.register(
-        points,
-        bumpy().inputs.target.geometry,
-        "identity",
-        source_units="mm",
-        target_units="m",
-        units="ignore",
-        time_limit=3.0,
-    )
+    units = {"source_units": "mm", "target_units": "m", "units": "ignore"}
+    named = dqreg.register(points, part, "identity", search="never", **units)
     assert any("although they are named mm and m" in hint for hint in hints_of(named))
     assert hints_of(bumpy()) == []
     assert hints_of(failed())
