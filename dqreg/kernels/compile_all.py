@@ -10,7 +10,6 @@ from dqreg.kernels import compile_clouds, second_process
 from dqreg.kernels.areas_by_direction import areas_by_direction
 from dqreg.kernels.both_sides import motion_shares
 from dqreg.kernels.cache import keep_beside_package
-from dqreg.kernels.coarse_to_fine_nearest import nearest_at_corners, nearest_from_coarser, planes_at_nodes
 from dqreg.kernels.components import components
 from dqreg.kernels.corner_lists import list_corners, weld
 from dqreg.kernels.creases import COLUMNS as OF_CREASES
@@ -23,19 +22,15 @@ from dqreg.kernels.face_scatter import face_precisions, face_sums, orientation_c
 from dqreg.kernels.follow_rows import follow_rows, look_up_rows
 from dqreg.kernels.gc_pause import gc_paused
 from dqreg.kernels.largest_eigenvectors import largest_eigenvectors
-from dqreg.kernels.many_poses import distinct_rows, log_likelihoods, mean_gains, poses_within
 from dqreg.kernels.mesh_faces import ENDS, MOMENTS, face_columns, solid_faces, surface_moments
 from dqreg.kernels.mesh_sides import number_sides
 from dqreg.kernels.motion_sums import COLUMNS as MOTION_SUMS
 from dqreg.kernels.motion_sums import TOTALS, motion_sums
 from dqreg.kernels.near_rows import near_rows
-from dqreg.kernels.nearest_at_nodes import nearest_at_nodes
 from dqreg.kernels.neighbour_counts import rows_with_neighbours
 from dqreg.kernels.neighbour_differences import neighbour_differences
 from dqreg.kernels.one_sided_neighbourhoods import off_centre_rows
 from dqreg.kernels.pair_differences import pair_differences
-from dqreg.kernels.pair_keys import all_pair_keys, key_starts, order_of_keys, pair_keys
-from dqreg.kernels.pair_poses import pair_poses
 from dqreg.kernels.patch_pairs import best_range, binned_agreements, covariance_sums, nearest_others
 from dqreg.kernels.patch_sums import BESIDE, joined_sums, patch_means, patch_sums
 from dqreg.kernels.planar_boundary import in_plane_sq_distances, interior_rows, near_fractions
@@ -48,7 +43,6 @@ from dqreg.kernels.plane_rows import plane_row_columns, strain_row_columns
 from dqreg.kernels.point_tree import LEAF_POINTS, PointTree
 from dqreg.kernels.points_on_faces import points_on_faces
 from dqreg.kernels.pose_forms import NUMBERS, SUMS, form_of_sums, least_cost_pose
-from dqreg.kernels.pose_steps import add_plane_steps, grid_places, grid_planes, take_damped_steps
 from dqreg.kernels.pseudo_normals import add_scaled_rows, corner_angles, pseudo_normals_at, smooth_normals_at
 from dqreg.kernels.ray_pixels import COUNTS as OF_RAYS
 from dqreg.kernels.ray_pixels import fill_pixels, rays_met
@@ -59,14 +53,12 @@ from dqreg.kernels.systematic_rows import systematic_rows
 from dqreg.kernels.triangle_tree import TriangleTree
 from dqreg.kernels.weighing import SUMS as WEIGHED
 from dqreg.kernels.weighing import place_rows, slide_rows, weigh_rows
-from dqreg.kernels.weighted_draws import drawn_rows
 from dqreg.kernels.weighted_planes import COLUMNS, PAIR_COLUMNS, STEP, pair_moments, plane_sums, short_twist, step_sums
 
 FLAT, ONE = np.eye(3), np.zeros(3)
 NOTHING = np.zeros(0)
 CORNERS = np.eye(3)[None] + np.arange(2.0)[:, None, None]
 FIRST = np.zeros(1, dtype=np.int64)
-SHAPE = np.ones(3, dtype=np.int64)
 
 
 def compile_all(*, backwards: bool = False) -> None:
@@ -200,33 +192,6 @@ def _rims() -> None:
     )
 
 
-def _search() -> None:
-    rotations, places = np.eye(3)[None], np.zeros((1, 3))
-    drawn_rows(ONE + 1.0, NOTHING, FIRST.copy(), FIRST[:0])
-    pair_keys(0, 0, FLAT, FLAT, FIRST[:0], FIRST[:0], 1.0, ONE, ONE, FIRST[:0])
-    table, held = np.zeros((1, 1), dtype=np.int32), np.zeros(1, dtype=np.int32)
-    all_pair_keys(0, 1, places, places, 1.0, ONE, ONE, table)
-    key_starts(table, np.zeros(2, dtype=np.int64))
-    order_of_keys(table, FIRST, held, held.copy())
-    far, grid = np.ones(1, dtype=np.float32), (places, SHAPE)
-    nearest_at_corners(*grid, held, far)
-    nearest_at_nodes(0, 1, *grid, held, far)
-    nearest_from_coarser(0, 1, *grid, SHAPE, held.copy(), held, far)
-    planes_at_nodes(0, 1, held, places, places, np.zeros((1, 6), dtype=np.float32))
-    poses_within(0, 1, rotations, places, places, SHAPE, far, 1.0, np.zeros(1, dtype=np.bool_))
-    sides = 2 * (FLAT, FLAT, FIRST[:0], FIRST[:0])
-    agree = np.zeros((2, 0), dtype=np.bool_)
-    pair_poses(0, 0, *sides, 1.0, 1.0, np.zeros((2, 0, 3, 3)), np.zeros((2, 0, 3)), agree)
-    mean_gains(0, 1, rotations, places, places, SHAPE, np.zeros(2, dtype=np.float32), np.zeros(1))
-    grid_places(0, 0, FLAT, ONE, 1.0, SHAPE, np.zeros(1, dtype=np.int32), FLAT, FLAT, np.zeros(0))
-    grid_planes(0, 0, FLAT, ONE, 1.0, SHAPE, np.zeros((1, 6), dtype=np.float32), FLAT, FLAT, np.zeros(0), FIRST[:0])
-    poses, sums = (rotations.copy(), places, places), (np.zeros((1, 6, 6)), np.zeros((1, 6)))
-    add_plane_steps(0, 0, *poses, *(FLAT,) * 4, NOTHING, *(1.0,) * 4, *sums)
-    take_damped_steps(0, 0, *poses, *sums, *(1.0,) * 3, *poses[:2])
-    distinct_rows(rotations, places, 1.0, 1.0, 1)
-    log_likelihoods(0, 1, np.ones((1, 1)), 1.0, 0.5, 0.001, 1)
-
-
 def _meshes() -> None:
     faces, none = np.arange(3)[None], np.zeros(1, dtype=bool)
     solid_faces(0, 1, FLAT, faces, 1, 0.0, none, np.zeros((1, ENDS)))
@@ -288,7 +253,7 @@ STEPS: tuple[Callable[[], None], ...] = (
     _dense_scans,
     _points,
     _features,
-    _search,
+    compile_clouds.search_poses,
     _patches,
     _weights,
     _steps,

@@ -1,4 +1,4 @@
-"""Kernels of points, their cells and neighbourhoods, and of the odometry: what `compile_all` compiles of them."""
+"""Kernels of clouds, of the odometry and of the global search: what `compile_all` compiles of them."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from dqreg.kernels.cell_matches import planes_in_cells
 from dqreg.kernels.cell_planes import cell_planes
 from dqreg.kernels.cell_smoothing import held_by_sure, plane_columns, share_of_lined, smoothed_means
 from dqreg.kernels.close_points import close_points, facing_matches
+from dqreg.kernels.coarse_to_fine_nearest import nearest_at_corners, nearest_from_coarser, planes_at_nodes
 from dqreg.kernels.depth_pixels import count_before, count_behind, directions_from, fill_nearest, least_around
 from dqreg.kernels.edge_planes import edge_plane_rows, with_others_rows
 from dqreg.kernels.fitted_normals import normal_variances, rough_rows
@@ -18,12 +19,17 @@ from dqreg.kernels.follow_rows import follow_in_tree
 from dqreg.kernels.grid_cells import cells_of_points
 from dqreg.kernels.lined_runs import lined_runs
 from dqreg.kernels.majority_planes import majority_plane_rows
+from dqreg.kernels.many_poses import distinct_rows, log_likelihoods, mean_gains, poses_within
 from dqreg.kernels.mixture_fits import fit_mixture
 from dqreg.kernels.morton import count_cells, filled_cells, morton_cells, new_places, sorted_rows, take_points
+from dqreg.kernels.nearest_at_nodes import nearest_at_nodes
+from dqreg.kernels.pair_keys import all_pair_keys, key_starts, order_of_keys, pair_keys
+from dqreg.kernels.pair_poses import pair_poses
 from dqreg.kernels.plane_pass import Lowering, Stepping, bend_of, lower_weights, plane_pass
 from dqreg.kernels.plane_steps import FIGURES, step_on_planes, weigh_by_roughness
 from dqreg.kernels.point_spread import rms_motion, spread_of
 from dqreg.kernels.point_tree import LEAF_POINTS, PointTree
+from dqreg.kernels.pose_steps import add_plane_steps, grid_places, grid_planes, take_damped_steps
 from dqreg.kernels.quadric_fits import quadric_residual_rows
 from dqreg.kernels.rims import known_rims
 from dqreg.kernels.shift_counts import count_at_shifts, count_on_runs, runs_around
@@ -38,10 +44,13 @@ from dqreg.kernels.voxel_points import CELLS, SUMS, admit_points
 from dqreg.kernels.voxel_rows import VoxelSums, first_of_voxels, measured_rows, one_of_voxels
 from dqreg.kernels.weighing import SUMS as WEIGHED
 from dqreg.kernels.weighing import move_rows
+from dqreg.kernels.weighted_draws import drawn_rows
 
 CORNERS = np.eye(3)
 FLAT, ONE = np.eye(3), np.zeros(3)
+NOTHING = np.zeros(0)
 FIRST = np.zeros(1, dtype=np.int64)
+SHAPE = np.ones(3, dtype=np.int64)
 
 
 def order_points() -> None:
@@ -154,3 +163,31 @@ def keep_maps() -> None:
     weigh_by_roughness(one, one.copy(), 1.0)
     step_on_planes(flat, flat, *planes, np.ones(11), 0, np.eye(4), np.zeros(3), figures)
     step_on_planes_of_sweep(flat, one, *planes, np.ones(10), 0, np.eye(4), np.zeros(6), np.zeros(3), figures)
+
+
+def search_poses() -> None:
+    """What looks up pairs of points, and has many poses at once."""
+    rotations, places = np.eye(3)[None], np.zeros((1, 3))
+    drawn_rows(ONE + 1.0, NOTHING, FIRST.copy(), FIRST[:0])
+    pair_keys(0, 0, FLAT, FLAT, FIRST[:0], FIRST[:0], 1.0, ONE, ONE, FIRST[:0])
+    table, held = np.zeros((1, 1), dtype=np.int32), np.zeros(1, dtype=np.int32)
+    all_pair_keys(0, 1, places, places, 1.0, ONE, ONE, table)
+    key_starts(table, np.zeros(2, dtype=np.int64))
+    order_of_keys(table, FIRST, held, held.copy())
+    far, grid = np.ones(1, dtype=np.float32), (places, SHAPE)
+    nearest_at_corners(*grid, held, far)
+    nearest_at_nodes(0, 1, *grid, held, far)
+    nearest_from_coarser(0, 1, *grid, SHAPE, held.copy(), held, far)
+    planes_at_nodes(0, 1, held, places, places, np.zeros((1, 6), dtype=np.float32))
+    poses_within(0, 1, rotations, places, places, SHAPE, far, 1.0, np.zeros(1, dtype=np.bool_))
+    sides = 2 * (FLAT, FLAT, FIRST[:0], FIRST[:0])
+    agree = np.zeros((2, 0), dtype=np.bool_)
+    pair_poses(0, 0, *sides, 1.0, 1.0, np.zeros((2, 0, 3, 3)), np.zeros((2, 0, 3)), agree)
+    mean_gains(0, 1, rotations, places, places, SHAPE, np.zeros(2, dtype=np.float32), np.zeros(1))
+    grid_places(0, 0, FLAT, ONE, 1.0, SHAPE, np.zeros(1, dtype=np.int32), FLAT, FLAT, np.zeros(0))
+    grid_planes(0, 0, FLAT, ONE, 1.0, SHAPE, np.zeros((1, 6), dtype=np.float32), FLAT, FLAT, np.zeros(0), FIRST[:0])
+    poses, sums = (rotations.copy(), places, places), (np.zeros((1, 6, 6)), np.zeros((1, 6)))
+    add_plane_steps(0, 0, *poses, *(FLAT,) * 4, NOTHING, *(1.0,) * 4, *sums)
+    take_damped_steps(0, 0, *poses, *sums, *(1.0,) * 3, *poses[:2])
+    distinct_rows(rotations, places, 1.0, 1.0, 1)
+    log_likelihoods(0, 1, np.ones((1, 1)), 1.0, 0.5, 0.001, 1)

@@ -318,7 +318,10 @@ def test_a_limit_is_told_first_and_scans_that_it_left_are_no_other_objects() -> 
     assert "not all of its pairs were registered" in words
 
 
-@pytest.mark.parametrize(("times", "units"), [(1000.0, "m and mm"), (25.4, "inch and mm"), (1.0 / 0.3048, "m and ft")])
+@pytest.mark.parametrize(
+    ("times", "units"),
+    [(1000.0, "m and mm"), (25.4, "inch and mm"), pytest.param(1.0 / 0.3048, "m and ft", marks=pytest.mark.soak)],
+)
 def test_a_scan_in_another_unit_is_told_in_words_of_units(times: float, units: str) -> None:
     scans, truth = views_of_a_part(3)
     scans[2] = times * scans[2]

@@ -48,7 +48,9 @@ def from_above(name: str, trial: int, prior_sigma: float | None, verdict: bool) 
 @pytest.mark.parametrize(
     ("name", "verdict", "prior_sigma"),
     [
-        ("plate", True, None),
+        # Judged they come to the same, in five times the time: the search asks what the rims leave open.
+        ("plate", False, None),
+        pytest.param("plate", True, None, marks=pytest.mark.soak),
         ("plate", True, 5e-3),
         pytest.param("plate", True, 5e-4, marks=pytest.mark.soak),
         ("bracket", False, None),
