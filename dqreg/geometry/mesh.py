@@ -8,20 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray, as_vectors, bounds, require_workable_ends
+from dqreg._arrays import FloatArray, IntArray, as_vectors, bounds, require_workable_ends
 from dqreg._records import one_line
 from dqreg.errors import InputError
 from dqreg.geometry import exports
 from dqreg.geometry.boundary import MeshBoundary
+from dqreg.geometry.checked_faces import CHUNK_FACES, checked_faces, checked_regions, solid_faces
+from dqreg.geometry.repeated_faces import repeated_faces
 from dqreg.geometry.topology import FaceFans, SameNodes, Topology
-
-# Faces that one thread takes in one go.
-CHUNK_FACES = 16_384
 
 
 @dataclasses.dataclass(frozen=True)
 class Mesh:
-    """Triangles of a part, float64; faces without area are left out and counted.
+    """Triangles of a part, float64; faces without area, and repeats that open a closed mesh, are left out.
 
     Parameters
     ----------
@@ -60,29 +59,36 @@ class Mesh:
     dropped: int = 0
     flat: IntArray = dataclasses.field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64), repr=False)
     regions: IntArray | None = dataclasses.field(default=None, repr=False)
+    _repeated: int = dataclasses.field(default=0, repr=False, init=False)
 
     def __post_init__(self) -> None:
         vertices = as_vectors(self.vertices, "vertices", finite=False)
-        faces = _checked_faces(self.faces, len(vertices))
-        solid, ends = _solid_faces(vertices, faces)
+        faces = checked_faces(self.faces, len(vertices))
+        solid, ends = solid_faces(vertices, faces)
         require_workable_ends(ends[0], ends[1], "vertices")
         if not solid.any():
             raise InputError(f"the mesh has {len(faces)} faces, none with an area; a target needs triangles")
         if self.regions is not None:
-            object.__setattr__(self, "regions", _checked_regions(self.regions, len(faces))[solid])
+            object.__setattr__(self, "regions", checked_regions(self.regions, len(faces))[solid])
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", np.ascontiguousarray(faces[solid]))
         object.__setattr__(self, "flat", np.concatenate([self.flat, faces[~solid]]))
         object.__setattr__(self, "dropped", self.dropped + int(len(faces) - np.count_nonzero(solid)))
         if solid.all():
             self.__dict__["bounds"] = ends
+        left_out = repeated_faces(self._same_nodes, self.faces, self.flat)
+        if left_out is not None:
+            object.__setattr__(self, "faces", self.faces[~left_out])
+            object.__setattr__(self, "regions", None if self.regions is None else self.regions[~left_out])
+            object.__setattr__(self, "_repeated", int(np.count_nonzero(left_out)))
 
     def _shifted(self, offset: FloatArray) -> Mesh:
         """The mesh at another place, (3,), nearer to the origin: what was checked once holds there too."""
         shifted = object.__new__(Mesh)
         fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         # Rounding keeps order, so that the ends of what is shifted are the ends shifted.
-        shifted.__dict__.update(fields, vertices=self.vertices + offset, bounds=self.bounds + offset)
+        known = {"bounds": self.bounds + offset, "_same_nodes": self._same_nodes}
+        shifted.__dict__.update(fields, vertices=self.vertices + offset, **known)
         return shifted
 
     @cached_property
@@ -144,7 +150,7 @@ class Mesh:
     @cached_property
     def is_closed(self) -> bool:
         """Whether every side of every face is shared: the mesh bounds a body, it is watertight."""
-        return self._same_nodes.closed(self.faces, self.flat)
+        return self._same_nodes.soundness(self.faces, self.flat).closed
 
     @cached_property
     def _same_nodes(self) -> SameNodes:
@@ -214,6 +220,8 @@ class Mesh:
             found.append(f"{inward} of {outermost} bodies are wound inward")
         if self.dropped:
             found.append(f"{self.dropped} faces have no area")
+        if self._repeated:
+            found.append(f"{self._repeated} faces are there twice")
         return tuple(found)
 
     @cached_property
@@ -263,38 +271,3 @@ class Mesh:
             If PyVista is not installed.
         """
         return exports.to_pyvista(self.vertices, self.faces, {})
-
-
-def _checked_faces(value: Any, vertex_count: int) -> IntArray:
-    try:
-        faces = np.asarray(value)
-    except ValueError as error:
-        raise InputError("faces must be integers of shape (f, 3); got rows of different lengths") from error
-    if faces.size == 0:
-        raise InputError("the mesh has no faces; a cloud of points goes in as an (n, 3) array or a PointCloud")
-    if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
-        raise InputError(f"faces must be integers of shape (f, 3); got {faces.dtype} of shape {faces.shape}")
-    if faces.min() < 0 or faces.max() >= vertex_count:
-        raise InputError(f"faces refer to vertices {faces.min()}..{faces.max()}, but there are {vertex_count}")
-    return faces.astype(np.int64)
-
-
-def _checked_regions(value: Any, face_count: int) -> IntArray:
-    regions = np.asarray(value)
-    if regions.shape != (face_count,) or regions.dtype.kind not in "iu" or (regions < 0).any():
-        raise InputError(f"regions must be one number from 0 for each of {face_count} faces; got shape {regions.shape}")
-    return regions.astype(np.int64)
-
-
-def _solid_faces(vertices: FloatArray, faces: IntArray) -> tuple[BoolArray, FloatArray]:
-    """Which faces have an area, (f,), and the lowest and highest corner of the box around all, (2, 3)."""
-    from dqreg.kernels.mesh_faces import ENDS, solid_faces
-    from dqreg.kernels.threads import as_plain, over_chunks
-
-    solid, ends = np.zeros(len(faces), dtype=bool), np.zeros(((len(faces) - 1) // CHUNK_FACES + 1, ENDS))
-    # Below float64's own resolution of the face's coordinates, an "area" is rounding.
-    given = as_plain(vertices), np.ascontiguousarray(faces), CHUNK_FACES, float(np.finfo(float).eps), solid, ends
-    over_chunks(solid_faces, len(faces), *given, chunk=CHUNK_FACES)
-    if ends[:, 6].any():
-        raise InputError("the mesh uses a vertex that is NaN or infinite; repair the mesh first")
-    return solid, np.stack([ends[:, :3].min(axis=0), ends[:, 3:6].max(axis=0)])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,14 @@ SMOOTH_DEG = 25.0
 NORMAL_ROUNDING = 1e-12
 # Vertices and faces that one thread takes in one go, and faces around which it looks.
 CHUNK_ROWS, CHUNK_FANS = 16_384, 1_024
+
+
+class Soundness(NamedTuple):
+    """What is known of a mesh without its edges."""
+
+    closed: bool  # No edge has an odd number of triangles: `Topology.open_sides` is 0
+    wound: bool  # As many triangles run along each edge in either sense
+    two_sided: bool  # Each triangle is there in both senses
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,15 +51,16 @@ class SameNodes:
         over_chunks(number_nodes, len(vertices), as_plain(vertices), spacing, numbers, chunk=CHUNK_ROWS)
         return SameNodes(numbers)
 
-    def closed(self, faces: IntArray, flat: IntArray) -> bool:
-        """Whether no edge has an odd number of triangles: `Topology.open_sides` is 0."""
-        from dqreg.kernels.side_parity import sum_of_sides
+    def soundness(self, faces: IntArray, flat: IntArray) -> Soundness:
+        """What `Topology` says of all sides together."""
+        from dqreg.kernels.side_parity import sums_of_sides
         from dqreg.kernels.threads import over_chunks
 
         every = np.concatenate([faces, flat]) if len(flat) else faces
-        sums = np.zeros((len(every) - 1) // CHUNK_ROWS + 1, dtype=np.uint64)
-        over_chunks(sum_of_sides, len(every), every, self.numbers, CHUNK_ROWS, sums, chunk=CHUNK_ROWS)
-        return not np.bitwise_xor.reduce(sums)
+        sums = np.zeros(((len(every) - 1) // CHUNK_ROWS + 1, 3), dtype=np.uint64)
+        over_chunks(sums_of_sides, len(every), every, self.numbers, CHUNK_ROWS, sums, chunk=CHUNK_ROWS)
+        odd, (_, uneven, single) = np.bitwise_xor.reduce(sums[:, 0]), sums.sum(axis=0)
+        return Soundness(not odd, not uneven, not single)
 
     def corner_lists(self, faces: IntArray) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
         """First vertex at the place of each, (v,), and the corners there: see `list_corners`."""

@@ -16,7 +16,7 @@ from dqreg.kernels.creases import COLUMNS as OF_CREASES
 from dqreg.kernels.creases import near_creases
 from dqreg.kernels.disc_pairs import disc_pair_sums
 from dqreg.kernels.displaced_rows import displaced_rows, followed_share
-from dqreg.kernels.duplicate_triangles import first_duplicates
+from dqreg.kernels.duplicate_triangles import first_duplicates, first_equal
 from dqreg.kernels.face_fans import neighbours_of_faces, normals_of_corners
 from dqreg.kernels.face_scatter import face_precisions, face_sums, orientation_cells, square_heights, times_precisions
 from dqreg.kernels.follow_rows import follow_rows, look_up_rows
@@ -48,7 +48,7 @@ from dqreg.kernels.ray_pixels import COUNTS as OF_RAYS
 from dqreg.kernels.ray_pixels import fill_pixels, rays_met
 from dqreg.kernels.rims import line_rows, one_sided_rows
 from dqreg.kernels.row_scatter import scatter_rows
-from dqreg.kernels.side_parity import number_nodes, sum_of_sides
+from dqreg.kernels.side_parity import number_nodes, sums_of_sides
 from dqreg.kernels.systematic_rows import systematic_rows
 from dqreg.kernels.triangle_tree import TriangleTree
 from dqreg.kernels.weighing import SUMS as WEIGHED
@@ -82,6 +82,7 @@ def compile_for_all_users() -> None:
 
 def _faces() -> None:
     first_duplicates(CORNERS)
+    first_equal(np.zeros(1, dtype=np.uint64))
     tree = TriangleTree.of(CORNERS, np.ones((2, 3)))
     tree.closest(np.zeros((1, 3)))
     tree.closest_facing(np.zeros((1, 3)), np.ones((1, 3)), 0.0, 1.0)
@@ -203,7 +204,7 @@ def _sides() -> None:
     number_sides(faces, 3, none, faces.copy(), faces.copy(), faces.copy())
     numbers, lists = np.zeros(3, dtype=np.uint64), np.zeros((2, 3), dtype=np.int32)
     number_nodes(0, 3, FLAT, 1.0, numbers)
-    sum_of_sides(0, 1, faces, numbers, 1, numbers.copy())
+    sums_of_sides(0, 1, faces, numbers, 1, np.zeros((1, 3), dtype=np.uint64))
     weld(numbers, np.zeros(8, dtype=np.int32), lists[0])
     list_corners(faces, lists[0], heads := np.full((3, 2), -1, dtype=np.int32), lists[1])
     met = faces, lists[0], heads, lists[1]

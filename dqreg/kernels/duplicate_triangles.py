@@ -1,4 +1,4 @@
-"""Exact duplicates of triangles, found by hashing."""
+"""Exact duplicates of triangles, and of numbers, found by hashing."""
 
 from __future__ import annotations
 
@@ -42,6 +42,23 @@ def _first_duplicates(words: HashWords) -> IntArray:
                 first[i] = j
                 break
             place = (place + 1) & (size - 1)
+    return first
+
+
+@compiled
+def first_equal(numbers: HashWords) -> IntArray:
+    """First of some random numbers that is equal to each, (n,)."""
+    n, size = len(numbers), 1
+    while size < 2 * n:
+        size *= 2
+    table, first = np.zeros(size, np.int64), np.zeros(n, np.int64)
+    for i in range(n):
+        place = np.int64(numbers[i] & np.uint64(size - 1))
+        while table[place] and numbers[table[place] - 1] != numbers[i]:
+            place = (place + 1) & (size - 1)
+        if not table[place]:
+            table[place] = i + 1
+        first[i] = table[place] - 1
     return first
 
 

@@ -1,7 +1,8 @@
 """Whether each side of some triangles is shared, without sorting them: every edge has a random number of its own.
 
 The exclusive or of the numbers of all sides is that of the edges that an odd number of triangles has. It is zero where
-there is none, and by chance once in 2^64.
+there is none, and by chance once in 2^64. So is the sum where as many triangles run along every edge in each sense, and
+that of numbers of the triangles where each has its like of the other sense.
 """
 
 from __future__ import annotations
@@ -40,14 +41,20 @@ def number_nodes(first: int, last: int, vertices: FloatArray, spacing: float, nu
 
 
 @compiled
-def sum_of_sides(first: int, last: int, faces: IntArray, numbers: Words, chunk: int, sums: Words) -> None:
-    """Write the exclusive or of the numbers of the sides of faces first to last to the row of their range.
+def sums_of_sides(first: int, last: int, faces: IntArray, numbers: Words, chunk: int, sums: Words) -> None:
+    """Write three sums of faces first to last to the row of their range, see above; of the first an exclusive or.
 
-    A face two of whose corners are one node joins nothing. Shapes: faces (f, 3), numbers (v,).
+    A face two of whose corners are one node joins nothing. Shapes: faces (f, 3), numbers (v,), sums (., 3).
     """
-    total = np.uint64(0)
+    odd, uneven, single = np.uint64(0), np.uint64(0), np.uint64(0)
     for f in range(first, last):
         a, b, c = numbers[faces[f, 0]], numbers[faces[f, 1]], numbers[faces[f, 2]]
         if a != b and b != c and c != a:
-            total = total ^ scrambled(a + b) ^ scrambled(b + c) ^ scrambled(c + a)
-    sums[first // chunk] = total
+            ab, bc, ca = scrambled(a + b), scrambled(b + c), scrambled(c + a)
+            odd = odd ^ ab ^ bc ^ ca
+            uneven = uneven + ab if a < b else uneven - ab
+            uneven = uneven + bc if b < c else uneven - bc
+            uneven = uneven + ca if c < a else uneven - ca
+            face = scrambled(a + b + c)
+            single = single + face if (a < b) ^ (b < c) ^ (c < a) else single - face
+    sums[first // chunk, 0], sums[first // chunk, 1], sums[first // chunk, 2] = odd, uneven, single

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from dqreg._records import replaced
+from dqreg.geometry import Mesh
 from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.icp.rejectors import beyond_boundary
 from dqreg.kernels.threads import Later, TimeUpError, until
@@ -54,6 +55,7 @@ from dqreg.trust.records import Alternative, Reason, Verdict
 # its neighbour's place holds the others there too.
 MAY_HOLD = 1.0
 
+REPEATED = "faces of the target that were there more than once were left out: {}"
 START_LOST = (
     "the initial pose leads nowhere, as hardly any point of the scan comes near the target from there: a search found "
     "this pose"
@@ -212,7 +214,7 @@ def registration_of(
     sides = SourceAndTarget(problem.source, problem.whole if fit.between_clouds else fit.target)
     return Registration(
         T_target_source=problem.to_caller(fit.T_target_source) if fit.found else np.full((4, 4), np.nan),
-        verdict=_with_strays(verdict, problem),
+        verdict=_with_remarks(verdict, problem),
         status=fit.run.status,
         covariance=uncertainty.covariance,
         observability=uncertainty.directions,
@@ -227,10 +229,13 @@ def registration_of(
     )
 
 
-def _with_strays(verdict: Verdict, problem: Problem) -> Verdict:
-    """The verdict with a remark on what lay far from all other points of either side."""
+def _with_remarks(verdict: Verdict, problem: Problem) -> Verdict:
+    """The verdict with a remark on what lay far from all other points of either side, and on faces given twice."""
     for name, strays in (("source", problem.source.strays), ("target", problem.target.strays)):
         verdict = verdict if strays is None else verdict._remarked(strays.remark(f"the {name}"))
+    part = problem.target.geometry
+    if isinstance(part, Mesh) and part._repeated:
+        verdict = verdict._remarked(Reason(REPEATED.format(part._repeated), "repeated_faces"))
     return verdict
 
 

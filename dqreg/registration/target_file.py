@@ -44,13 +44,15 @@ class TargetHeader:
     units: str | None
     dropped: int
     strays: Strays | None = None
+    repeated: int = 0
 
 
 def save_target(indexed: TargetIndex, path: str | Path) -> None:
     """Write a target, whole or not at all."""
     geometry = indexed.geometry
     named = indexed.kind, indexed.name, geometry.units
-    header = TargetHeader(FORMAT, VERSION, *named, geometry.dropped, indexed.strays)
+    repeated = geometry._repeated if isinstance(geometry, Mesh) else 0
+    header = TargetHeader(FORMAT, VERSION, *named, geometry.dropped, indexed.strays, repeated)
     arrays: dict[str, Any] = {"origin": indexed.origin}
     if isinstance(geometry, Mesh):
         arrays |= {"vertices": geometry.vertices, "faces": geometry.faces, "flat": geometry.flat}
@@ -98,6 +100,7 @@ def _indexed(path: Path, header: TargetHeader, arrays: dict[str, NDArray[Any]]) 
         vertices = read("vertices", None, 3)
         flat = _faces(arrays["flat"], len(vertices))
         mesh = Mesh(vertices, arrays["faces"], units, dropped, flat, arrays.get("regions"))
+        object.__setattr__(mesh, "_repeated", mesh._repeated + header.repeated)
         return TargetIndex(mesh, origin, header.name)
     if header.kind != "cloud" or dropped < 0:
         raise ValueError(f"a {header.kind!r:.20} with {dropped} rows dropped")

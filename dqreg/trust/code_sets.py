@@ -9,7 +9,7 @@ from dqreg.trust.records import Code
 Codes: TypeAlias = frozenset[Code]
 
 # Remarks on the data, beside any doubt: they say nothing of the pose.
-REMARKS: Codes = frozenset({"stray_points"})
+REMARKS: Codes = frozenset({"stray_points", "repeated_faces"})
 
 # Of one registration: what another pose cannot mend. And of two clouds, of which a wrong pose often lies on one face,
 # where the right one would have more.

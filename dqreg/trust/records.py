@@ -81,6 +81,7 @@ Code = Literal[
     "local_difference",
     "dropped_points",
     "stray_points",
+    "repeated_faces",
     "not_deskewed",
     "held_by_prediction",
     "new_clock",

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -175,5 +176,5 @@ def test_what_a_file_holds_is_taken_as_the_file_is(tmp_path: Path, name: str) ->
         trimesh.Trimesh(VERTICES, FACES).export(path)
     ours, theirs = as_geometry(read_geometry(path), "source"), open_geometry(path, "source")
     assert type(ours) is type(theirs)
-    for key, value in vars(theirs).items():
-        np.testing.assert_array_equal(getattr(ours, key), value)
+    for field in dataclasses.fields(theirs):
+        np.testing.assert_array_equal(getattr(ours, field.name), getattr(theirs, field.name))
