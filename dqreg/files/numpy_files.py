@@ -22,6 +22,8 @@ Array = np.ndarray[tuple[int, ...], np.dtype[np.generic]]
 PACKING_NAMES = ("offsets", "scale")
 # Numbers that an archive of any size may become, each of which takes a few float64 on its way; more of a larger one.
 MAX_NUMBERS = 3_000_000
+# Columns that no cloud has: an image.
+MAX_COLUMNS = 20
 
 
 def read_npy(path: Path) -> CloudData:
@@ -39,6 +41,8 @@ def read_npy(path: Path) -> CloudData:
     if table.shape[1] not in (3, 4, 6) or table.shape == (4, 4):
         is_wide = table.shape[1] > 6 and len(table) in (3, 4, 6)
         remedy = "; where each column is a point, save its transpose" if is_wide else ""
+        if min(table.shape) > MAX_COLUMNS:
+            remedy = "; of a depth image dqreg.PointCloud.from_depth makes a cloud"
         shapes = "shape (n, 3), (n, 4) with an intensity, or (n, 6) with normals"
         raise unreadable(path, f"an array of shape {table.shape}", f"{shapes}{remedy}")
     # The fourth of four is an intensity, as in text and in KITTI's frames, unless the first counts the rows.

@@ -158,7 +158,7 @@ class PointCloud(LatePoints):
         Parameters
         ----------
         depth : array_like, (h, w)
-            Depth along the optical axis; zero, negative, not finite and the largest unsigned value mean none.
+            Depth along the optical axis; zero, negative, not finite, 65535 and the largest unsigned value mean none.
         intrinsics : (3, 3) array_like, (fx, fy, cx, cy), or Open3D's PinholeCameraIntrinsic
             Pinhole camera; whole pixel coordinates are the middles of pixels.
         depth_scale : float, optional
@@ -181,6 +181,8 @@ class PointCloud(LatePoints):
         ------
         InputError
             If the image, the camera or a number cannot be used, or no pixel holds a depth.
+        UnitsError
+            If no depth camera sees so far in metres, and neither ``depth_scale`` nor ``units`` says that it does.
 
         Examples
         --------
@@ -189,12 +191,9 @@ class PointCloud(LatePoints):
         (64, 'm', -1.0)
         """
         found = depth_points(
-            depth, intrinsics, depth_scale=depth_scale, depth_trunc=depth_trunc, stride=stride, normals=normals
-        )
-        if not len(found.points):
-            raise InputError(
-                f"none of the {found.dropped} pixels of the depth image can be used; is it the depth image?"
-            )
+            depth, intrinsics, depth_scale=depth_scale, depth_trunc=depth_trunc, stride=stride, normals=normals,
+            metres=units == "m",
+        )  # fmt: skip
         return cls(found.points, found.normals, np.zeros(3), units, found.dropped)
 
     def to_open3d(self) -> Any:

@@ -11,15 +11,20 @@ import dataclasses
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dqreg._arrays import FloatArray, IntArray, as_float
-from dqreg.errors import InputError
+from dqreg.errors import InputError, UnitsError
 
 # Pixels to each side that a fit may use.
 WINDOW_PIXELS = 3
 # Change of depth, relative and a pixel, beyond which the neighbour is on another surface: a plane seen at 85 degrees
 # by a camera of 600 pixels focal length changes by 0.02.
 JUMP_PER_PIXEL = 0.02
+# Metres within which a depth camera sees a twentieth of what it sees: numbers beyond it are of another unit.
+MAX_NEAR_DEPTH_M, NEAR_SHARE = 100.0, 0.05
+# What cameras write for no depth in 16 bits, also after a conversion to a wider type.
+NO_DEPTH = 65_535
 # Neighbours, the pixel itself included, without which no plane is fitted.
 MIN_PLANE_PIXELS = 6
 
@@ -42,18 +47,13 @@ def depth_points(
     depth_trunc: float | None = None,
     stride: int = 1,
     normals: bool = True,
+    metres: bool = False,
 ) -> DepthPoints:
-    """Points, and normals from the grid, of a depth image. Shapes: depth (h, w), intrinsics (3, 3)."""
-    try:
-        image = np.asarray(depth)
-    except ValueError as error:
-        raise InputError(f"depth must have rows of one length ({error})") from error
-    if image.ndim == 3 and image.shape[2] == 1:
-        image = image[:, :, 0]
-    if image.ndim != 2 or not image.size:
-        raise InputError(f"a depth image must have shape (height, width); got {image.shape}")
-    if image.dtype.kind == "b":
-        raise InputError("a depth image must hold depths; got truth values, as a mask does: np.where(mask, depth, 0)")
+    """Points, and normals from the grid, of a depth image; ``metres``: whether its numbers by the scale are said to be.
+
+    Shapes: depth (h, w), intrinsics (3, 3).
+    """
+    image = _image_of(depth)
     fx, fy, cx, cy = _camera(intrinsics)
     scale = (1000.0 if image.dtype.kind in "iu" else 1.0) if depth_scale is None else float(depth_scale)
     if (
@@ -68,8 +68,11 @@ def depth_points(
         )
     z = as_float(image, "depth") / scale
     valid = np.isfinite(z) & (z > 0.0) & (z <= (np.inf if depth_trunc is None else depth_trunc))
+    valid &= image != NO_DEPTH
     if image.dtype.kind == "u":
         valid &= image != np.iinfo(image.dtype).max
+    if metres and depth_scale is None and image.dtype.kind == "f":
+        _require_metres(z[valid])
     chosen = np.zeros_like(valid)
     chosen[:: int(stride), :: int(stride)] = True
     rows, columns = np.nonzero(valid & chosen)
@@ -81,7 +84,32 @@ def depth_points(
         rows, columns, planes = rows[fitted], columns[fitted], planes[fitted]
     near = z[rows, columns]
     points = np.column_stack([(columns - cx) / fx * near, (rows - cy) / fy * near, near])
-    return DepthPoints(points, planes, np.column_stack([rows, columns]), int(chosen.sum()) - len(rows))
+    dropped = int(chosen.sum()) - len(rows)
+    if not len(points):
+        raise InputError(f"none of the {dropped} pixels of the depth image can be used; is it the depth image?")
+    return DepthPoints(points, planes, np.column_stack([rows, columns]), dropped)
+
+
+def _image_of(depth: Any) -> NDArray[Any]:
+    try:
+        image = np.asarray(depth)
+    except ValueError as error:
+        raise InputError(f"depth must have rows of one length ({error})") from error
+    if image.ndim == 3 and image.shape[2] == 1:
+        image = image[:, :, 0]
+    if image.ndim != 2 or not image.size:
+        raise InputError(f"a depth image must have shape (height, width); got {image.shape}")
+    if image.dtype.kind == "b":
+        raise InputError("a depth image must hold depths; got truth values, as a mask does: np.where(mask, depth, 0)")
+    return image
+
+
+def _require_metres(depths: FloatArray) -> None:
+    if len(depths) and np.quantile(depths, NEAR_SHARE) > MAX_NEAR_DEPTH_M:
+        raise UnitsError(
+            f"a depth image of {depths.min():.4g} to {depths.max():.4g} would be as many metres, as floats are; "
+            "they look like millimetres. Say depth_scale=1000, or depth_scale=1 if they are metres"
+        )
 
 
 def _camera(intrinsics: Any) -> tuple[float, float, float, float]:

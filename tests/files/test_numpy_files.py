@@ -75,6 +75,7 @@ def test_a_bare_pickle_is_refused(tmp_path: Path) -> None:
     [
         (np.zeros(3), r"shape \(3,\)"),
         (np.zeros((2, 5)), r"of shape \(2, 5\); expected shape \(n, 3\), \(n, 4\) with an intensity"),
+        (np.zeros((48, 64)), r"of shape \(48, 64\); expected .* of a depth image dqreg.PointCloud.from_depth"),
         (np.zeros((3, 50)), r"of shape \(3, 50\); expected .* save its transpose"),
         (np.eye(4), r"of shape \(4, 4\)"),
         (np.zeros((2, 3, 1)), r"shape \(2, 3, 1\)"),

@@ -8,7 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from dqreg._open3d import load_open3d
-from dqreg.errors import InputError
+from dqreg.errors import InputError, UnitsError
 from dqreg.geometry import PointCloud
 from dqreg.geometry.depth import depth_points
 from dqreg.rigid import pose
@@ -28,7 +28,7 @@ def test_a_plane_is_met_exactly(x, y, distance):
     normal = np.array([x, y, 1.0]) / np.linalg.norm([x, y, 1.0])
     depth = plane_depth(normal, distance)
     assume(depth.min() > 0.0)
-    cloud = PointCloud.from_depth(depth, K)
+    cloud = PointCloud.from_depth(depth, K, depth_scale=1.0)
     np.testing.assert_allclose(cloud.points @ normal, distance, rtol=1e-12)
     np.testing.assert_allclose(cloud.normals, np.broadcast_to(-normal, cloud.points.shape), atol=1e-9)
     assert len(cloud) + cloud.dropped == 30 * 40
@@ -64,6 +64,26 @@ def test_units_and_scale():
     assert PointCloud.from_depth(depth, K).points[0, 2] == 2.0
     millimetres = PointCloud.from_depth(depth, K, depth_scale=1.0, units="mm")
     assert (millimetres.points[0, 2], millimetres.units) == (2000.0, "mm")
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_millimetres_that_are_not_whole_are_are_not_taken_for_metres(kind):
+    depth = np.random.default_rng(63_101).uniform(300.0, 4000.0, (30, 40)).astype(kind)
+    with pytest.raises(UnitsError, match=r"depth_scale=1000, or depth_scale=1 "):
+        PointCloud.from_depth(depth, K)
+    for options, scale in (({"depth_scale": 1000}, 1000), ({"depth_scale": 1}, 1), ({"units": "mm"}, 1)):
+        found = PointCloud.from_depth(depth, K, normals=False, **options)
+        np.testing.assert_allclose(found.points[:, 2], depth.ravel() / scale, rtol=1e-6)
+    # A street with much sky, in metres.
+    street = np.where(np.arange(40) < 4, 8.0, 1000.0) * np.ones((30, 1), dtype=kind)
+    assert len(PointCloud.from_depth(street, K, normals=False)) == 1200
+
+
+@pytest.mark.parametrize("kind", [np.uint16, np.int32, np.int64, np.float32])
+def test_what_cameras_write_for_no_depth_is_none_in_wider_types_too(kind):
+    depth = np.full((30, 40), 1500).astype(kind)
+    depth[3] = 65535
+    assert PointCloud.from_depth(depth, K, depth_scale=1000, normals=False).dropped == 40
 
 
 def test_a_step_does_not_bend_the_normals_beside_it():
