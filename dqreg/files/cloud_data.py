@@ -43,6 +43,11 @@ class TimedCloudData(CloudData):
     times: FloatArray | None = None  # (n,): As in the file
 
 
+@dataclasses.dataclass(frozen=True)
+class SweepData(CloudData):
+    """A cloud of a format whose files are sweeps in metres about their sensor; of other points it may say neither."""
+
+
 def make_cloud(
     path: Path,
     points: FloatArray,

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.files.cloud_data import CloudData, make_cloud
+from dqreg.files.cloud_data import CloudData, SweepData, make_cloud
 from dqreg.files.untrusted import require_readable, unreadable
 
 # Metres that no LiDAR measures: other binary files hold such numbers, read as float32.
@@ -40,4 +40,4 @@ def kitti_rows(path: Path) -> FloatArray:
 
 def read_kitti(path: Path) -> CloudData:
     """Cloud of a KITTI frame."""
-    return make_cloud(path, kitti_rows(path), viewpoint=np.zeros(3), units="m")
+    return SweepData(**vars(make_cloud(path, kitti_rows(path), viewpoint=np.zeros(3), units="m")))

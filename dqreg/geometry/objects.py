@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,11 +11,12 @@ import numpy as np
 from dqreg._arrays import as_vectors
 from dqreg.errors import InputError
 from dqreg.files import CloudData, MeshData
-from dqreg.files.cloud_data import TimedCloudData
+from dqreg.files.cloud_data import SweepData, TimedCloudData
 from dqreg.files.units import UNIT_WORDS
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.fields import RawCloud, columns_of, from_message
 from dqreg.geometry.mesh import Mesh
+from dqreg.geometry.rays import is_sweep
 
 ACCEPTED = (
     "an (n, 3) array, a structured array or table with x, y, z, a PointCloud2 message, (vertices, faces), or a cloud "
@@ -84,6 +86,9 @@ def of_file(data: CloudData | MeshData) -> PointCloud | Mesh:
     """What a file says, with all that it tells of it."""
     if isinstance(data, MeshData):
         return Mesh(data.vertices, data.faces, data.units, regions=data.regions)
+    if isinstance(data, SweepData) and not is_sweep(data.points):
+        # A part in a KITTI file has its own origin, and any unit.
+        data = dataclasses.replace(data, viewpoint=None, units=None)
     times = data.times if isinstance(data, TimedCloudData) else None
     return PointCloud(data.points, data.normals, data.viewpoint, data.units, data.dropped, times)
 

@@ -13,11 +13,12 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry.normals import sample_rows
+from dqreg.geometry.rays import Rays
 from dqreg.multiway.scans import View
 from dqreg.registration.free_space import rays_of_target
 from dqreg.rigid import pose
 from dqreg.trust.free_space import MIN_COMPARED
-from dqreg.trust.rays import APART_SIGMAS, Rays
+from dqreg.trust.rays import APART_SIGMAS
 
 # Share of the scans that must look like rays from one place, as far apart in angle where they are long: of turntables a
 # third did by chance at most, of LiDARs all.

@@ -9,6 +9,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh, PointCloud
 from dqreg.geometry.morton import morton_order
+from dqreg.geometry.rays import Rays
 from dqreg.geometry.visibility import blocked
 from dqreg.registration.derived import Key
 from dqreg.registration.fit import Fit
@@ -16,7 +17,7 @@ from dqreg.registration.problem import Problem
 from dqreg.registration.target_index import TargetIndex
 from dqreg.rigid import pose
 from dqreg.trust.free_space import Seen, can_look_through, hidden_share, looked_through
-from dqreg.trust.rays import BothRays, Met, Rays
+from dqreg.trust.rays import BothRays, Met
 
 # Points of each side that are compared, and rays that are cast at a part.
 COMPARED, RAYS = 6_000, 3_000

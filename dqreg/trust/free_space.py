@@ -11,6 +11,7 @@ from dqreg._arrays import BoolArray, FloatArray, bounds, median, quantile
 from dqreg.geometry.morton import morton_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
+from dqreg.geometry.rays import DEPTH_STEP_PIXELS, FAR_TO_NEAR_RATIO
 from dqreg.geometry.spacing import measure_spacing
 from dqreg.geometry.vector_rows import cross
 
@@ -18,17 +19,11 @@ from dqreg.geometry.vector_rows import cross
 TOGETHER = 16_384
 # Edge of a pixel in distances of neighbouring points, and pixels a side at most.
 PIXEL_SPACINGS, MAX_PIXELS = 1.5, 1_000
-# Points count as behind or in front of what was seen from so many pixels on: surfaces may be seen at a grazing angle.
-DEPTH_STEP_PIXELS = 4.0
 # The origin of a cloud is taken for the scanner's place where at most this share of the points is behind others from
 # there: depth cameras came to 0.029, LiDARs to 0.04, several sides of a body to 0.06 and more,
 MAX_HIDDEN_FROM_ORIGIN = 0.045
-# and it lies that share of the size outside of the points,
+# and it lies that share of the size outside of the points, or is amid them, see `FAR_TO_NEAR_RATIO`.
 MIN_DISTANCE_OUTSIDE = 0.15
-# or the far points are so many times as far as the near ones, as around a LiDAR: 2.9 to 15 times in furnished rooms,
-# where what it puts before the furniture tells the half-turn that the walls allow; bodies of which no side hides
-# another came to 2.6 times.
-FAR_TO_NEAR_RATIO = 2.8
 # Points of which the distance to the nearest is asked: their median is good to two per cent.
 SPACING_SAMPLE = 1_000
 # Points compared that say something.

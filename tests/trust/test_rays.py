@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from dqreg.geometry.rays import Rays
 from dqreg.rigid import pose
 from dqreg.synth.many_views import ManyViews, room_stops
 from dqreg.trust.limits import MAX_RAY_PASS_SHARE, MIN_RAY_MEETING_SHARE, RAY_CONFLICT_SHARE
-from dqreg.trust.rays import BothRays, Met, Rays
+from dqreg.trust.rays import BothRays, Met
 from tests.strategies import FloatArray
 
 HERE, NOISE = np.zeros(3), 0.005
