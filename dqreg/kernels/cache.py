@@ -49,7 +49,7 @@ def folders() -> tuple[tuple[Path, ...], Path | None]:
         f"none of {', '.join(map(str, asked))} can be written, so compiled code is kept "
         + ("in this process alone, and each new one takes seconds longer" if last is None else f"in {last}")
         + "; set NUMBA_CACHE_DIR to a folder that can",
-        RuntimeWarning,
+        UserWarning,
         stacklevel=2,
     )
     return (beside,) if last is None else (beside, last), last

@@ -174,3 +174,13 @@ def test_the_module_is_the_command_and_takes_no_standard_module_of_the_working_f
     )
     assert (told.returncode, told.stderr, (tmp_path / "mark").exists()) == (0, "", False)
     assert told.stdout.startswith("Usage: dqreg evaluate")
+
+
+def test_where_no_code_can_be_kept_one_plain_line_says_so(tmp_path):
+    (tmp_path / "file").touch()
+    folders = {"NUMBA_CACHE_DIR": str(tmp_path / "file" / "none"), "TMPDIR": str(tmp_path)}
+    command = [sys.executable, "-m", "dqreg", "doctor"]
+    answer = subprocess.run(command, env=os.environ | folders, capture_output=True, text=True, check=False)
+    (line,) = answer.stderr.splitlines()
+    assert line.startswith("dqreg: warning: none of ")
+    assert line.endswith("set NUMBA_CACHE_DIR to a folder that can")

@@ -117,9 +117,9 @@ def test_the_order_of_the_folders(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
     monkeypatch.delenv("NUMBA_CACHE_DIR")
     assert found_folder(monkeypatch) == user / "dqreg" / name
     assert found_folder(monkeypatch, user) == package / name
-    with pytest.warns(RuntimeWarning, match="set NUMBA_CACHE_DIR"):
+    with pytest.warns(UserWarning, match="set NUMBA_CACHE_DIR"):
         assert found_folder(monkeypatch, user, package) == temporary / f"dqreg-{os.getuid()}" / name
-    with pytest.warns(RuntimeWarning, match="in this process alone"):
+    with pytest.warns(UserWarning, match="in this process alone"):
         assert found_folder(monkeypatch, user, package, temporary) is None
     # Without a home there is no folder of the user.
     monkeypatch.setattr(cache.Path, "home", lambda: (_ for _ in ()).throw(RuntimeError))
