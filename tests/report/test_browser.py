@@ -102,6 +102,14 @@ def test_a_table_row_leads_to_its_place(browser, report):
     assert browser.run("document.querySelectorAll('.badge.pin').length") == 1
 
 
+@pytest.mark.parametrize(("width", "height"), [DESK, (1000, 700), PHONE])
+def test_buttons_of_rows_are_seen_without_scrolling_sideways(browser, report, width, height):
+    browser.open(report, width, height)
+    edges = browser.run("[...document.querySelectorAll('.goto button')].map(b => b.getBoundingClientRect().right)")
+    assert len(edges) > 6
+    assert max(edges) <= width
+
+
 def test_copy_hands_over_the_matrix(browser, report):
     browser.open(report, *SMALL)
     browser.click("[data-copy=form1]")
