@@ -110,7 +110,35 @@ class Choice(click.Choice[str]):
         return f"{str(value)!r} is not one of {', '.join(self.choices)}{did_you_mean(str(value), self.choices)}"
 
 
-@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+# Keywords of Python whose options have other names.
+KEYWORDS = {
+    "max-angle-deg": "max-angle",
+    "search-deg": "search",
+    "no-accelerate": "no-acceleration",
+    "viewpoints": "viewpoint",
+    "form": "format",
+}
+
+
+def spelling(word: str) -> str:
+    """The option that a word means, with its dashes or without, which may be spelled as the keyword of Python is.
+
+    >>> spelling("time_limit"), spelling("--max_angle_deg"), spelling("--time-limit")
+    ('time-limit', '--max-angle', '--time-limit')
+    """
+    name = word.removeprefix("--").replace("_", "-")
+    return ("--" if word.startswith("--") else "") + KEYWORDS.get(name, name)
+
+
+SETTINGS = {
+    "help_option_names": ["-h", "--help"],
+    "max_content_width": 110,
+    # Of options, and of the words of a `Choice`.
+    "token_normalize_func": spelling,
+}
+
+
+@click.group(cls=LazyGroup, context_settings=SETTINGS)
 @click.version_option(package_name="dqreg")
 def cli() -> None:
     """Register a scan to its CAD part or to another scan, with the uncertainty of the pose.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 import click
 
-from dqreg.cli.lazy_group import Choice, SectionedCommand
+from dqreg.cli.lazy_group import Choice, SectionedCommand, spelling
 from dqreg.errors import InputError
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ class PlaceCommand(SectionedCommand):
         words, left = list[str](), list(args)
         while left and left[0] != "--":
             word, equals, place = left.pop(0).partition("=")
-            if word != PLACE:
+            if spelling(word) != PLACE:
                 words.append(word + equals + place)
             elif equals or left:
                 first = place if equals else left.pop(0)

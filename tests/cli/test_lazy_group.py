@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import inspect
 import subprocess
 import sys
 
@@ -7,9 +8,11 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from dqreg.cli.lazy_group import ENTRIES, cli
+from dqreg import register, register_many
+from dqreg.cli.lazy_group import ENTRIES, cli, spelling
 from dqreg.cli.main import main
 from dqreg.cli.register import register_command
+from dqreg.odometry import OdometrySettings, write_trajectory
 
 
 def complete(words: str, at: int, shell: str = "bash") -> list[str]:
@@ -86,3 +89,41 @@ def test_a_report_says_that_it_may_be_printed(name: str) -> None:
     command = cli.get_command(click.Context(cli), name)
     report = next(option for option in command.params if option.name == "report")
     assert "PDF" in report.help.replace(".pdf", "PDF")
+
+
+def keywords() -> list[tuple[str, str, str]]:
+    """Options of commands, and the keyword of Python for the same."""
+    pairs, group = [], click.Context(cli)
+    called = (("register", register), ("batch", register), ("multiway", register_many), ("odometry", OdometrySettings))
+    for name, function in (*called, ("odometry", write_trajectory)):
+        command, known = cli.get_command(group, name), inspect.signature(function).parameters
+        for option in command.params:
+            keyword = next((each for each in (option.name, f"{option.name}s") if each in known), None)
+            if isinstance(option, click.Option) and keyword:
+                no = "no_" if getattr(option, "flag_value", None) is False else ""
+                pairs.append((name, option.opts[0], f"--{no}{keyword}"))
+    return pairs
+
+
+def test_every_option_may_be_spelled_as_the_keyword_of_python_is():
+    pairs = keywords()
+    assert {("register", "--max-angle", "--max_angle_deg"), ("odometry", "--search", "--search_deg"),
+            ("register", "--no-acceleration", "--no_accelerate"), ("multiway", "--viewpoint", "--viewpoints"),
+            ("odometry", "--format", "--form")} <= set(pairs)  # fmt: skip
+    assert len(pairs) > 40
+    for name, option, keyword in pairs:
+        for spelled in (keyword, f"--{keyword[2:].replace('_', '-')}"):
+            assert spelling(spelled) == option, (name, spelled)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("register", ["--max-angle", "30", "--time-limit", "2", "--no-acceleration", "--viewpoint", "1", "-2", "3"]),
+     ("register", ["--max-angle-deg", "30", "--time_limit=2", "--no_accelerate", "--viewpoint=1 -2 3"]),
+     ("register", ["--max_angle_deg=30", "--time_limit", "2", "--no-accelerate", "--viewpoints", "1", "-2", "3"])],
+)  # fmt: skip
+def test_keywords_give_the_same_values(name, words):
+    group = cli.make_context("dqreg", [name, "--help"])
+    found = cli.get_command(group, name).make_context(name, ["a_b.ply", "c_d.stl", *words], parent=group).params
+    assert (found["max_angle_deg"], found["time_limit"], found["accelerate"]) == (30.0, 2.0, False)
+    assert (found["viewpoint"], str(found["scan"])) == (((1.0, -2.0, 3.0),), "a_b.ply")
