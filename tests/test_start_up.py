@@ -47,6 +47,19 @@ def test_nothing_is_loaded_before_it_is_used(code, light):
     assert loaded_by(code) & set(light) == set()
 
 
+def test_a_registration_amid_clutter_loads_no_graphs_of_scipy():
+    # Fifty milliseconds, which a time limit knows nothing of.
+    code = """import sys, dqreg, numpy as np
+from dqreg.synth.parts import bracket
+part, rng = dqreg.Mesh(*bracket()), np.random.default_rng(63_301)
+points = np.vstack([part.corners.mean(axis=1), rng.uniform(0.0, 200.0, (600, 3)) * [1.0, 1.0, 0.0]])
+dqreg.register(points, part, "identity")
+sys.modules = {name.replace("scipy.sparse", "graphs"): None for name in sys.modules}"""
+    found = loaded_by(code)
+    assert "numba" in found
+    assert "graphs" not in found
+
+
 @pytest.mark.parametrize("words", [["--help"], ["register", "--help"], ["show", "-h"], ["batch", "-h"], ["demo", "-h"]])
 def test_help_loads_nothing_heavy(words):
     code = f"from dqreg.cli.lazy_group import cli; cli.main({words!r}, standalone_mode=False)"

@@ -195,9 +195,7 @@ def _on_one_circle(points: FloatArray, widths: FloatArray) -> bool:
 
 def connected(links: IntArray, count: int) -> tuple[int, IntArray]:
     """How many parts linked things make, and the part of each."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
+    from dqreg.kernels.components import components
 
-    graph = coo_array((np.ones(len(links), dtype=bool), (links[:, 0], links[:, 1])), shape=(count, count))
-    number, labels = connected_components(graph, directed=False)
-    return int(number), labels.astype(np.int64)
+    labels: IntArray = components(count, *np.ascontiguousarray(links.T, dtype=np.int64))
+    return int(labels.max(initial=-1)) + 1, labels

@@ -223,8 +223,8 @@ def _smooth_segments(
     points: FloatArray, own: FloatArray, fits: PlaneFits, indices: IntArray, flat: BoolArray
 ) -> tuple[IntArray, FloatArray]:
     """Segment of each point, -1 for those that are not flat, and the distance to the usual neighbour, (n,) each."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
+    # Not SciPy's: to import its graphs takes 50 ms of the first registration, which may have a time limit.
+    from dqreg.kernels.components import components
 
     one, two = np.repeat(np.arange(len(points)), indices.shape[1]), indices.ravel()
     apart = points[two] - points[one]
@@ -235,6 +235,5 @@ def _smooth_segments(
     aside = np.maximum(*(np.abs(np.einsum("ij,ij->i", own[k], apart)) for k in (one, two)))
     smooth = aside <= SMOOTH_SLOPE * lengths + SLOPE_RESIDUALS * np.maximum(fits.residuals[one], fits.residuals[two])
     smooth &= np.abs(np.einsum("ij,ij->i", own[one], own[two])) > SMOOTH_COS
-    graph = coo_matrix((np.ones(np.count_nonzero(smooth)), (one[smooth], two[smooth])), (len(points), len(points)))
-    labels = connected_components(graph, directed=False)[1]
-    return np.where(flat, labels, -1).astype(np.int64), spacing
+    labels = components(len(points), one[smooth], two[smooth])
+    return np.where(flat, labels, -1), spacing
