@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from dqreg.inspection import Decision, Deviations
+from dqreg.inspection import Deviations
+from dqreg.inspection.decision import decision_record
 from dqreg.inspection.regions import cut_of, regions_of
 from dqreg.report.colours import Scale, nice_above
 from dqreg.report.page import to_html
@@ -59,10 +60,12 @@ def judge(place: Place) -> dict[str, Any]:
         ],
     }
     if decision is None:
-        answer["faces"] = _rows(regions_of(found, cut_of(found)))
+        regions = [dataclasses.asdict(region) for region in regions_of(found, cut_of(found))]
+        answer["faces"] = [region | {"centre": region["centre"] + found.origin} for region in regions]
     else:
-        answer["decision"] = _without_regions(decision)
-        answer["faces"] = _rows(decision.regions)
+        # Centres in the part's frame, as places are.
+        answer["decision"] = decision_record(decision, found.origin)
+        answer["faces"] = answer["decision"].pop("regions")
         answer["bands"] = [dataclasses.asdict(band) for band in found.bands(decision.tolerance).rows]
     return answer
 
@@ -149,13 +152,3 @@ def _drawing(place: Place, found: Deviations, limit: float | None) -> dict[str, 
     gradient = {"low": scale.low, "high": scale.limit, "table": scale.table().ravel().tolist(), "signed": scale.signed}
     stand = drawn_pose(np.eye(4), 1.0, frame, frame)
     return words | {"file": "judged.bin", "step": step, "scale": gradient, "drawn": stand}
-
-
-def _rows(regions: Any) -> list[dict[str, Any]]:
-    return [dataclasses.asdict(region) for region in regions]
-
-
-def _without_regions(decision: Decision) -> dict[str, Any]:
-    found = dataclasses.asdict(decision)
-    found.pop("regions")
-    return found
