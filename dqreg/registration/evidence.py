@@ -31,9 +31,9 @@ from dqreg.trust.patch_tests import (
     patches_off,
     share_together,
     stretch_of,
-    waviness_of,
 )
 from dqreg.trust.strain import MIN_BEND, strain_of
+from dqreg.trust.waviness import waviness_of
 
 # A scan of fewer points does not know its own noise: neighbours stand on different faces. The pattern of the distances
 # has a say there; on denser scans clutter makes patterns of its own, and the noise is known.

@@ -29,9 +29,9 @@ from dqreg.geometry.vector_rows import lengths_of, row_dots
 from dqreg.rigid import pose, twist
 from dqreg.solvers.quadratic import plane_rows
 from dqreg.trust.deformation import deformation_of
-from dqreg.trust.patch_tests import waviness_of
 from dqreg.trust.robust_fit import robust_fit, weights_of
 from dqreg.trust.strain import STRAIN_SIGMAS_IN_CLUTTER, Strain, strain_of
+from dqreg.trust.waviness import waviness_of
 
 # Points that are compared; comparisons without which nothing is said.
 COMPARED_POINTS, MIN_COMPARISONS = 2_000, 60
@@ -179,14 +179,15 @@ class Overlap:
         noise = np.hypot(one.residuals, other.residuals)
         middles = 0.5 * (placed + fixed)
         both = Overlap(middles[kept], normals[kept], residuals[kept], noise[kept], inner[kept])
-        return both._at(both.inner | both._with_others())
+        return both.at(both.inner | both._with_others())
 
     @cached_property
     def on_no_edge(self) -> Overlap:
         """The places on no edge of either cloud: sensors err along edges, patches over an edge are of several faces."""
-        return self._at(self.inner)
+        return self.at(self.inner)
 
-    def _at(self, k: BoolArray) -> Overlap:
+    def at(self, k: BoolArray) -> Overlap:
+        """Some of the places, (n,)."""
         return Overlap(self.points[k], self.normals[k], self.residuals[k], self.noise[k], self.inner[k])
 
     def _with_others(self) -> BoolArray:
@@ -258,8 +259,7 @@ class Overlap:
         points = self.points[kept]
         if len(points) <= WAVE_NEIGHBOURS:
             return 0.0
-        tree = NeighbourTree(points, in_order=True)
-        beside = tree.nearest_to(np.arange(len(points)), WAVE_NEIGHBOURS + 1)[0][:, 1:]
+        beside = NeighbourTree(points, in_order=True).nearest_to(np.arange(len(points)), WAVE_NEIGHBOURS + 1)[0][:, 1:]
         shared, noise = waviness_of(self._moved[kept], self.normals[kept], beside)
         return shared if shared > WAVE_NOISE_RATIO * noise else 0.0
 

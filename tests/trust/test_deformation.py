@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from dqreg.compare.trust.kinds import KINDS
+from dqreg.registration.register import register
 from dqreg.rigid import pose, twist
 from dqreg.trust import deformation
-from dqreg.trust.deformation import ON_A_PART, deformation_of, may_be_deformed
+from dqreg.trust.deformation import ON_A_PART, Limit, Limits, deformation_of, may_be_deformed
 from tests.strategies import FloatArray
 from tests.trust.shapes import sphere
 
@@ -138,3 +140,35 @@ def test_what_a_fit_to_the_end_tells_two_rounds_of_it_do_not_rule_out(shape, mon
         assert at_once == to_the_end
         said.append(at_once > 0.0)
     assert 10 < sum(said) < 50
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_what_is_significant_beside_noise_from_point_to_point_is_not_where_neighbours_share_it(seed: int) -> None:
+    """A shear of 0.4 % at 8 standard deviations and more: the scatter knows a part of noise that is shared."""
+    rng = np.random.default_rng(seed)
+    points, normals = corner(rng)
+    order = np.lexsort([*np.round(6.0 * points.T), normals[:, 0]])
+    points, normals = points[order], normals[order]
+    moved = points + 0.004 * points[:, [1]] * np.array([1.0, 0.0, 0.0])
+    alone = residuals_of(points, normals, moved, rng)
+    shared = alone + NOISE * np.repeat(rng.normal(size=75), 20)
+    anyhow, alone_only = (Limits((), (Limit(8.0, 1e-4, 0.0, common),)) for common in (1.0, 0.1))
+    said = [
+        [deformation_of(points, normals, r, SIZE, limits) > 0.0 for limits in (anyhow, alone_only)]
+        for r in (alone, shared)
+    ]
+    assert said == [[True, True], [True, False]]
+
+
+def test_a_strain_that_shows_two_thirds_of_the_noise_of_points_is_told() -> None:
+    """Views of a part, one of them shorter by 3 % along an axis: at the true pose it had been accepted."""
+    task = KINDS["clouds-10-30"].task(52012)
+    along = np.array([-0.99, -0.03, 0.14])
+    source = task.source - 0.03 * np.outer((task.source - task.source.mean(axis=0)) @ along, along)
+    assert "deformed" in register(source, task.target, task.truths[0], search="never").verdict.codes
+
+
+def test_noise_that_neighbours_share_is_no_deformation() -> None:
+    """Views of a part with noise shared by 100 to 500 points: the right pose had been suspect."""
+    task = KINDS["clouds-nothing-shared"].task(20800)
+    assert register(task.source, task.target, task.truths[0], search="never").verdict.level == "accepted"

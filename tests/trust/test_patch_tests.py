@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 from dqreg._arrays import FloatArray
 from dqreg.geometry import PointCloud, prepare_scan
 from dqreg.geometry.normals import sample_rows
-from dqreg.trust.patch_tests import PATCH_POINTS, isolated, patches_off, share_displaced, share_together, waviness_of
+from dqreg.trust.patch_tests import PATCH_POINTS, isolated, patches_off, share_displaced, share_together
 
 WIDTH, NOISE = 0.01, 1e-3
 
@@ -52,25 +52,6 @@ def test_too_few_points_are_no_patch(count: int) -> None:
     none = np.zeros(count)
     counted, off = patches_off(np.zeros((count, 3)), none, none, np.ones(count, dtype=bool), WIDTH)
     assert (len(counted), len(off)) == (0, 0)
-
-
-def test_waves_are_what_neighbours_have_in_common_and_noise_is_not() -> None:
-    rng = np.random.default_rng(0)
-    x, up = np.linspace(0.0, 1.0, 2_000), np.tile([0.0, 0.0, 1.0], (2_000, 1))
-    # A wave of ten periods: neighbours four points apart differ in phase by 7 degrees at most.
-    wave = 3.0 * WIDTH * np.sin(20.0 * np.pi * x)
-    noise = WIDTH * rng.normal(size=(100, len(x)))
-    alone, both = ([waviness_of(row, up) for row in rows] for rows in (noise, wave + noise))
-    assert [shared for shared, _ in alone] == [0.0] * 100
-    assert [shared for shared, _ in both] == pytest.approx([3.0 * WIDTH / np.sqrt(2.0)] * 100, rel=0.05)
-    # The noise is known whether there is a wave or not, and to a factor of two beside a sheet of 30 % of the points.
-    sheet = np.where(rng.uniform(size=len(x)) < 0.3, 8.0 * WIDTH, 0.0)
-    for found in (alone, both):
-        assert [own for _, own in found] == pytest.approx([WIDTH] * 100, rel=0.12)
-    assert all(WIDTH < waviness_of(row + sheet, up)[1] < 2.0 * WIDTH for row in noise)
-    # The same residuals in another order have nothing in common; few say nothing.
-    assert waviness_of(rng.permutation(wave), up)[0] == 0.0
-    assert np.isnan(waviness_of(wave[:100], up[:100])[1])
 
 
 def test_points_of_one_feature_are_off_together_and_outliers_are_not() -> None:
