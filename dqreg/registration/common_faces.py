@@ -25,6 +25,7 @@ from dqreg.trust import Information
 from dqreg.trust.overlap import IndexedPoints, Overlap
 from dqreg.trust.patch_tests import INLIER_SIGMAS
 from dqreg.trust.robust_fit import robust_fit, weights_of
+from dqreg.trust.wall_places import without_walls
 
 # Points of two clouds of which what is left between them is asked.
 COMPARED = 30_000
@@ -64,7 +65,10 @@ def overlap_at(fit: Fit) -> Compared:
     # Where that was begun beside the loop, it is waited for.
     fit.problem.derived.once(INDEXED_TARGET, lambda: indexed_target(fit.target, fit.prepared.surface, target))
     stands = indexed_target(fit.target, fit.prepared.surface, target)
-    return moves, stands, Overlap.of(moves, stands, fit.T_target_source)
+    overlap = Overlap.of(moves, stands, fit.T_target_source)
+    if overlap is not None:
+        overlap = without_walls(overlap, moves, stands, fit.T_target_source, fit.prepared.surface.diagonal)
+    return moves, stands, overlap
 
 
 def on_common_faces(fit: Fit) -> Fit:

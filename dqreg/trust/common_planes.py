@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray, product
+from dqreg._arrays import BoolArray, FloatArray, IntArray, median, product
 from dqreg.geometry.normals import sample_rows
 from dqreg.kernels.threads import unlocked_property
 from dqreg.rigid import pose
@@ -73,7 +73,7 @@ class CommonPlanes:
         overlap: Overlap, moves: IndexedPoints, stands: IndexedPoints, T_target_source: FloatArray, size: float
     ) -> CommonPlanes | None:
         """Of two clouds of a size at a pose, (4, 4); None where they have no plane in common."""
-        within = max(PLANE_THICKNESS_DIAGONALS * size, PLANE_THICKNESS_SIGMAS * float(np.median(overlap.noise)))
+        within = plane_thickness(overlap, size)
         planes, shares = _planes(overlap, within)
         if not planes:
             return None
@@ -235,6 +235,11 @@ class CommonPlanes:
         return [Opposed.of(self.shown.sides, (one[k], other[k]), self.planes[k], within) for k in asked]
 
 
+def plane_thickness(overlap: Overlap, size: float) -> float:
+    """Distance within which places of two clouds of a size lie in one plane."""
+    return max(PLANE_THICKNESS_DIAGONALS * size, PLANE_THICKNESS_SIGMAS * median(overlap.noise))
+
+
 def _planes(overlap: Overlap, within: float) -> tuple[tuple[Plane, ...], tuple[float, ...]]:
     """Planes that hold the common places, the fullest first, and the share that each of them holds."""
     left = np.ones(len(overlap.points), dtype=bool)
@@ -244,7 +249,7 @@ def _planes(overlap: Overlap, within: float) -> tuple[tuple[Plane, ...], tuple[f
         rows = np.flatnonzero(left)
         if len(rows) < MIN_PLANE_SHARE * len(left) or (k >= CORNER_PLANES and sum(shares) >= COMMON_PLACE_SHARE):
             break
-        held = _fullest(overlap, rows[sample_rows(len(rows), TRIED_PLACES)], left, within)
+        held = fullest_plane(overlap, rows[sample_rows(len(rows), TRIED_PLACES)], left, within)
         points = overlap.points[held]
         middle = points.mean(axis=0)
         planes.append(Plane(middle, np.linalg.eigh((points - middle).T @ (points - middle))[1][:, 0]))
@@ -261,7 +266,7 @@ def _alike(overlap: Overlap, planes: tuple[Plane, ...], shares: tuple[float, ...
     return tuple((held / np.maximum(looking, held)).tolist())
 
 
-def _fullest(overlap: Overlap, tried: IntArray, left: BoolArray, within: float) -> BoolArray:
+def fullest_plane(overlap: Overlap, tried: IntArray, left: BoolArray, within: float) -> BoolArray:
     """Which places, (n,), of those left lie in the plane of one of some, of that in which most do."""
     normals = overlap.normals[tried]
     offsets = np.einsum("ij,ij->i", overlap.points[tried], normals)[:, None]
