@@ -39,7 +39,7 @@ from dqreg.search.scoring import EQUAL_LOG_LIKELIHOOD
 from dqreg.solvers.status import INTERRUPTED
 from dqreg.trust.code_sets import REASONS_OF_SCAN, REASONS_OF_SCAN_BETWEEN_CLOUDS
 from dqreg.trust.evidence import Evidence
-from dqreg.trust.limits import own_noise
+from dqreg.trust.limits import RIM_GAIN_SHARE, own_noise
 
 # Fraction of the points near a part that lie off it beyond which the same is done: right poses leave 0.002, and half
 # of the strays. Fewer than the verdict allows are evidence where they are no strays.
@@ -58,6 +58,8 @@ DOUBTFUL_DISPLACEMENT_DIAGONALS = 0.2
 # Points of two clouds near each other, and within their borders, of which so large a share lies apart: right poses of
 # one body leave 0.002.
 DOUBTFUL_APART_SHARE_OF_CLOUDS = 0.02
+# Share of a slide that rims name by which another pose may be nearer or farther: slides are tried in steps.
+SLIDE_ROUNDING = 0.25
 # By whether the mirror image is asked in any case.
 DOUBTFUL: dict[bool, Key[bool]] = {False: Key(), True: Key()}
 
@@ -219,7 +221,8 @@ class _Candidates:
 
     def best(self) -> int:
         """The answer: what the first rule that finds one says."""
-        for rule in (self._undoubted, self._sound_first, self._sound_and_better, self._sound_in_scene):
+        by_points = self._undoubted, self._sound_first, self._sound_and_better
+        for rule in (*by_points, self._sound_in_scene, self._sound_after_slide):
             if (best := rule()) is not None:
                 return best
         return self._likeliest()
@@ -249,6 +252,18 @@ class _Candidates:
     def _sound_in_scene(self) -> int | None:
         # A face of the part on the table explains more of a scene than the part does; the verdict is not deceived.
         return next((k for k in self._order if self._is_sound(k)), None) if is_scene(self._fits[0]) else None
+
+    def _sound_after_slide(self) -> int | None:
+        # Both sides of a wall laid on each other have more in common than there is; the rims beside them tell how far
+        # the right pose is, at which nothing may be left to say.
+        fit = self._fits[self._likeliest()]
+        gained, slide = evidence_of(fit, uncertainty_of(fit)).rims_elsewhere
+        if not gained > RIM_GAIN_SHARE:
+            return None
+        far = slide / fit.prepared.surface.diagonal
+        gaps = (displacement_between(fit, fit.T_target_source, other.T_target_source) for other in self._fits)
+        there = [abs(gap - far) <= SLIDE_ROUNDING * far for gap in gaps]
+        return next((k for k in self._order if there[k] and self._is_sound(k)), None)
 
     def _likeliest(self) -> int:
         best = self._likely[0]

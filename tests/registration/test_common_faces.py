@@ -156,3 +156,13 @@ def test_the_common_faces_are_asked_where_the_loop_is_wide_and_no_step_is_left(
     fit = fit.beside(pose.from_parts(np.eye(3), [aside, 0.0, 0.0]) @ fit.T_target_source)
     found = spread_on_common_faces(fit, replaced(fit.information, sigma=ratio * NOISE))
     assert (found is not None) == is_taken
+
+
+def test_sides_of_walls_that_were_laid_on_each_other_are_left_for_the_place_that_their_rims_name() -> None:
+    """Truth: of the views' generator. The pose had been wrong by the width of a wall, and the right one doubted."""
+    task = KINDS["clouds-30-50"].task(8602)
+    assert isinstance(task, TrustTask)
+    for start in (task.start, task.truths[0]):
+        found = dqreg.register(task.source, task.target, start)
+        assert is_right(found.T_target_source, task)[0]
+        assert found.verdict.level == "accepted"
