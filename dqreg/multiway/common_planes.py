@@ -13,11 +13,12 @@ from collections.abc import Sequence
 import numpy as np
 import scipy.sparse as sparse
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray
+from dqreg._arrays import FloatArray, IntArray
 from dqreg.multiway import dual_poses
 from dqreg.multiway.bodies import Body
 from dqreg.multiway.graph import PoseGraph, factorised, normal_matrix
 from dqreg.multiway.joint import CONVERGED_SPACINGS
+from dqreg.multiway.loose_motions import without_loose_motions
 from dqreg.multiway.pooled import Pieces, Pooled, centred
 from dqreg.multiway.spread import root_of
 from dqreg.multiway.step_prior import step_prior
@@ -41,8 +42,6 @@ FLAT_SPACINGS, FACE_SHARE = 0.1, 0.5
 PAIR_SIGMA_SPACINGS = 0.5
 # Points that face a motion of a scan, without which faces do not hold it, and without which covariances take it so.
 MIN_FACING_POINTS, MIN_COVARIANCE_POINTS = 2.0, 10.0
-# Share of the held motions of one scan that is none: nothing around holds what all scans together hold less.
-ADDED_INFORMATION_SHARE = 1e-6
 # A scan that moves by more spacings than this from where pairs put it is none that they put right.
 MAX_MOTION_SPACINGS = 3.0
 
@@ -79,16 +78,11 @@ def refine_on_planes(
     if any(body.scan is None for body in bodies) or not len(free):
         return None
     pooled = Pooled(bodies, size)
-    found = _refined(pooled, bodies, T_world_body, free, spacing, size, carried=False)
-    if found is None or not found.converged:
-        # With what no face holds left behind, all scans may drift away from it; carried along, that errs more where it
-        # can.
-        carried = _refined(pooled, bodies, T_world_body, free, spacing, size, carried=True)
-        found = found if carried is None else carried
+    found = _refined(pooled, bodies, T_world_body, free, spacing, size)
     steps = None if found is None or on_table is None else _steps(found, bodies, free, size, on_table)
     if found is None or steps is None:
         return found
-    held = _refined(pooled, bodies, found.T_world_body, free, spacing, size, carried=False, steps=steps)
+    held = _refined(pooled, bodies, found.T_world_body, free, spacing, size, steps)
     return found if held is None or not held.converged else dataclasses.replace(held, by_steps=True)
 
 
@@ -110,12 +104,11 @@ def _refined(
     free: IntArray,
     spacing: float,
     size: float,
-    *,
-    carried: bool,
     steps: PoseGraph | None = None,
 ) -> PlacedBodies | None:
-    """The same, with what no face holds of a scan left where pairs put it, or carried along by the scans around it."""
+    """The same, with what no face holds left where pairs, and steps, put it."""
     T, middle = centred(T_world_body, size)
+    least = MIN_FACING_POINTS if steps is None else MIN_COVARIANCE_POINTS
     begun, places = T, _Places.of(bodies, T, spacing / size, size, steps)
     scale, settled, rounds, moved = FIRST_SCALE_SPACINGS * spacing / size, 0, 0, np.inf
     while rounds < ROUNDS and settled < SETTLED_ROUNDS and not (settled and moved < STILL_SPACINGS * spacing / size):
@@ -127,13 +120,11 @@ def _refined(
             return None
         moved, scale = 0.0, lower
         for _ in range(STEPS_PER_ROUND):
-            T, motion = _stepped(
-                pieces, T, places, MIN_FACING_POINTS if settled and steps is None else 0.0, carried=carried
-            )
+            T, motion = _stepped(pieces, T, places, least if settled else 0.0)
             moved = max(moved, motion)
     if rough or _motion(bodies, begun, T, size) > MAX_MOTION_SPACINGS * spacing / size:
         return None
-    root = _root_of_covariance(pieces, T, places, size, carried=carried)
+    root = _root_of_covariance(pieces, T, places, size)
     found = _anchored(begun, T, free)
     found[:, :3, 3] = size * found[:, :3, 3] + middle
     relative = _relative(root, free)
@@ -195,11 +186,9 @@ class _Places:
         return pull, (held + normal_matrix(graph, graph.blocks(T))).tocsc()
 
 
-def _stepped(
-    pieces: Pieces, T: FloatArray, places: _Places, least: float, *, carried: bool
-) -> tuple[FloatArray, float]:
+def _stepped(pieces: Pieces, T: FloatArray, places: _Places, least: float) -> tuple[FloatArray, float]:
     """The next poses, and the largest motion of a scan's corners that faces hold."""
-    matrix, counts, slopes = _normal(pieces, T, places, least, carried=carried)
+    matrix, counts, slopes = _normal(pieces, T, places, least)
     gradient, each = np.zeros((len(T), 6)), np.arange(len(T))
     np.add.at(gradient, pieces.scans, slopes)
     pull, held = places.about(T)
@@ -212,12 +201,12 @@ def _stepped(
 
 
 def _normal(
-    pieces: Pieces, T: FloatArray, places: _Places, least: float, *, carried: bool
+    pieces: Pieces, T: FloatArray, places: _Places, least: float
 ) -> tuple[sparse.csc_matrix, sparse.csc_matrix, FloatArray]:
     """The matrix of the normal equations of all increments in the world, what of it counts, and the groups' slopes.
 
     What counts turns increments into those that faces hold, (6 n, 6 n); slopes (g, 6). Where fewer than so many points
-    face a motion of a scan, it rests on tilts of planes that nearly hold it, which follow the pose they were found at.
+    face a motion, it rests on tilts of planes that nearly hold it, which follow the poses they were found at.
     """
     from dqreg.kernels.plane_elimination import eliminate_planes
 
@@ -227,29 +216,9 @@ def _normal(
     row, column = np.nonzero(np.triu(table >= 0))
     upper = _placed(blocks[table[row, column]], row, column, len(T))
     matrix = (sparse.triu(upper) + sparse.triu(upper, 1).T).tocsc()
-    each = np.arange(len(T))
-    own = blocks[table[each, each]]
-    own = np.triu(own) + np.triu(own, 1).transpose(0, 2, 1)
-    to_length = places.lengths(T)
-    back = np.linalg.inv(to_length)
-    points, motions = np.linalg.eigh(back.transpose(0, 2, 1) @ own @ back * pieces.residual**2)
-    kept = back @ (motions * (points >= least)[:, None]) @ motions.transpose(0, 2, 1) @ to_length
-    return matrix, _counted(kept, table >= 0) if carried else _placed(kept, each, each, len(T)), slopes
-
-
-def _counted(kept: FloatArray, shared: BoolArray) -> sparse.csc_matrix:
-    """From increments to those that count, (6 n, 6 n): what no face holds moves with the scans around that faces hold.
-
-    Were it left out, the others would feel what the scan does to them and not the scan what they do to it: all of them
-    together would drift away from it. Shapes: kept (n, 6, 6), shared (n, n): Scans that see a face in common.
-    """
-    count = len(kept)
-    rows, columns = np.nonzero(shared & ~np.eye(count, dtype=bool))
-    total = np.tile(ADDED_INFORMATION_SHARE * np.eye(6), (count, 1, 1))
-    np.add.at(total, rows, kept[columns])
-    around = ((np.eye(6) - kept) @ np.linalg.inv(total))[rows] @ kept[columns]
-    each = np.arange(count)
-    return sparse.csc_matrix(_placed(kept, each, each, count) + _placed(around, rows, columns, count))
+    if not least:
+        return matrix, sparse.identity(matrix.shape[0], format="csc"), slopes
+    return matrix, without_loose_motions(matrix * pieces.residual**2, places.lengths(T), table >= 0, least), slopes
 
 
 def _table(pieces: Pieces, count: int) -> IntArray:
@@ -271,13 +240,13 @@ def _placed(blocks: FloatArray, rows: IntArray, columns: IntArray, count: int) -
     return sparse.csc_matrix((blocks.ravel(), (r, c)), shape=(6 * count, 6 * count))
 
 
-def _root_of_covariance(pieces: Pieces, T: FloatArray, places: _Places, unit: float, *, carried: bool) -> FloatArray:
+def _root_of_covariance(pieces: Pieces, T: FloatArray, places: _Places, unit: float) -> FloatArray:
     """What times its transpose is the covariance of increments about the world's origin, in lengths, (6 n, 6 n).
 
     A sandwich: pieces are independent of each other, whatever the scatter of each. Three numbers of a plane are fitted
     to its points, which makes their distances smaller than they are (HC3 of MacKinnon and White 1985).
     """
-    matrix, counts, slopes = _normal(pieces, T, places, MIN_COVARIANCE_POINTS, carried=carried)
+    matrix, counts, slopes = _normal(pieces, T, places, MIN_COVARIANCE_POINTS)
     each = np.arange(len(T))
     prior = places.about(T)[1]
     solve = factorised((counts.T @ matrix @ counts).tocsc() + prior, each).solve

@@ -6,7 +6,7 @@ import pytest
 from dqreg._arrays import FloatArray
 from dqreg.kernels.plane_elimination import BEFOREHAND, eliminate_planes
 from dqreg.multiway.bodies import Body
-from dqreg.multiway.common_planes import PAIR_SIGMA_SPACINGS, PlacedBodies, _counted, refine_on_planes
+from dqreg.multiway.common_planes import PAIR_SIGMA_SPACINGS, PlacedBodies, refine_on_planes
 from dqreg.multiway.scans import read_views, typical_spacing
 from dqreg.multiway.sides import body_of
 from dqreg.rigid import pose
@@ -61,23 +61,6 @@ def test_what_no_face_holds_stays_and_is_told() -> None:
         np.testing.assert_allclose(
             np.sqrt(np.diag(_of(found, k))[:2]), np.sqrt(2.0) * PAIR_SIGMA_SPACINGS * spacing, rtol=0.1
         )
-
-
-def test_what_counts_of_a_motion_that_all_scans_share_is_that_motion() -> None:
-    # Two of four scans are held in part; else scans that nothing holds would push all others away together.
-    rng = np.random.default_rng(3)
-    kept = np.tile(np.eye(6), (4, 1, 1))
-    for k in (0, 2):
-        axes = np.linalg.qr(rng.normal(size=(6, 6)))[0][:, :4]
-        kept[k] = axes @ axes.T
-    shared = np.ones((4, 4), dtype=bool)
-    shared[0, 3] = shared[3, 0] = False
-    counted, common = _counted(kept, shared), rng.normal(size=6)
-    np.testing.assert_allclose(counted @ np.tile(common, 4), np.tile(common, 4), atol=1e-5)
-    # What no face holds of a scan moves none of the others.
-    free = np.eye(6)[:, 0] - kept[2] @ np.eye(6)[:, 0]
-    moved = counted @ np.r_[np.zeros(12), free, np.zeros(6)]
-    np.testing.assert_allclose(moved, 0.0, atol=1e-9)
 
 
 def test_one_row_along_a_rim_holds_nothing() -> None:
