@@ -212,7 +212,7 @@ def test_a_scanner_on_a_robot_is_calibrated(tmp_path, capsys):
 
 def test_turntables_are_held_against_the_truth(capsys):
     # Poses that are 2e-3 off; 40 pixels are a sixth of what is usual.
-    (run,) = main_of("turntables")(["--views", "6", "--pixels", "40", "--start", "joint"])
+    (run,) = main_of("turntables")(["--views", "6", "--pixels", "40", "--start", "joint", "--seed", "203"])
     assert (run.placed, run.views, run.squared.shape) == (6, 6, (6,))
     assert run.median <= run.worst < 0.02
     assert "6 of 6 placed, 6 right" in capsys.readouterr().out

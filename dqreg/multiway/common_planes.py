@@ -40,7 +40,7 @@ NEW_NEIGHBOURS_SPACINGS, STILL_SPACINGS = 0.5, 2e-3
 FLAT_SPACINGS, FACE_SHARE = 0.1, 0.5
 # Standard deviation of the corners of a scan about where pairs put it, in spacings, for what no face holds.
 PAIR_SIGMA_SPACINGS = 0.5
-# Points that face a motion of a scan, without which faces do not hold it, and without which covariances take it so.
+# Points that face a motion, without which faces do not hold it, and without which covariances take it so.
 MIN_FACING_POINTS, MIN_COVARIANCE_POINTS = 2.0, 10.0
 # A scan that moves by more spacings than this from where pairs put it is none that they put right.
 MAX_MOTION_SPACINGS = 3.0
