@@ -82,7 +82,7 @@ def align_coarse_to_fine(
         # Planes lead from few points to all of them in a step or two: a level between would cost more than it saves.
         counts = [counts[0], *counts[1:][-1:]] if level.plan.fine is not None else counts
     run = finish(level, scan, counts[1:], run, observe)
-    return with_last_step(plan, settled_on_rims(level, run, observe))
+    return with_last_step(level, plan, settled_on_rims(level, run, observe), observe)
 
 
 def _coarse_end(level: Level, start: FloatArray, observe: Observer | None, first: int) -> tuple[Alignment, Level]:

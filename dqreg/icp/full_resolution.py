@@ -25,10 +25,11 @@ from dqreg.geometry.scan_measures import CLOUD_PARTS
 from dqreg.geometry.surface import Closest
 from dqreg.geometry.vector_rows import row_dots
 from dqreg.icp.correspondences import Correspondences, find_correspondences
+from dqreg.icp.held_steps import motions_of_shape, planes_along
 from dqreg.icp.informative_sampling import information_gain, sample_by_gain, sample_runs_by_gain
 from dqreg.icp.level import SAMPLING_LIMITED_POINTS, AnnealingSchedule, IcpSettings, Level
 from dqreg.icp.loop import Alignment, Observer, Run
-from dqreg.icp.noise_by_face import motions_of_creases
+from dqreg.icp.noise_by_face import motions_of_creases, points_to_weighted_faces, weights_by_face
 from dqreg.kernels.threads import TimeUpError, until
 from dqreg.rigid import pose
 
@@ -215,12 +216,23 @@ def _level_with_sample(level: Level, scan: Scan, count: int, *, last: bool, so_f
     return replaced(_level_on(level, so_far, scan.thinned(count)), last=last)
 
 
-def with_last_step(plan: IcpSettings, run: Alignment) -> Alignment:
-    """The run after one step of the last estimator, from its last correspondences: planes on a mesh have settled."""
+def with_last_step(level: Level, plan: IcpSettings, run: Alignment, observe: Observer | None) -> Alignment:
+    """The run after one step of the last estimator, from its last correspondences: planes on a mesh have settled.
+
+    Along what the shape of the part holds alone, where that leaves a motion free; the loop goes on along that before.
+    """
     if plan.last is None or not _is_settled_on_part(plan, run):
         return run
-    fit = plan.last(run.pairs, run.weights, run.mixture.scale)
-    return replaced(run, T_target_source=fit.T_target_source)
+    axes = motions_of_shape(run.pairs, run.weights) if plan.last is points_to_weighted_faces else None
+    if axes is None:
+        return replaced(run, T_target_source=plan.last(run.pairs, run.weights, run.mixture.scale).T_target_source)
+    along, near = planes_along(axes), replaced(level.plan, estimator=planes_along(axes))
+    level = replaced(level, plan=near, scan=run.pairs.scan, last=True, contraction=1.0)
+    held = level.once(run.mixture, FINE_SCHEDULE, observe, run.next_number, run.pairs)
+    if held.found:
+        run = replaced(held.after(run), earlier=run.earlier)
+    weights = weights_by_face(run.pairs, run.weights, run.mixture.scale)
+    return replaced(run, T_target_source=along(run.pairs, weights, run.mixture.scale).T_target_source)
 
 
 def settled_on_rims(level: Level, run: Alignment, observe: Observer | None) -> Alignment:

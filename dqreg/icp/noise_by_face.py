@@ -26,13 +26,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
-from dqreg.geometry.mesh_normals import smooth_normals_of
 from dqreg.geometry.mesh_surface import MeshSurface
 from dqreg.geometry.scan_measures import CLOUD_PARTS
 from dqreg.icp.correspondences import Correspondences
 from dqreg.icp.estimators import points_to_planes
+from dqreg.icp.held_steps import motions_of_smooth_surface
 from dqreg.solvers import Fit
-from dqreg.solvers.row_sums import FREE_SHARE, MotionSums, squared
+from dqreg.solvers.row_sums import squared
 
 # From correspondences, weights and a kernel scale to other weights.
 Weigher = Callable[[Correspondences, FloatArray, float], FloatArray]
@@ -165,22 +165,12 @@ def motions_of_creases(pairs: Correspondences, weights: FloatArray, width: float
     found = _creases(pairs, weights, width)
     if found is None or not _constrain(found.own, found.others):
         return np.zeros((6, 0)), np.zeros((6, 6))
-    axes, whole = _motions_of_smooth_surface(pairs, found.surface, weights), found.own + found.others
+    axes, whole = motions_of_smooth_surface(pairs, found.surface, weights), found.own + found.others
     values, turned = np.linalg.eigh(axes.T @ whole @ axes)
     known = values > RELATIVE_ROUNDING * values.sum()
     unit = axes @ turned[:, known] / np.sqrt(values[known])
     shares, mixtures = np.linalg.eigh(unit.T @ found.own @ unit)
     return unit @ mixtures[:, shares > ALONE_SHARE], whole
-
-
-def _motions_of_smooth_surface(pairs: Correspondences, surface: MeshSurface, weights: FloatArray) -> FloatArray:
-    """Axes of the motions that the surface holds which the facets approximate, (6, k): these hold a round shaft."""
-    found, middle = pairs.closest, np.asarray(surface.centre, dtype=np.float64)
-    smooth = smooth_normals_of(surface.mesh, found.points, found.elements, found.normals)
-    columns = pairs.moved, found.normals, smooth, np.zeros(len(weights)), weights, middle
-    sums = MotionSums.of(*columns, 0.5 * surface.diagonal, np.zeros(1, dtype=np.int64), np.eye(6))
-    values, axes = np.linalg.eigh(sums.of_smooth())
-    return np.asarray(axes[:, values >= FREE_SHARE * weights.sum()])
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
