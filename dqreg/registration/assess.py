@@ -19,6 +19,7 @@ from dqreg.registration.derived import Key
 from dqreg.registration.exposures import second_pose
 from dqreg.registration.fit import Fit
 from dqreg.registration.free_space import begin_free_space, looked_through_at, viewpoint_behind
+from dqreg.registration.held_both_ways import held_both_ways
 from dqreg.registration.held_motions import own_normals
 from dqreg.registration.loop_status import status_of
 from dqreg.registration.near_places import is_scene
@@ -100,6 +101,7 @@ def uncertainty_of(fit: Fit, *, by_rims: bool = True) -> Uncertainty:
         scatter = None if scatter is None else scatter / share**2
         of_both = spread_on_common_faces(fit, known)
         scatter = scatter if of_both is None else of_both
+        scatter = held_both_ways(fit, known, known.spread / share**2 if scatter is None else scatter)
         rims = slide_of(fit).by_rims if by_rims else np.nan
         known = replaced(known, sigma=known.sigma / share, scatter=scatter, by_rims=rims)
         return Uncertainty.of(known, fit.problem.units[1])
