@@ -23,8 +23,8 @@ from dqreg.trust.limits import CONSTRAINT_LOG_LIKELIHOOD
 
 # Motions are asked that fewer points hold than a share of the inliers, or that have less information than this.
 MAX_INFORMATION = 1e-3
-# A displacement by so many standard deviations has to cost the log-likelihood that holds a motion: under normal noise it
-# costs four times as much.
+# A displacement by so many standard deviations has to cost the log-likelihood that holds a motion: under normal noise
+# it costs four times as much.
 ASKED_SIGMAS = 2.0 * math.sqrt(2.0 * CONSTRAINT_LOG_LIKELIHOOD)
 # The farthest displacement that is tried, in sizes.
 FARTHEST_DIAGONALS = 0.1
