@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -39,6 +40,8 @@ REFINEMENT = Refinement(first=6e-3, steps=6)
 # Points that hold a motion at least, and the log-likelihood that one may lose at most: few strays hold nothing.
 FEWEST_HELD = 8
 MAX_POINT_LOG_LIKELIHOOD = CONSTRAINT_LOG_LIKELIHOOD / FEWEST_HELD
+# Standard deviations of a count that chance reaches.
+CHANCE_SIGMAS = 3.0
 # Log-likelihood of all points from which another pose is better; times that one is gone on from.
 BETTER_LOG_LIKELIHOOD, MAX_ROUNDS = 5.0, 2
 # Where points that gain clearly have more than this share of what others lose, the scan is divided.
@@ -103,18 +106,22 @@ def _slide_of(fit: Fit, share: float = 0.0) -> Slide:
 
 
 def _stays_on_part(fit: Fit, poses: FloatArray) -> bool:
-    """Whether one of k motions, displaced m times, (m, k, 4, 4), takes no point off the part, but for its facets.
+    """Whether one of k motions, displaced m times, (m, k, 4, 4), takes no more points off the part than it puts on.
 
-    To a scan without noise, facets of a round part are rims.
+    But for its facets: to a scan without noise, those of a round part are rims. A notch holds a rotation at its place
+    alone; elsewhere it is off some points before, and off as many after.
     """
     pairs, surface = fit.run.pairs, fit.prepared.surface
-    rows = np.flatnonzero(fit.run.weights > 0.0)
+    rows = np.flatnonzero(pairs.distances <= fit.agreement.near)
     rows = rows[sample_rows(len(rows), JUDGING_POINTS)]
-    points, off = pairs.scan.points[rows], pairs.distances[rows] + ON_PART_DIAGONALS * surface.diagonal
-    for along in poses.swapaxes(0, 1):
-        if all(np.count_nonzero(surface.closest(pose.apply(T, points)).distances > off) < FEWEST_HELD for T in along):
-            return True
-    return False
+    points, before, margin = pairs.scan.points[rows], pairs.distances[rows], ON_PART_DIAGONALS * surface.diagonal
+
+    def is_held(T: FloatArray) -> bool:
+        gaps = surface.closest(pose.apply(T, points)).distances - before
+        lost, put_on = np.count_nonzero(gaps > margin), np.count_nonzero(gaps < -margin)
+        return bool(lost - put_on >= FEWEST_HELD + CHANCE_SIGMAS * math.sqrt(put_on))
+
+    return any(not any(map(is_held, along)) for along in poses.swapaxes(0, 1))
 
 
 def _motions(fit: Fit, share: float) -> tuple[FloatArray, int]:

@@ -55,6 +55,19 @@ def test_facets_that_a_scan_without_noise_shows_are_no_rims() -> None:
     assert np.isnan(result.covariance).any()
 
 
+@pytest.mark.parametrize(("turn", "code"), [(0.0, "accepted"), (2.8, "unconstrained")])
+def test_a_keyway_holds_a_shaft_without_noise_in_its_own_place_alone(turn: float, code: str) -> None:
+    heights = [0.0, 20.0, 20.01, 27.99, 28.0, 33.0]
+    round_one = turned([(0.0, 0.0), *((10.0, z) for z in heights), (0.0, 33.0)], 256)
+    vertices = round_one.vertices.copy()
+    in_key = (np.abs(vertices[:, 1]) < 1.5) & (vertices[:, 0] > 9.0) & (np.abs(vertices[:, 2] - 24.0) < 3.995)
+    vertices[in_key, :2] *= 0.98
+    part = dqreg.Mesh(vertices, round_one.faces)
+    points = sample_mesh(part, 6_000, np.random.default_rng(0)).points
+    result = dqreg.register(points, part, pose.exp([0.02, 0.02, turn, 0.1, 0.1, 0.1]), search="never")
+    assert code in result.verdict.codes, result.verdict.reasons
+
+
 def test_residuals_are_of_the_inliers_however_far_the_part_may_deviate() -> None:
     part, rng = dqreg.Mesh(*bracket()), np.random.default_rng(0)
     scan = sample_mesh(part, 8_000, rng)
