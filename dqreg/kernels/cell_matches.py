@@ -72,6 +72,34 @@ def planes_in_cells(
             distances[i] = far if rows[i] < 0 else 0.0
 
 
+@compiled
+def leave_out_beams(
+    points: FloatArray,
+    eye: FloatArray,
+    sine: float,
+    feet: FloatArray,
+    normals: FloatArray,
+    distances: FloatArray,
+    variances: FloatArray,
+    in_cells: bool,
+) -> None:
+    """Take away the planes that lie along the beams from an eye, (3,), to their points, (n, 3), but for a sine. O(n).
+
+    What is left is that of a cell, or of a nearest point, that fixes no plane.
+    """
+    for i in range(len(points)):
+        if not variances[i] < np.inf:
+            continue
+        x, y, z = points[i, 0] - eye[0], points[i, 1] - eye[1], points[i, 2] - eye[2]
+        height = x * normals[i, 0] + y * normals[i, 1] + z * normals[i, 2]
+        if not height * height < sine * sine * (x * x + y * y + z * z):
+            continue
+        variances[i] = np.inf
+        normals[i, 0] = normals[i, 1] = normals[i, 2] = 0.0
+        if in_cells:
+            feet[i, 0], feet[i, 1], feet[i, 2], distances[i] = points[i, 0], points[i, 1], points[i, 2], 0.0
+
+
 @inside_kernels
 def _held_cell(a: int, b: int, c: int, table: Voxels, keys: IntArray, cells: Voxels) -> int:
     """Number of a cell that holds points, by where it is; -1 where there is none."""

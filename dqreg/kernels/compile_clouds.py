@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from dqreg.kernels.cell_blocks import cell_blocks, hand_down, joined_cells
-from dqreg.kernels.cell_matches import planes_in_cells
+from dqreg.kernels.cell_matches import leave_out_beams, planes_in_cells
 from dqreg.kernels.cell_planes import cell_planes
 from dqreg.kernels.cell_smoothing import held_by_sure, plane_columns, share_of_lined, smoothed_means
 from dqreg.kernels.close_points import close_points, facing_matches
@@ -155,6 +155,7 @@ def keep_maps() -> None:
     planes_in_cells(
         0, 0, flat, 1.0, table, keys, cells, sums, kept, 1, 1.0, keys, first.repeat(3), one, flat, flat, one, one
     )
+    leave_out_beams(flat, one, 1.0, flat, flat, one, one, True)
     grid, steps = np.zeros((1, 2), dtype=np.int32), np.zeros((0, 2), dtype=np.int64)
     runs_around(np.zeros((1, 1), dtype=np.bool_))
     count_on_runs(steps, keys, first, grid)

@@ -14,6 +14,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Closest, Scan
+from dqreg.geometry.beams import BEAM_SINE
 from dqreg.icp import Alignment, InlierMixture
 from dqreg.icp.correspondences import Correspondences, find_correspondences, moved_points
 from dqreg.icp.history import Iteration
@@ -78,7 +79,7 @@ def follow(
     last = 0.0
     while True:
         began = time.perf_counter()
-        pairs = before = (_in_cells if how.cells else find_correspondences)(scan, surface, T, before)
+        pairs = before = _without_beams((_in_cells if how.cells else find_correspondences)(scan, surface, T, before))
         enough = max(how.enough, SAMPLING_ERROR_SHARE * mixture.scale / math.sqrt(max(len(scan), 1)))
         # Normals err about two axes, each by half of their variance.
         least = 0.5 * SPURIOUS_INFORMATION_RATIO if len(history) >= how.holds else 0.0
@@ -116,6 +117,21 @@ def follow(
             status = "iteration limit"
         if status is not None:
             return Alignment(T, status, tuple(history), pairs, weights, mixture=mixture)
+
+
+def _without_beams(pairs: Correspondences) -> Correspondences:
+    """Correspondences just found, without the planes that their beams lie in.
+
+    Round a corner all points of one ring lie in the plane of its beams, with nothing over: no plane would count more,
+    and it holds the sensor where it was.
+    """
+    from dqreg.kernels.cell_matches import leave_out_beams
+
+    found = pairs.closest
+    assert found.variances is not None
+    places = found.points, found.normals, found.distances, found.variances
+    leave_out_beams(pairs.moved, pairs.T_target_source[:3, 3].copy(), BEAM_SINE, *places, isinstance(found, MapPlanes))
+    return pairs
 
 
 def _steps(
