@@ -19,6 +19,7 @@ def planes_in_cells(
     last: int,
     queries: FloatArray,
     size: float,
+    thin: float,
     table: Voxels,
     keys: IntArray,
     cells: Voxels,
@@ -57,7 +58,7 @@ def planes_in_cells(
             rows[i], variances[i], roughness[i] = cell, np.inf, 0.0
             if cell >= 0:
                 if planes[cell, 4] <= state:
-                    fit_cell(cell, a, b, c, size, table, keys, cells, sums, planes, state, plane, around)
+                    fit_cell(cell, a, b, c, size, thin, table, keys, cells, sums, planes, state, plane, around)
                 variances[i], roughness[i] = planes[cell, 3], planes[cell, 8]
             if variances[i] < np.inf:
                 for k in range(3):

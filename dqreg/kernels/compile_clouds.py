@@ -151,9 +151,9 @@ def keep_maps() -> None:
     distances_in_voxels(0, 0, flat, 1.0, 1.0, *held, one)
     kept, before = np.zeros((3 * CELLS, 9)), np.zeros((0, 3))
     found = first.repeat(3), one, one, flat, flat, one
-    closest_in_voxels(0, 0, flat, 1.0, 1.0, *held, sums, kept, 1, before, before[:, 0], 1.0, 1.0, *found)
+    closest_in_voxels(0, 0, flat, 1.0, 1.0, 1.0, *held, sums, kept, 1, before, before[:, 0], 1.0, 1.0, *found)
     planes_in_cells(
-        0, 0, flat, 1.0, table, keys, cells, sums, kept, 1, 1.0, keys, first.repeat(3), one, flat, flat, one, one
+        0, 0, flat, 1.0, 1.0, table, keys, cells, sums, kept, 1, 1.0, keys, first.repeat(3), one, flat, flat, one, one
     )
     leave_out_beams(flat, one, 1.0, flat, flat, one, one, True)
     grid, steps = np.zeros((1, 2), dtype=np.int32), np.zeros((0, 2), dtype=np.int64)

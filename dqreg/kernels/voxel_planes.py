@@ -33,6 +33,7 @@ def fit_cell(
     b: int,
     c: int,
     size: float,
+    thin: float,
     table: Voxels,
     keys: IntArray,
     cells: Voxels,
@@ -58,7 +59,7 @@ def fit_cell(
         # Of fewer no plane is kept but the widest.
         if full < ENOUGH and reach < WIDEST:
             continue
-        variance = _plane_of(count, around, reach, 0.5 * size, sums, normal) if full >= FEWEST else np.inf
+        variance = _plane_of(count, around, reach, 0.5 * size, thin, sums, normal) if full >= FEWEST else np.inf
         if variance < np.inf and full >= ENOUGH:
             break
     if not variance < np.inf:
@@ -72,7 +73,9 @@ def fit_cell(
 
 
 @inside_kernels
-def _plane_of(count: int, around: IntArray, reach: int, half: float, sums: Slots, normal: FloatArray) -> float:
+def _plane_of(
+    count: int, around: IntArray, reach: int, half: float, thin: float, sums: Slots, normal: FloatArray
+) -> float:
     """Write normal, middle from that of the cell, and roughness of the points in the cells around it; variance of it.
 
     What is there is seen best by its own cell: those of others count half as much for as many steps from it as
@@ -97,14 +100,16 @@ def _plane_of(count: int, around: IntArray, reach: int, half: float, sums: Slots
     xx, yy, zz = xx / n - sx * sx, yy / n - sy * sy, zz / n - sz * sz
     xy, xz, yz = xy / n - sx * sy, xz / n - sx * sz, yz / n - sy * sz
     # As many points of equal weight would tell as much.
-    return _thinnest(xx, yy, zz, xy, xz, yz, n * n / square, normal)
+    return _thinnest(xx, yy, zz, xy, xz, yz, n * n / square, thin, normal)
 
 
 @inside_kernels
 def _thinnest(
-    xx: float, yy: float, zz: float, xy: float, xz: float, yz: float, count: float, normal: FloatArray
+    xx: float, yy: float, zz: float, xy: float, xz: float, yz: float, count: float, thin: float, normal: FloatArray
 ) -> float:
     """Write the axis of the least eigenvalue of a covariance, and that; zero where it is a line's. Its variance.
+
+    What is wide by noise alone is a line as well: the second eigenvalue has to be more than ``thin``.
 
     The eigenvalue by Newton's method on the characteristic polynomial from below, where it is convex and falls: each
     step stays below the root. The axis is a row of the adjugate of what is left.
@@ -137,7 +142,7 @@ def _thinnest(
     large = 0.5 * (total + np.sqrt(max(total * total - 4.0 * product, 0.0)))
     small = total - large
     length = np.sqrt(x * x + y * y + z * z)
-    if not small > LINE * large or not length > 0.0:
+    if not small > max(LINE * large, thin) or not length > 0.0:
         return np.inf
     normal[0], normal[1], normal[2], normal[6] = x / length, y / length, z / length, root
     variance: float = root / count * (1.0 / small + 1.0 / large)
@@ -151,6 +156,7 @@ def closest_in_voxels(
     queries: FloatArray,
     within: float,
     size: float,
+    thin: float,
     points: FloatArray,
     links: IntArray,
     table: Voxels,
@@ -208,7 +214,7 @@ def closest_in_voxels(
         a, b, c = int(np.floor(x / half)), int(np.floor(y / half)), int(np.floor(z / half))
         cell = int(links[row, 1]) * CELLS + 4 * (a & 1) + 2 * (b & 1) + (c & 1)
         if planes[cell, 4] <= state:
-            fit_cell(cell, a, b, c, size, table, keys, cells, sums, planes, state, normal, around)
+            fit_cell(cell, a, b, c, size, thin, table, keys, cells, sums, planes, state, normal, around)
         for k in range(3):
             feet[i, k], normals[i, k] = points[row, k], planes[cell, k]
         variances[i] = planes[cell, 3]

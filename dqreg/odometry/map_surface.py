@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dqreg._arrays import FloatArray, IntArray, bounds
+from dqreg.geometry.normals import MIN_SPREAD_RATIO
 from dqreg.geometry.surface import Closest, Hint
 
 Rows = TypeVar("Rows", bound=NDArray[Any])
@@ -77,8 +78,10 @@ class MapSurface:
 
     oriented = False
 
-    def __init__(self, size: float, most: int, reach: float, points: FloatArray | None = None) -> None:
-        self._size, self._most, self._reach = size, most, reach
+    def __init__(
+        self, size: float, most: int, reach: float, points: FloatArray | None = None, *, noise: float = 0.0
+    ) -> None:
+        self._size, self._most, self._reach, self._thin = size, most, reach, MIN_SPREAD_RATIO * noise**2
         self._counts, self._state = np.zeros(COUNTERS, dtype=np.int64), 0
         self._low, self._high = np.full(3, np.inf), np.full(3, -np.inf)
         self._points, self._planes = np.zeros((0, 3)), np.zeros((0, 8, PLANE_NUMBERS))
@@ -168,7 +171,7 @@ class MapSurface:
     @property
     def _held(self) -> tuple[Any, ...]:
         whole = self._points, self._links, self._table, self._keys, self._cells, self._voxels
-        return self._size, *whole, self._slots, self._members
+        return *whole, self._slots, self._members
 
     def closest(self, points: FloatArray, hint: Hint | None = None, within: float = np.inf) -> Closest:
         """Nearest map point for each query, (n, 3), with the normal there; zero where the cells fix none.
@@ -190,6 +193,8 @@ class MapSurface:
             feet, normals = np.zeros((2, count, 3))
         asked = (
             min(within, self._reach),
+            self._size,
+            self._thin,
             *self._held,
             self._sums.reshape(-1, VOXEL_SUMS[1]),
             self._planes.reshape(-1, PLANE_NUMBERS),
@@ -212,7 +217,7 @@ class MapSurface:
         found = MapPlanes.none(len(points)) if before is None else before.copied()
         places = found.asked, found.elements, found.distances, found.points
         columns = *places, found.normals, found.variances, found.roughness
-        held = self._size, self._table, self._keys, self._cells, self._sums.reshape(-1, VOXEL_SUMS[1])
+        held = self._size, self._thin, self._table, self._keys, self._cells, self._sums.reshape(-1, VOXEL_SUMS[1])
         planes = self._planes.reshape(-1, PLANE_NUMBERS), self._state, self._reach
         # Of those that were asked before few lie elsewhere: less than it costs to hand them over.
         chunk = PLANE_CHUNK_QUERIES if before is None else KNOWN_PLANE_CHUNK_QUERIES
@@ -225,7 +230,7 @@ class MapSurface:
         from dqreg.kernels.voxel_nearest import distances_in_voxels
 
         found = np.zeros(len(points))
-        asked = as_plain(points), min(cap, self._reach), *self._held
+        asked = as_plain(points), min(cap, self._reach), self._size, *self._held
         over_chunks(distances_in_voxels, len(points), *asked, found, chunk=PLANE_CHUNK_QUERIES)
         return found
 

@@ -9,6 +9,8 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
+from dqreg.geometry.beams import Beams, beams_of
+from dqreg.geometry.morton import morton_order
 
 # Voxel over the median range of the first frame: 0.4 m in halls and streets, 0.1 m on a desk.
 VOXEL_SHARE = 0.05
@@ -17,6 +19,8 @@ VOXEL_SHARE = 0.05
 MAP_RANGE_RATIO, OUTLIER_RANGE_RATIO = 2.0, 10.0
 # Largest distance of a pair, in voxels: while the pose is sought, and on the last level.
 REACH_VOXELS, NEAR_VOXELS = 5.0, 1.25
+# Points from which on rings are looked for.
+MIN_RINGED_POINTS = 1_000
 
 
 Method = Literal["plane", "dq", "dq-points"]
@@ -146,7 +150,14 @@ class OdometrySettings:
             reach=REACH_VOXELS * voxel,
             near=NEAR_VOXELS * voxel,
             threads=self.threads,
+            noise=_noise_in_rings(points),
         )
+
+
+def _noise_in_rings(points: FloatArray) -> float:
+    """How far points lie off the lines of their rings, a standard deviation; 0 where they lie in none."""
+    beams = beams_of(points, morton_order(points)) if len(points) >= MIN_RINGED_POINTS else Beams()
+    return 0.0 if beams.origin is None else beams.noise
 
 
 def with_options(settings: OdometrySettings, options: OdometryOptions) -> OdometrySettings:
@@ -170,3 +181,4 @@ class Resolved:
     reach: float  # Largest distance of a pair while the pose is sought
     near: float  # Largest distance of a pair on the last level
     threads: int
+    noise: float = 0.0  # Of points beside each other on rings, a standard deviation; 0 where they lie in none

@@ -83,7 +83,8 @@ class _Made:
     @staticmethod
     def of(lengths: Resolved, points: FloatArray, counted_at: FloatArray) -> _Made:
         """Of points alone."""
-        made = MapSurface(lengths.voxel_size, lengths.max_points_per_voxel, lengths.reach, points)
+        of_map = lengths.voxel_size, lengths.max_points_per_voxel, lengths.reach
+        made = MapSurface(*of_map, points, noise=lengths.noise)
         return _Made(lengths, made, counted_at)
 
     def grown(self, points: Callable[[], FloatArray], T_map_frame: FloatArray) -> _Made:
