@@ -18,14 +18,12 @@ from dqreg.odometry.frame import DownsampledFrame, RawFrame
 from dqreg.odometry.kiss import KissParts, rigid
 from dqreg.odometry.prediction import Prediction
 from dqreg.odometry.settings import Resolved
+from dqreg.odometry.standing import Standing
 from dqreg.odometry.starts import predict
 from dqreg.odometry.tracker import Tracker
 from dqreg.odometry.voxel_map import VoxelMap
 from dqreg.registration.result import Registration
 from dqreg.rigid import pose
-
-# What a trial changes, and what is taken back where it fails.
-TRIED = ("_map", "_T_last", "_motion", "_T_doubtful", "_link", "_kept_out")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -61,18 +59,15 @@ class ColdStartTracker(Tracker):
         found = super()._register(kiss, world, lengths, frame, raw, ratio, expected, insert=insert)
         if suspect is None or "lost" not in found.verdict.codes or not insert:
             return found
-        before, timeline = {name: vars(self)[name] for name in TRIED}, self._timeline
-        missed, self._suspect = timeline.missed, None
-        self._map = VoxelMap(lengths, world.points)
-        self._map.insert(lambda: suspect.frame.dense, suspect.T_map_frame)
-        self._T_last, self._motion, self._T_doubtful = suspect.T_map_frame, suspect.motion, None
-        self._link, self._kept_out = MapLink.hanging_on(suspect.number), 0
+        before, timeline = self._at, self._timeline
+        missed, self._suspect, tried = timeline.missed, None, VoxelMap(lengths, world.points)
+        tried.insert(lambda: suspect.frame.dense, suspect.T_map_frame)
+        self._at = Standing(suspect.T_map_frame, suspect.motion, tried, MapLink.hanging_on(suspect.number))
         timeline.resume(timeline.count - suspect.number - 1)
-        again = super()._register(kiss, self._map, lengths, frame, raw, timeline.steps, expected, insert=True)
+        again = super()._register(kiss, tried, lengths, frame, raw, timeline.steps, expected, insert=True)
         if again.verdict.level != "failed":
             return again
-        vars(self).update(before)
-        timeline.missed, self._suspect = missed, suspect
+        self._at, self._suspect, timeline.missed = before, suspect, missed
         return found
 
     def _learn(
@@ -86,7 +81,7 @@ class ColdStartTracker(Tracker):
         enters: bool,
         insert: bool,
     ) -> None:
-        steps, T_last = self._timeline.steps, self._T_last
+        steps, T_last = self._timeline.steps, self._at.T_last
         super()._learn(kiss, world, frame, result, T_predicted, enters=enters, insert=insert)
         if enters:
             self._suspect = None

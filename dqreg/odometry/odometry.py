@@ -22,6 +22,7 @@ from dqreg.odometry.kiss import KissParts, load_kiss, rigid
 from dqreg.odometry.map_file import SavedMap, load_map, save_map
 from dqreg.odometry.prediction import Prediction
 from dqreg.odometry.settings import OdometryOptions, OdometrySettings, Resolved, with_options
+from dqreg.odometry.standing import Standing
 from dqreg.odometry.tracker import MIN_POINTS
 from dqreg.odometry.turned import equal_turns
 from dqreg.odometry.voxel_map import VoxelMap
@@ -86,7 +87,7 @@ class Odometry(ColdStartTracker):
 
     def __getstate__(self) -> dict[str, Any]:
         """What a copy or a pickle holds: there is none once a map is begun, parts of which are KISS-ICP's own."""
-        if self._map is not None:
+        if self._at.world is not None:
             raise InputError(
                 "an Odometry with a map can be neither pickled nor copied: Odometry.save writes its map, last pose and "
                 "settings to a file, and Odometry.load goes on from there, elsewhere too; its trajectory is in poses"
@@ -121,12 +122,12 @@ class Odometry(ColdStartTracker):
     @property
     def last_pose(self) -> FloatArray:
         """Pose of the last frame that was trusted, (4, 4); one that was kept out of the map does not change it."""
-        return self._T_last.copy()
+        return self._at.T_last.copy()
 
     @property
     def local_map(self) -> FloatArray:
         """Points of the map, (n, 3)."""
-        return np.zeros((0, 3)) if self._map is None else self._map.points.copy()
+        return np.zeros((0, 3)) if self._at.world is None else self._at.world.points.copy()
 
     def register_frame(
         self,
@@ -219,18 +220,18 @@ class Odometry(ColdStartTracker):
             If there is no map, or too few points are left.
         """
         raw = read_frame(points, None)
-        if self._kiss is None or self._map is None or self._lengths is None:
+        if self._kiss is None or self._at.world is None or self._lengths is None:
             raise InputError("there is no map to be found in: register a frame first, or load a map")
         frame = downsample_frame(raw, self._lengths)
         if frame is None or len(frame.scan) < MIN_POINTS:
             raise InputError(f"downsampling leaves too few of {len(raw.points)} points; {MIN_POINTS} are needed")
-        found = register(PointCloud(frame.dense, viewpoint=np.zeros(3)), self._map.points, start)
+        found = register(PointCloud(frame.dense, viewpoint=np.zeros(3)), self._at.world.points, start)
         if found.verdict.level == "accepted" and start is None:
-            found = self._without_equal_turn(found, frame, self._map, self._lengths)
+            found = self._without_equal_turn(found, frame, self._at.world, self._lengths)
         if found.verdict.level == "accepted":
-            self._T_last, self._motion, self._first = rigid(found.T_target_source), np.eye(4), None
-            self._T_doubtful, self._kept_out, self._link = None, 0, MapLink(is_held=True)
-            self._timeline.missed, self._timeline.slid, self._unlike, self._suspect = 0, 0, None, None
+            self._at = Standing(rigid(found.T_target_source), world=self._at.world, link=MapLink(is_held=True))
+            self._timeline.missed, self._timeline.slid, self._first = 0, 0, None
+            self._unlike = self._suspect = None
         return found
 
     def _without_equal_turn(
@@ -262,9 +263,9 @@ class Odometry(ColdStartTracker):
         InputError
             If there is no map yet, or the file cannot be written.
         """
-        if self._map is None or self._lengths is None:
+        if self._at.world is None or self._lengths is None:
             raise InputError("there is no map to save; register a frame first")
-        save_map(path, SavedMap(self._map.points, self._T_last, self.settings, self._lengths))
+        save_map(path, SavedMap(self._at.world.points, self._at.T_last, self.settings, self._lengths))
 
     @staticmethod
     def load(path: str | Path) -> Odometry:
@@ -288,5 +289,5 @@ class Odometry(ColdStartTracker):
         saved = load_map(path)
         made = Odometry(saved.settings, start=saved.T_map_frame)
         made._lengths, made._kiss = saved.lengths, KissParts(saved.lengths)
-        made._map = VoxelMap(saved.lengths, saved.points)
+        made._at = Standing(saved.T_map_frame, world=VoxelMap(saved.lengths, saved.points))
         return made

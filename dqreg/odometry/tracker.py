@@ -12,7 +12,7 @@ from dqreg._arrays import FloatArray, as_pose, median
 from dqreg.icp import Alignment
 from dqreg.kernels.threads import Later
 from dqreg.odometry.align import MIN_POINTS_FOR_CELLS, FrameSearch
-from dqreg.odometry.assess import LOST_FRACTION, MapLink, first_frame, frame_result, information_of_place
+from dqreg.odometry.assess import LOST_FRACTION, first_frame, frame_result, information_of_place
 from dqreg.odometry.deskewing import REPEATED_MISFIT_VOXELS, Deskewed, undo_first_sweep
 from dqreg.odometry.frame import DownsampledFrame, RawFrame
 from dqreg.odometry.kiss import KissParts, rigid
@@ -21,6 +21,7 @@ from dqreg.odometry.repeats import like_itself, similar_shifts, with_met_normals
 from dqreg.odometry.rivals import ComparedFrame, is_free, looked_through, map_sample, placed, share_looked_through
 from dqreg.odometry.self_similarity import FrameView
 from dqreg.odometry.settings import OdometrySettings, Resolved
+from dqreg.odometry.standing import Standing
 from dqreg.odometry.starts import Pace, predict
 from dqreg.odometry.timeline import Timeline
 from dqreg.odometry.turned import Since, TurnedFrame, compared_turns
@@ -53,22 +54,18 @@ class Tracker:
     def _begin(self, start: Any) -> None:
         self._lengths: Resolved | None = None
         self._kiss: KissParts | None = None
-        self._map: VoxelMap | None = None
-        self._T_last = np.eye(4) if start is None else as_pose(start, "start")
-        self._motion = np.eye(4)
-        self._T_doubtful: FloatArray | None = None
+        self._at = Standing(np.eye(4) if start is None else as_pose(start, "start"))
         self._usual: deque[float] = deque(maxlen=USUAL_FRACTION_FRAMES)
         self._pace = Pace()
         # The first frame, while nobody knows the motion during its sweep.
         self._first: DownsampledFrame | None = None
         # Whether the motion is what this frame and the first one told together.
         self._is_under_way = False
-        self._kept_out = 0  # Frames kept out of the map in a row
         # Where a frame was like itself nowhere.
         self._unlike: FloatArray | None = None
         # What the last frame saw.
         self._view: FrameView | None = None
-        self._timeline, self._link = Timeline(self.settings.history), MapLink()
+        self._timeline = Timeline(self.settings.history)
 
     def _place(self, raw: RawFrame, ratio: float, expected: Prediction | None, *, insert: bool) -> Registration:
         if not len(raw.points):
@@ -77,8 +74,9 @@ class Tracker:
         kiss = self._kiss or KissParts(lengths)
         if expected is not None and self._kiss is not None:
             # What deskews the frame: the motion that is expected, over all of the frames that it spans.
-            step = rigid(pose.inverse(self._T_last) @ expected.T_map_frame)
-            self._motion = rigid(predict(np.eye(4), step, 1.0 / self._timeline.span))
+            step = rigid(pose.inverse(self._at.T_last) @ expected.T_map_frame)
+            motion = rigid(predict(np.eye(4), step, 1.0 / self._timeline.span))
+            self._at = dataclasses.replace(self._at, motion=motion)
         frame = raw.downsampled(lengths)
         if frame is None or len(frame.seen) < MIN_POINTS:
             why = (
@@ -86,24 +84,25 @@ class Tracker:
                 f"{lengths.max_range:.4g}, voxels of {lengths.voxel_size:.4g}); {MIN_POINTS} are needed"
             )
             return self._failed(why, raw, "too few points")
-        if self._map is None:
-            self._lengths, self._kiss, self._map = lengths, kiss, VoxelMap(lengths)
-            self._T_last = self._T_last if expected is None else expected.T_map_frame
-            self._merge(self._map, frame)
+        if self._at.world is None:
+            self._lengths, self._kiss, world = lengths, kiss, VoxelMap(lengths)
+            T = self._at.T_last if expected is None else expected.T_map_frame
+            self._merge(world, frame, dataclasses.replace(self._at, world=world, T_last=T))
             self._first = None if frame.back is None else frame
-            return first_frame(self._T_last, raw.notes, self._settings_of(frame))
-        self._is_under_way = self._undo_first_sweep(self._map, lengths, frame, ratio)
-        return self._register(kiss, self._map, lengths, frame, raw, ratio, expected, insert=insert)
+            return first_frame(self._at.T_last, raw.notes, self._settings_of(frame))
+        self._is_under_way = self._undo_first_sweep(self._at.world, lengths, frame, ratio)
+        return self._register(kiss, self._at.world, lengths, frame, raw, ratio, expected, insert=insert)
 
     def _undo_first_sweep(self, world: VoxelMap, lengths: Resolved, frame: DownsampledFrame, ratio: float) -> bool:
         """Make the map anew of the first frame without the motion during its sweep; whether that was found."""
         if self._first is None or frame.back is None:
             return False
-        search = FrameSearch(world.surface, lengths, self.settings, np.nan, [(self._T_last, self._T_last)])
+        search = FrameSearch(world.surface, lengths, self.settings, np.nan, [(self._at.T_last, self._at.T_last)])
         sweep = undo_first_sweep(search, self._first, frame, ratio)
         if sweep is None:
             return False
-        self._first, self._motion, self._map = None, sweep.motion, sweep.map or world
+        self._first = None
+        self._at = dataclasses.replace(self._at, motion=sweep.motion, world=sweep.map or world)
         return sweep.fits
 
     def _ahead(self, raw: RawFrame) -> RawFrame:
@@ -128,16 +127,16 @@ class Tracker:
         *,
         insert: bool,
     ) -> Registration:
-        T_predicted = rigid(predict(self._T_last, self._motion, ratio)) if expected is None else expected.T_map_frame
-        surface = world.surface
-        T_likely, motion = T_predicted, self._motion
+        T_last, motion = self._at.T_last, self._at.motion
+        T_predicted = rigid(predict(T_last, motion, ratio)) if expected is None else expected.T_map_frame
+        surface, T_likely = world.surface, T_predicted
         if expected is None:
-            T_likely, motion = self._pace.expect(self._T_last, self._motion, ratio)
+            T_likely, motion = self._pace.expect(T_last, motion, ratio)
         else:
             self._pace.leave(T_predicted)
         frame = frame.without(motion)
         # Points farther off than its own can reach cannot be met.
-        surface.about(self._T_last[:3, 3], frame.reach + lengths.reach)
+        surface.about(T_last[:3, 3], frame.reach + lengths.reach)
         anchors, is_told = self._anchors(rigid(T_likely)), expected is not None and expected.holds(lengths.reach)
         search = FrameSearch(surface, lengths, self.settings, self._usual_fraction, anchors, is_told)
         # With times it is deskewed once more, and seen then.
@@ -164,9 +163,9 @@ class Tracker:
         # For the next frame, which is taken for as dense.
         self._view = seen.result()
         found = frame_result(place, information, frame, self._usual_fraction, notes, self._settings_of(frame), expected)
-        slides = self._link.slides(found) and self._kept_out < self.settings.patience
+        slides = self._at.link.slides(found) and self._at.kept_out < self.settings.patience
         enters = grows or (self._is_absorbed(place) and not slides)
-        result = self._link.linked(found, place, self._timeline.count, merged=enters)
+        result = self._at.link.linked(found, place, self._timeline.count, merged=enters)
         if similar is not None:
             self._unlike = None if len(similar.result()) else T
         if result.verdict.level != "accepted":
@@ -198,7 +197,7 @@ class Tracker:
         if expected is not None or self._slides_on(deskewed.aligned):
             return TurnedFrame(deskewed)
         steps = self._timeline.span
-        since = Since(steps, rigid(predict(self._T_last, self._motion, steps)))
+        since = Since(steps, rigid(predict(self._at.T_last, self._at.motion, steps)))
         # Rarely asked for.
         view = seen or self._seen(deskewed.frame, search.lengths, beside=False)
         return compared_turns(
@@ -222,7 +221,7 @@ class Tracker:
         """Whether a frame is absorbed: one that has a pose, and fits as usual, or the last ones did not either."""
         aligned = place.aligned
         fits = place.is_escaped or fraction_fits(aligned.inlier_fraction, self._usual_fraction)
-        accepted = (fits and not place.is_refused) or self._kept_out >= self.settings.patience
+        accepted = (fits and not place.is_refused) or self._at.kept_out >= self.settings.patience
         return aligned.found and aligned.inlier_fraction >= LOST_FRACTION and accepted
 
     def _deviation(self, kiss: KissParts, aligned: Alignment, expected: Prediction | None) -> float:
@@ -238,13 +237,13 @@ class Tracker:
 
     def _surely_enters(self, place: ComparedFrame, frame: DownsampledFrame) -> bool:
         """Whether a frame is absorbed whatever its information says: it leaves no motion free that the map held."""
-        may_slide = self._link.is_held and (place.is_free or len(frame.seen) < MIN_POINTS_FOR_CELLS)
+        may_slide = self._at.link.is_held and (place.is_free or len(frame.seen) < MIN_POINTS_FOR_CELLS)
         return self._is_absorbed(place) and not may_slide
 
     def _anchors(self, T_predicted: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
         """Where the sensor may be: at the last trusted pose going on, or at the last doubtful one."""
-        anchors = [(self._T_last, T_predicted)]
-        return anchors if self._T_doubtful is None else [*anchors, (self._T_doubtful, self._T_doubtful)]
+        anchors = [(self._at.T_last, T_predicted)]
+        return anchors if self._at.T_doubtful is None else [*anchors, (self._at.T_doubtful, self._at.T_doubtful)]
 
     def _learn(
         self,
@@ -262,37 +261,36 @@ class Tracker:
             return
         T = result.T_target_source
         if not enters:
-            self._kept_out += 1
             self._timeline.missed += 1
-            self._timeline.slid += (slides := self._link.slides(result))
-            self._T_doubtful = self._T_doubtful if slides else T
+            self._timeline.slid += (slides := self._at.link.slides(result))
+            T_doubtful = self._at.T_doubtful if slides else T
+            self._at = dataclasses.replace(self._at, T_doubtful=T_doubtful, kept_out=self._at.kept_out + 1)
             return
         deviation = pose.inverse(T_predicted) @ T
         kiss.learn(deviation)
         # Of a gap only the mean motion is known, and of one that nobody measured none.
-        step = pose.inverse(self._T_last) @ T
-        before, ahead = self._motion, self._timeline.is_ahead
-        self._motion = before if ahead else rigid(predict(np.eye(4), step, 1.0 / self._timeline.steps))
-        self._pace.learn(frame.scan._spread, T, before, self._motion)
+        step = pose.inverse(self._at.T_last) @ T
+        before, ahead = self._at.motion, self._timeline.is_ahead
+        motion = before if ahead else rigid(predict(np.eye(4), step, 1.0 / self._timeline.steps))
+        self._pace.learn(frame.scan._spread, T, before, motion)
         self._timeline.trust()
-        self._T_last = T
         self._usual.append(result.inlier_fraction)
-        self._merge(world, frame, insert=insert)
+        self._merge(world, frame, dataclasses.replace(self._at, T_last=T, motion=motion), insert=insert)
 
     @property
     def _usual_fraction(self) -> float:
         return median(np.array(self._usual))
 
-    def _merge(self, world: VoxelMap, frame: DownsampledFrame, *, insert: bool = True) -> None:
+    def _merge(self, world: VoxelMap, frame: DownsampledFrame, at: Standing, *, insert: bool = True) -> None:
         if insert:
-            world.insert(lambda: frame.dense, self._T_last)
-        self._kept_out, self._T_doubtful, self._first = 0, None, None
+            world.insert(lambda: frame.dense, at.T_last)
+        self._at, self._first = dataclasses.replace(at, kept_out=0, T_doubtful=None), None
 
     def _settings_of(self, frame: DownsampledFrame) -> dict[str, Any]:
         return {
             **({} if self._lengths is None else dataclasses.asdict(self._lengths)),
             "method": self.settings.method,
-            "centre": self._T_last[:3, 3].tolist(),
+            "centre": self._at.T_last[:3, 3].tolist(),
             "used_points": len(frame.seen),
             "source_points": len(frame.dense),
             "source_scale": 1.0,
