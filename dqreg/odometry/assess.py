@@ -43,7 +43,11 @@ def frame_result(
     """The answer for one frame; with a prediction that has a covariance, both are weighed."""
     run = place.aligned
     if run.status not in NO_POSE and not run.inlier_fraction >= LOST_FRACTION:
-        words = f"no pose: only {100 * run.inlier_fraction:.0f} % of the points are inliers at the best one"
+        words = (
+            f"no pose: only {100 * run.inlier_fraction:.0f} % of the points are inliers at the best one; the next is "
+            "sought from the last trusted frame on, and where frames stay lost prediction= tells the way since, "
+            "relocalise looks everywhere in the map, and reset begins a new one"
+        )
         return without_pose((Reason(words, "lost"), *notes), run.status, settings)
     uncertainty = None if information is None else Uncertainty.of(information)
     T = rigid(run.T_target_source)
