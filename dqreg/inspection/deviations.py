@@ -18,6 +18,7 @@ from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.mesh import Mesh
 from dqreg.inspection.deviation_files import decimals_of, require_suffix, write_array, write_coloured, write_table
 from dqreg.inspection.membership import ON_PART, Counts, Flags, ReachFrom, by_reach, counts_of
+from dqreg.inspection.outside import wound_outward
 from dqreg.inspection.statistics import Bands, Place, Summary, bands_of, require_length, summary_of, worst_places
 from dqreg.inspection.tolerances import REQUIRED_SHARE, PointLimits
 from dqreg.inspection.wall_doubts import WallDoubt
@@ -53,7 +54,7 @@ class Deviations:
     flags : ndarray of int8, (n,)
         0 on the part, in the statistics; 1 beyond reach, 2 of another surface, 3 an outlier, 4 excluded.
     target : Mesh, PointCloud or None
-        About ``origin``.
+        About ``origin``; faces of a closed mesh look outward.
     covariance : ndarray, (6, 6)
         Of the pose: rotation vector, then translation, about ``centre``; NaN where a motion is unconstrained.
     centre : ndarray, (3,)
@@ -120,6 +121,8 @@ class Deviations:
         require_length(self.reach, "reach", or_infinite=True)
         if len(self.flags) != len(self.values):
             object.__setattr__(self, "flags", by_reach(self.values, self.reach))
+        if self.signed and isinstance(self.target, Mesh):
+            object.__setattr__(self, "target", wound_outward(self.target))
 
     def __len__(self) -> int:
         return len(self.values)
@@ -146,12 +149,9 @@ class Deviations:
         -------
         ndarray, (m, 3)
         """
-        target, rows = self.target, np.asarray(rows)
-        if isinstance(target, Mesh):
-            return target.face_normals[self.faces[rows]]
-        if target is None or target.normals is None:
-            return np.zeros((len(rows), 3))
-        return target.normals[self.faces[rows]]
+        rows, target = np.asarray(rows), self.target
+        every = target.face_normals if isinstance(target, Mesh) else None if target is None else target.normals
+        return np.zeros((len(rows), 3)) if every is None else every[self.faces[rows]]
 
     def pose_sigma(self, rows: IntArray) -> FloatArray:
         """Standard deviation of some deviations that comes from the pose, target units.

@@ -21,6 +21,7 @@ from dqreg.geometry.surface import Surface
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.facing import Facing
 from dqreg.inspection.membership import EXCLUDED, ON_PART, Flags, Membership, by_reach, in_boxes, membership
+from dqreg.inspection.outside import outside_of, side_words, why_unsigned
 from dqreg.inspection.scan_scene import Nominal
 from dqreg.inspection.signed_distances import Progress, moved, signed_distances
 from dqreg.inspection.statistics import MIN_PLACE_POINTS, MIN_SCANNED_POINTS
@@ -142,7 +143,7 @@ def measure_deviations(
         closest=moved(closest, shift, closest),
         faces=faces,
         signed=reason is None,
-        reason=reason or _side_words(geometry),
+        reason=reason or side_words(geometry),
         units=units,
         tolerance=tolerance,
         reach=found.reach,
@@ -177,7 +178,7 @@ def _that_holds(
     """Which way the scan looks, where its target has sides and most of the scan agrees with them."""
     if facing is None or not signed or not isinstance(geometry, Mesh):
         return None
-    return facing if facing.holds(points, surface, _outside_of(geometry)) else None
+    return facing if facing.holds(points, surface, outside_of(geometry)) else None
 
 
 def _wall_doubts(
@@ -229,7 +230,7 @@ def deviations_under(deviations: Deviations, T: FloatArray, covariance: FloatArr
     assert isinstance(mesh, Mesh)
     points = pose.apply(T, deviations.points) - deviations.origin
     # A point stays on its side of a thin wall.
-    before = Facing.as_before(lambda rows: _outside_of(mesh) * deviations.normals(rows))
+    before = Facing.as_before(lambda rows: outside_of(mesh) * deviations.normals(rows))
     asked = points, mesh, MeshSurface(mesh), why_unsigned(mesh) is None
     values, closest, faces = signed_distances(*asked, facing=before)
     reach = deviations.reach
@@ -246,50 +247,3 @@ def deviations_under(deviations: Deviations, T: FloatArray, covariance: FloatArr
         covariance=covariance,
         centre=centre,
     )
-
-
-def _outside_of(geometry: Mesh | PointCloud) -> float:
-    """Side of the faces of a mesh that is outside."""
-    return -1.0 if isinstance(geometry, Mesh) and geometry.inward_bodies[0] else 1.0
-
-
-def why_unsigned(geometry: Mesh | PointCloud) -> str | None:
-    """Why a target has no inside and outside that deviations could tell apart; None where it has.
-
-    Parameters
-    ----------
-    geometry : Mesh or PointCloud
-        The target.
-
-    Returns
-    -------
-    str or None
-        A sentence.
-
-    Examples
-    --------
-    >>> why_unsigned(Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]))
-    'the mesh is not watertight (3 sides of faces are open): deviations have no sign'
-    """
-    if isinstance(geometry, PointCloud):
-        if geometry.normals is None:
-            return "the target is a cloud without normals: deviations have no sign"
-        return None
-    if not geometry.is_closed:
-        open_sides = geometry.topology.open_sides
-        return f"the mesh is not watertight ({open_sides} sides of faces are open): deviations have no sign"
-    if not geometry.is_consistently_wound:
-        uneven = geometry.topology.uneven_sides
-        return (
-            f"the mesh has flipped faces ({uneven} sides join faces wound against each other): deviations have no sign"
-        )
-    inward, bodies = geometry.inward_bodies
-    if 0 < inward < bodies:
-        return f"{inward} of the mesh's {bodies} bodies are wound inward: deviations have no sign"
-    return None
-
-
-def _side_words(geometry: Mesh | PointCloud) -> str:
-    if isinstance(geometry, Mesh) and geometry.inward_bodies[0]:
-        return "positive outside the part; the mesh is wound inward, so its sides were exchanged"
-    return "positive outside the part" if isinstance(geometry, Mesh) else "positive on the side of the normals"

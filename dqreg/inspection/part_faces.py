@@ -15,6 +15,7 @@ from dqreg.geometry.mesh_faces import areas_of, faces_of
 from dqreg.inspection.features import Feature, FeatureKind, fit_feature
 from dqreg.inspection.features.models import distances
 from dqreg.inspection.features.torus import Torus, fit_torus
+from dqreg.inspection.outside import wound_outward
 
 FaceKind = Literal["plane", "cylinder", "cone", "sphere", "torus", "free"]
 
@@ -75,7 +76,7 @@ def part_faces(mesh: Mesh) -> tuple[Face, ...]:
     Parameters
     ----------
     mesh : Mesh
-        The part, any unit; wound outward where ``is_hole`` and normals matter.
+        The part, any unit; where it is open, wound outward for ``is_hole`` and normals.
 
     Returns
     -------
@@ -92,7 +93,8 @@ def part_faces(mesh: Mesh) -> tuple[Face, ...]:
     areas = areas_of(mesh, labels)
     order = np.argsort(labels, kind="stable")
     ends = np.searchsorted(labels[order], np.arange(count + 1))
-    return tuple(_face(mesh, k, order[ends[k] : ends[k + 1]], float(areas[k])) for k in range(count))
+    outward = wound_outward(mesh)
+    return tuple(_face(outward, k, order[ends[k] : ends[k + 1]], float(areas[k])) for k in range(count))
 
 
 def nearest_face(mesh: Mesh, faces: tuple[Face, ...], point: ArrayLike) -> Face:

@@ -38,7 +38,7 @@ class Section:
     positions : ndarray, (m, 3)
         Places on the outlines, a step apart.
     outward : ndarray, (m, 3)
-        Normals of the part there.
+        Normals of the part there; where it has no outside, as its faces are wound.
     curve : ndarray of int, (m,)
         Outline of each place.
     arc : ndarray, (m,)

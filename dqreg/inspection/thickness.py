@@ -8,10 +8,12 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.errors import DegenerateGeometryError
+from dqreg.geometry import Mesh
 from dqreg.geometry.raycasting import RayScene
 from dqreg.inspection.characteristics import Measured
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.medians import smoothed
+from dqreg.inspection.outside import why_unsigned
 from dqreg.inspection.part_faces import Face
 from dqreg.inspection.scanned_part import ScannedPart
 from dqreg.inspection.surface_model import Medians
@@ -128,6 +130,7 @@ def wall_thickness(part: ScannedPart, face: Face) -> Wall:
     """Thickness behind a face: medians of 25 neighbouring deviations on either side, on the part's own thickness."""
     from scipy.spatial import cKDTree
 
+    _require_material(part.mesh, face)
     own = part.rows_on(face)
     feet, normals, values = part.deviations()
     medians, _ = smoothed(values, part.points, part.face_of_points)
@@ -164,6 +167,16 @@ def wall_thickness(part: ScannedPart, face: Face) -> Wall:
         around=near_side.around[asked],
     )
     return Wall(thick, lengths, feet[own], both)
+
+
+def _require_material(mesh: Mesh, face: Face) -> None:
+    reason = why_unsigned(mesh)
+    if reason is not None and mesh.volume <= 0.0:
+        # What lies behind an open mesh that is wound inward is the gap beside the wall.
+        raise DegenerateGeometryError(
+            f"behind face {face.number} the mesh does not say where material is: {reason}; close it, or wind its "
+            "faces outward"
+        )
 
 
 def _far_side(

@@ -22,8 +22,11 @@ CAPTION_HEIGHT, LINE_HEIGHT = 44.0, 20.0
 ALONG_AXIS_COS = 0.9999
 
 
-def section_picture(section: Section, unit: str, tolerance: float | None = None) -> str:
-    """SVG of a section: outline in grey, deviations as whiskers times the factor that the caption tells."""
+def section_picture(section: Section, unit: str, tolerance: float | None = None, *, signed: bool = True) -> str:
+    """SVG of a section: outline in grey, deviations as whiskers times the factor that the caption tells.
+
+    ``signed`` is whether the part has an outside; else the caption says what the signs are.
+    """
     across, up = _axes(section.normal)
     flat = [np.column_stack([curve @ across, curve @ up]) for curve in section.curves]
     corners = np.concatenate(flat)
@@ -57,6 +60,8 @@ def section_picture(section: Section, unit: str, tolerance: float | None = None)
             for run in np.split(own, 1 + np.flatnonzero(np.diff(own) > 1))
         ]
     captions = _captions(section, factor, (across, up), f"{text_of(float(size[0]), 4)}{unit_words(unit)}")
+    if not signed:
+        captions = captions[0], f"{captions[1]}; the mesh has no outside: signs are along the normals of its faces"
     return _svg([*lines, *_below(captions, height)], height, "; ".join(captions))
 
 

@@ -102,10 +102,11 @@ def _rows(found: Inspection) -> list[dict[str, Any]]:
 
 def _sections(found: Inspection, unit: str) -> list[dict[str, str]]:
     tolerance = None if found.decision is None else found.decision.tolerance
+    signed = found.deviations is None or found.deviations.signed
     return [
         {
             "name": name,
-            "picture": section_picture(cut, unit, tolerance),
+            "picture": section_picture(cut, unit, tolerance, signed=signed),
             "words": section_words(cut, unit),
         }
         for name, cut in found.sections

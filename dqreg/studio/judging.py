@@ -51,7 +51,7 @@ def judge(place: Place) -> dict[str, Any]:
         ],
         "labels": _labels(place, found),
         "sections": [
-            {"name": name, "coverage": cut.coverage, "picture": section_picture(cut, unit, limit)}
+            {"name": name, "coverage": cut.coverage, "picture": section_picture(cut, unit, limit, signed=found.signed)}
             for name, cut in (inspected.sheet.sections if inspected.sheet else ())
         ],
         "worst": [

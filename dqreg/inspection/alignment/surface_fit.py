@@ -12,11 +12,13 @@ from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import DegenerateGeometryError, InputError, did_you_mean
+from dqreg.geometry import Mesh
 from dqreg.inspection.alignment.priors import prior_about
 from dqreg.inspection.alignment.surface_covariance import covariance_of
 from dqreg.inspection.alignment.surface_goals import PRIOR_SIGMAS, minimax_step, one_sided_excess, one_sided_step
 from dqreg.inspection.alignment.surface_rows import FaceTerms, SurfaceRows, rows_of
 from dqreg.inspection.deviations import Deviations
+from dqreg.inspection.outside import require_sides
 from dqreg.rigid import pose
 from dqreg.solvers import Freedom, PoseCost
 
@@ -113,7 +115,8 @@ def align_surface(
     Raises
     ------
     InputError
-        If the target is no mesh, a face is not on the part, or the tolerance fit has no bands.
+        If the target is no mesh, a face is not on the part, the tolerance fit has no bands, or one side is asked for of
+        a mesh that has no inside.
     DegenerateGeometryError
         If the faces were not scanned, or leave a degree of freedom unconstrained; the message names it.
 
@@ -132,6 +135,9 @@ def align_surface(
         words = get_args(Goal)
         raise InputError(f"goal must be one of {', '.join(words)}; got {goal!r}{did_you_mean(str(goal), words)}")
     rows = rows_of(deviations, faces)
+    if goal in ("outside", "inside"):
+        assert isinstance(deviations.target, Mesh)
+        require_sides(deviations.target, f"alignments to the {goal}")
     if goal == "tolerance" and not np.isfinite(rows.high - rows.low).all():
         raise InputError("a tolerance fit needs a band for each of its faces: give tolerance, or plus and minus")
     free = Freedom.parse("all" if dof is None else dof).recentred(rows.origin)

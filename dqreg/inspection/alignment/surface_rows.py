@@ -15,6 +15,7 @@ from dqreg.geometry.mesh_faces import faces_of
 from dqreg.geometry.morton import morton_order
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.medians import smoothed
+from dqreg.inspection.outside import require_sides
 from dqreg.inspection.places import PLACE_POINTS
 from dqreg.rigid import pose, twist
 from dqreg.solvers import Freedom, PoseCost
@@ -180,9 +181,11 @@ def rows_of(deviations: Deviations, faces: Mapping[int, FaceTerms] | None) -> Su
         raise InputError("an alignment to faces needs a mesh as its target: a cloud has no faces")
     count, labels = faces_of(mesh)
     chosen = {number: FaceTerms() for number in range(count)} if faces is None else dict(faces)
-    for number in chosen:
+    for number, terms in chosen.items():
         if not 0 <= number < count:
             raise InputError(f"the part has no face {number}; its faces are 0 to {count - 1}")
+        if terms.low != -terms.high:
+            require_sides(mesh, "unequal sides of a band")
     of_point = labels[deviations.faces]
     on = np.flatnonzero(deviations.counted & np.isin(of_point, list(chosen)))
     if len(on) < MIN_POINTS:

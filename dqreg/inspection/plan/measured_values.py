@@ -14,6 +14,7 @@ from dqreg.inspection.features import Feature
 from dqreg.inspection.line_forms.round_sections import centres_of, require_around, sections_of
 from dqreg.inspection.line_forms.straight_lines import lines_of
 from dqreg.inspection.line_forms.worst import axis_form, worst_form
+from dqreg.inspection.outside import require_sides
 from dqreg.inspection.part_faces import Face
 from dqreg.inspection.places import COVERAGE_FACTOR
 from dqreg.inspection.plan.characteristics import OF_SLOT, PlannedCharacteristic
@@ -72,6 +73,8 @@ def measured_value(
         spread = float(frame.sigma(edge.point[None], edge.outward[None])[0])
         return Measured(edge.offset, COVERAGE_FACTOR * float(np.hypot(edge.sigma, spread)))
     if row.kind == "profile":
+        if row.middle:
+            require_sides(part.mesh, "unequal sides of a tolerance")
         part.require_scanned(faces[0])
         signed, normals = surface_deviations(part, faces[0], points)
         spread = float(frame.sigma(points, normals).max(initial=0.0))
