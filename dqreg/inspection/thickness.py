@@ -33,18 +33,22 @@ class Wall:
     positions: FloatArray  # (n, 3): On the face, about the part's middle
     differences: Medians  # Of both sides, from the part's own thickness
 
-    @property
-    def worst(self) -> tuple[float, float]:
-        """Value and nominal value where they differ most."""
-        k = int(np.argmax(np.abs(self.values - self.nominals)))
-        return float(self.values[k]), float(self.nominals[k])
+    def nominal(self, middle: float = 0.0) -> float:
+        """The part's own thickness where the wall lies farthest from it, or from so much above it."""
+        return float(self.nominals[int(np.argmax(np.abs(self.values - self.nominals - middle)))])
 
-    @property
-    def measured(self) -> Measured:
-        """The thickness where it differs most, without what noise adds to the difference."""
-        value, nominal = self.worst
-        size, spread = self.differences.corrected(abs(value - nominal), lambda z: np.abs(z).max(axis=1))
-        return Measured(nominal + float(np.sign(value - nominal)) * size, spread)
+    def measured(self, middle: float = 0.0, nominal: float | None = None) -> Measured:
+        """The thickness that lies farthest from the middle of its limits, without what noise adds to how far.
+
+        ``middle`` is that of the limits above the nominal thickness: of all places where it is given, else the part's
+        own at each.
+        """
+        base = self.nominals if nominal is None else np.full(len(self.values), nominal)
+        above = self.nominals - base - middle
+        away = self.values - base - middle
+        k = int(np.argmax(np.abs(away)))
+        size, spread = self.differences.corrected(float(abs(away[k])), lambda z: np.abs(z + above).max(axis=1))
+        return Measured(float(base[k]) + middle + float(np.sign(away[k])) * size, spread)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -113,7 +117,7 @@ def thickness_of(deviations: Deviations, face: int) -> Thickness:
     """
     part = ScannedPart.of(deviations)
     wall = wall_thickness(part, part.face(face))
-    measured = wall.measured
+    measured = wall.measured()
     return Thickness(
         face=face,
         values=wall.values,
@@ -121,7 +125,7 @@ def thickness_of(deviations: Deviations, face: int) -> Thickness:
         positions=wall.positions + part.origin,
         sigma=wall.differences.sigma,
         value=measured.value,
-        nominal=wall.worst[1],
+        nominal=wall.nominal(),
         uncertainty=measured.uncertainty,
     )
 

@@ -53,7 +53,7 @@ def nominal_value(part: ScannedPart, row: PlannedCharacteristic, faces: list[Fac
         nominal = ideal.width if row.kind == "width" else ideal.length
     elif row.kind == "thickness":
         try:
-            nominal = wall_thickness(part, faces[0]).worst[1]
+            nominal = wall_thickness(part, faces[0]).nominal(_middle_of_limits(row))
         except DegenerateGeometryError:
             # That it was not scanned is said where it is measured.
             nominal = float("nan")
@@ -81,7 +81,7 @@ def measured_value(
         return compute.profile(signed, points, part.noise, frame_sigma=spread, middle=row.middle)
     if row.kind == "thickness":
         part.require_scanned(faces[0])
-        return wall_thickness(part, faces[0]).measured
+        return wall_thickness(part, faces[0]).measured(_middle_of_limits(row), row.nominal)
     if row.kind in OF_SLOT:
         slot = part.measured_slot(faces)
         if row.kind == "slot-position":
@@ -107,6 +107,11 @@ def measured_value(
         return zones.position(measured[0], ideal, _scan_of(part, faces, ideal), frame)
     named = next(datum for datum in plan.datums if datum.name == row.datum)
     return _to_datum(part, row, faces[0], part.face(named.face), part.measured(part.face(named.face), named.fit))
+
+
+def _middle_of_limits(row: PlannedCharacteristic) -> float:
+    """Middle of the limits of a size, above its nominal value: the place that counts lies farthest from it."""
+    return 0.5 * (row.plus - row.minus)
 
 
 def _middle_of(faces: list[Face]) -> FloatArray:
