@@ -1,4 +1,4 @@
-"""Characteristics of a drawing: sizes, distances, angles, form, profile; each with uncertainty. Others are `zones`.
+"""Characteristics of a drawing: sizes, angles, form, profile; each with uncertainty. Others are `zones`, `distances`.
 
 Every value is a function of measured features (and, for zones, of points); its uncertainty follows from the features'
 covariances and that of the frame, one parameter at a time. Decisions are those of ISO 14253-1: pass or fail is proven,
@@ -112,15 +112,6 @@ def length(feature: Feature) -> Measured:
     return propagated(lambda f: f[0].length, [feature])
 
 
-def distance(first: Feature, second: Feature, middle: FloatArray | None = None) -> Measured:
-    """Distance of two features: along the normal of a plane, across the axes of others.
-
-    Two planes are compared along the bisector of their normals through ``middle``, (3,), whichever is the first: where
-    they are tilted, their distance is another one at every place.
-    """
-    return propagated(lambda f: _distance(f[0], f[1], middle), [first, second])
-
-
 def angle(first: Feature, second: Feature, nominal_deg: float = 0.0, ideal: Sequence[Feature] = ()) -> Measured:
     """Angle between the normals or axes of two features, 0 to 90 degrees; a plane and an axis by the plane itself.
 
@@ -177,25 +168,6 @@ def require_directions(*features: Feature) -> None:
     """`InputError` where one has no direction."""
     if any(feature.kind == "sphere" for feature in features):
         raise InputError("a sphere has no direction, so no angle")
-
-
-def _distance(a: Feature, b: Feature, middle: FloatArray | None) -> float:
-    if a.kind == "plane" and b.kind == "plane":
-        return _between_planes(a, b, 0.5 * (a.point + b.point) if middle is None else middle)
-    if b.kind == "plane":
-        return abs(float((a.point - b.point) @ b.axis))
-    if a.kind == "plane":
-        return abs(float((b.point - a.point) @ a.axis))
-    if a.kind == "sphere" and b.kind == "sphere":
-        return float(np.linalg.norm(a.point - b.point))
-    return across(a.point, b) if b.kind != "sphere" else across(b.point, a)
-
-
-def _between_planes(a: Feature, b: Feature, middle: FloatArray) -> float:
-    bisector = a.axis + math.copysign(1.0, float(a.axis @ b.axis)) * b.axis
-    bisector = bisector / np.linalg.norm(bisector)
-    met = [float((plane.point - middle) @ plane.axis) / float(bisector @ plane.axis) for plane in (a, b)]
-    return abs(met[0] - met[1])
 
 
 def across(point: FloatArray, feature: Feature) -> float:

@@ -9,6 +9,7 @@ from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.inspection import characteristics as compute
 from dqreg.inspection import zones
 from dqreg.inspection.characteristics import KnownFrame, Measured
+from dqreg.inspection.distances import distance
 from dqreg.inspection.edge_points import edge_beside, edge_on
 from dqreg.inspection.features import Feature
 from dqreg.inspection.line_forms.round_sections import centres_of, require_around, sections_of
@@ -45,7 +46,7 @@ def nominal_value(part: ScannedPart, row: PlannedCharacteristic, faces: list[Fac
     if row.kind == "diameter":
         nominal = compute.diameter(part.ideal(faces[0])).value
     elif row.kind == "distance":
-        nominal = compute.distance(part.ideal(faces[0]), part.ideal(faces[1]), _middle_of(faces)).value
+        nominal = distance(part.ideal(faces[0]), part.ideal(faces[1]), _middle_of(faces)).value
     elif row.kind == "angle":
         nominal = compute.angle(part.ideal(faces[0]), part.ideal(faces[1])).value
     elif row.kind in ("width", "length"):
@@ -95,7 +96,7 @@ def measured_value(
     if row.kind == "diameter":
         return compute.diameter(measured[0])
     if row.kind == "distance":
-        return compute.distance(measured[0], measured[1], _middle_of(faces))
+        return distance(measured[0], measured[1], _middle_of(faces), [part.ideal(face) for face in faces])
     if row.kind == "angle":
         return compute.angle(measured[0], measured[1], row.nominal or 0.0, [part.ideal(face) for face in faces])
     if row.kind == "form":
