@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from dqreg.inspection.places import MEDIAN_SIGMA, PLACE_POINTS
 from dqreg.inspection.plan.keys import FaceName
 from dqreg.inspection.regions import MIN_DENSITY_RATIO, edge_places
 from dqreg.inspection.statistics import MIN_SCANNED_POINTS
+from dqreg.inspection.wall_doubts import WallDoubt
 from dqreg.inspection.zone_features import PlannedFit, zone_feature
 from dqreg.rigid import pose
 
@@ -63,6 +64,7 @@ class ScannedPart:
         self._found: tuple[FloatArray, FloatArray, FloatArray] | None = None
         self._from_edges: FloatArray | None = None
         self._mixed = 0.0
+        self._doubts: tuple[WallDoubt, ...] = ()
         self._on = self.of_triangle[self.triangles]
         self._density = usual_density(self._on, np.array([face.area for face in self.faces]))
 
@@ -77,6 +79,7 @@ class ScannedPart:
         labels, origin, faces = faces_of(mesh)[1], deviations.origin, deviations.faces[on]
         part = cls(mesh, part_faces(mesh), labels, origin, points, faces, MeshSurface(mesh))
         part._keep(deviations.closest[on] - origin, mesh.face_normals[faces])
+        part._doubts = tuple(each.moved(pose.from_parts(np.eye(3), -origin)) for each in deviations.wall_doubts)
         return part
 
     def moved(self, T: FloatArray) -> ScannedPart:
@@ -86,7 +89,15 @@ class ScannedPart:
         of_part = self.mesh, self.faces, self.of_triangle, self.origin
         part = ScannedPart(*of_part, points, found.elements, self.surface)
         part._keep(found.points, found.normals)
+        part._doubts = tuple(each.moved(T) for each in self._doubts)
         return part
+
+    def wall_doubt(self, faces: Collection[int]) -> WallDoubt | None:
+        """A patch on one of some faces that may be of the other side of their wall; None where there is none."""
+        at = np.reshape([each.position for each in self._doubts], (-1, 3))
+        numbers = self.of_triangle[self.surface.closest(at).elements] if len(at) else ()
+        found = (each for each, number in zip(self._doubts, numbers, strict=True) if number in faces)
+        return next(found, None)
 
     def _keep(self, feet: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         found = feet, normals, np.asarray(np.einsum("ij,ij->i", self.points - feet, normals))

@@ -32,6 +32,7 @@ class Wall:
     nominals: FloatArray  # (n,): Of the part itself
     positions: FloatArray  # (n, 3): On the face, about the part's middle
     differences: Medians  # Of both sides, from the part's own thickness
+    doubt: str = ""  # Why its sides cannot be told apart somewhere
 
     def nominal(self, middle: float = 0.0) -> float:
         """The part's own thickness where the wall lies farthest from it, or from so much above it."""
@@ -43,6 +44,8 @@ class Wall:
         ``middle`` is that of the limits above the nominal thickness: of all places where it is given, else the part's
         own at each.
         """
+        if self.doubt:
+            raise DegenerateGeometryError(self.doubt)
         base = self.nominals if nominal is None else np.full(len(self.values), nominal)
         above = self.nominals - base - middle
         away = self.values - base - middle
@@ -100,7 +103,7 @@ def thickness_of(deviations: Deviations, face: int) -> Thickness:
     InputError
         If the target is no mesh or has no such face.
     DegenerateGeometryError
-        If no wall lies behind the face, or one of its sides was not scanned.
+        If no wall lies behind the face, one of its sides was not scanned, or its sides cannot be told apart.
 
     Examples
     --------
@@ -170,7 +173,18 @@ def wall_thickness(part: ScannedPart, face: Face) -> Wall:
         sigma=float(np.sqrt(2.0)) * near_side.sigma,
         around=near_side.around[asked],
     )
-    return Wall(thick, lengths, feet[own], both)
+    return Wall(thick, lengths, feet[own], both, _doubt_of(part, face, beyond[seen]))
+
+
+def _doubt_of(part: ScannedPart, face: Face, beyond: IntArray) -> str:
+    doubt = part.wall_doubt({face.number, *np.unique(beyond).tolist()})
+    if doubt is None:
+        return ""
+    at = ", ".join(f"{x:.6g}" for x in doubt.position + part.origin)
+    return (
+        f"the sides of the wall behind face {face.number} cannot be told apart at ({at}): it may be dented by more "
+        "than half of its thickness; give --viewpoint, or a scan with oriented normals (wall_side)"
+    )
 
 
 def _require_material(mesh: Mesh, face: Face) -> None:

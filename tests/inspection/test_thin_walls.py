@@ -9,9 +9,10 @@ import pytest
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh, MeshSurface, PointCloud
-from dqreg.inspection import Deviations, decide, measure_deviations, nearest_face, part_faces, thickness_of
+from dqreg.inspection import Deviations, decide, inspect, measure_deviations, nearest_face, part_faces, thickness_of
 from dqreg.inspection.facing import Facing
 from dqreg.inspection.measure import deviations_under
+from dqreg.inspection.plan.file import plan_of
 from dqreg.registration.register import register
 from dqreg.report.decision_tables import decision_words
 from dqreg.synth.parts import box
@@ -162,3 +163,44 @@ def test_the_thickness_of_a_wall_is_measured_from_its_own_sides() -> None:
     dented = np.linalg.norm((wall.positions - middle)[:, :2], axis=1) < 4.0
     assert np.count_nonzero(dented) > 20
     np.testing.assert_allclose(wall.values[dented], 1.0, rtol=0.0, atol=4.0 * NOISE)
+
+
+def pitted(depth: float, power: float, seed: int, *, gap: float = 0.0) -> PointCloud:
+    """Both sides of the sheet, the lower one pitted; nothing of that where it has a gap."""
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(-0.5, 0.5, size=(12_000, 3)) * SIZE
+    lower, away = rng.uniform(size=len(points)) < 0.5, np.linalg.norm(points[:, :2], axis=1)
+    pit = depth * np.exp(-((away / 6.0) ** power))
+    points[:, 2] = np.where(lower, pit - 0.5 * SIZE[2], 0.5 * SIZE[2]) + rng.normal(0.0, NOISE, len(points))
+    kept = ~lower | (away >= gap)
+    return PointCloud(points[kept], normals=np.where(lower, -1.0, 1.0)[kept, None] * [0.0, 0.0, 1.0])
+
+
+@pytest.mark.parametrize(("depth", "power"), [(0.7, 4.0), (0.85, 2.0), pytest.param(0.9, 4.0, marks=pytest.mark.soak)])
+def test_a_pit_in_a_sheet_that_was_scanned_from_both_sides_is_undecided(depth: float, power: float) -> None:
+    mesh = sheet(1.0)
+    upper, lower = (nearest_face(mesh, part_faces(mesh), (0.0, 0.0, z)).number for z in (0.5, -0.5))
+    rows = [{"name": "wall", "kind": "thickness", "face": face, "tolerance": 0.5} for face in (upper, lower)]
+    plan = plan_of({"characteristic": rows})
+    for seed in (63_041, 63_042):
+        scan = pitted(depth, power, seed)
+        found = measured(scan.points, 1.0)
+        decision = decide(found)
+        assert (decision.outcome, decision.codes) == ("undecided", ("wall_side",))
+        assert np.linalg.norm(decision.wall_doubts[0].position[:2]) < 4.0
+        for row in inspect(found, plan).characteristics:
+            assert row.outcome == "undecided"
+            assert row.nominal == pytest.approx(1.0)
+            assert "cannot be told apart" in row.remark
+        # With normals it is as thin as it is.
+        assert scan.normals is not None
+        known = measured(scan.points, 1.0, Facing.by_normals(scan.normals, np.eye(3)))
+        assert not known.wall_doubts
+        for row in inspect(known, plan).characteristics:
+            assert row.value == pytest.approx(1.0 - depth, abs=0.06)
+
+
+@pytest.mark.parametrize(("depth", "gap"), [(0.0, 8.0), (0.45, 0.0), (0.45, 5.0)])
+def test_a_gap_or_a_shallow_pit_on_one_side_is_none_in_doubt(depth: float, gap: float) -> None:
+    for seed in range(63_050, 63_056):
+        assert not measured(pitted(depth, 4.0, seed, gap=gap).points, 1.0).wall_doubts
