@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 from dqreg._arrays import FloatArray, IntArray, as_place
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.inspection.deviations import Deviations
-from dqreg.inspection.features import fit_feature
-from dqreg.inspection.features.edge import EdgePoint, border_offset, meeting_point
+from dqreg.inspection.features import Feature, fit_feature
+from dqreg.inspection.features.edge import STRIP_WIDTH_SPACINGS, EdgePoint, border_offset, meeting_point
 from dqreg.inspection.part_faces import Face, face_sides, feet_on
 from dqreg.inspection.scanned_part import CUT_SIGMAS, ScannedPart, outlier_cut
 
@@ -19,6 +19,8 @@ from dqreg.inspection.scanned_part import CUT_SIGMAS, ScannedPart, outlier_cut
 REACH_SPACINGS = 12.0
 # A place farther than that share of the part's size from every edge names none.
 MAX_OFF_EDGE_DIAGONALS = 0.02
+# What lies beyond a border is joined to the sheet where its points are no farther apart.
+JOINED_SPACINGS = 2.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -167,7 +169,15 @@ def _border(part: ScannedPart, edge: NominalEdge, radius: float) -> EdgePoint:
     sides = np.broadcast_to(edge.normals[0], flat[near].shape)
     plane = fit_feature(flat[near], "plane", normals=sides, cut=CUT_SIGMAS)
     spacing = radius * float(np.sqrt(2.0 / near.sum()))
-    offset, sigma = border_offset(along[near], across[near], spacing)
+    lip = _lip(part, edge, plane, flat[near], spacing)
+    lip = lip[np.abs((lip - edge.point) @ edge.direction) <= radius]
+    ends = np.vstack([flat[near], lip]) - edge.point
+    offset, sigma = border_offset(ends @ edge.direction, ends @ edge.outward[0], spacing)
+    if offset > radius - STRIP_WIDTH_SPACINGS * spacing:
+        raise DegenerateGeometryError(
+            f"face {face.number} is longer than the part by more than {radius:.4g}, as far as was looked: give a "
+            "larger radius"
+        )
     axis, outward = plane.axis, edge.outward[0]
     away = np.array([axis @ (plane.point - edge.point), offset, 0.0])
     at = edge.point + np.linalg.solve(np.stack([axis, outward, edge.direction]), away)
@@ -179,9 +189,28 @@ def _border(part: ScannedPart, edge: NominalEdge, radius: float) -> EdgePoint:
         direction=edge.direction,
         outward=outward,
         covariance=covariance,
-        points=int(near.sum()),
+        points=len(ends),
         faces=edge.faces,
     )
+
+
+def _lip(part: ScannedPart, edge: NominalEdge, plane: Feature, sheet: FloatArray, spacing: float) -> FloatArray:
+    """Scan points by which a sheet is longer than the part: beyond the border, in its plane, and joined to it, (k, 3).
+
+    They lie off the part and are few, so that they count for nothing else.
+    """
+    from scipy.spatial import cKDTree
+
+    radius = float(np.abs((sheet - edge.point) @ edge.outward[0]).max()) + spacing
+    near = part._beside[np.abs(part._beside - edge.point).max(axis=1) <= 2.0 * radius]
+    across, height = (near - edge.point) @ edge.outward[0], (near - plane.point) @ plane.axis
+    left = near[(across > 0.0) & (across <= radius) & (np.abs(height) <= CUT_SIGMAS * plane.rms)]
+    joined, found = sheet, np.zeros((0, 3))
+    while len(left) and len(joined):
+        reached = cKDTree(joined).query(left)[0] <= JOINED_SPACINGS * spacing
+        joined, left = left[reached], left[~reached]
+        found = np.vstack([found, joined])
+    return found
 
 
 def _flattened(part: ScannedPart, edge: NominalEdge, k: int, rows: IntArray) -> FloatArray:

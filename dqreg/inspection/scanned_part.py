@@ -19,6 +19,7 @@ from dqreg.inspection.features import Feature, fit_feature
 from dqreg.inspection.features.hidden_form import hidden_form
 from dqreg.inspection.features.spread import covariance_on
 from dqreg.inspection.medians import smoothed
+from dqreg.inspection.membership import EXCLUDED
 from dqreg.inspection.part_faces import Face, faces_at, faces_in_box, nearest_face, part_faces
 from dqreg.inspection.places import MEDIAN_SIGMA, PLACE_POINTS
 from dqreg.inspection.plan.keys import FaceName
@@ -65,6 +66,7 @@ class ScannedPart:
         self._from_edges: FloatArray | None = None
         self._mixed = 0.0
         self._doubts: tuple[WallDoubt, ...] = ()
+        self._beside = np.zeros((0, 3))  # Points of the scan that are not counted, of an open part
         self._on = self.of_triangle[self.triangles]
         self._density = usual_density(self._on, np.array([face.area for face in self.faces]))
 
@@ -80,6 +82,8 @@ class ScannedPart:
         part = cls(mesh, part_faces(mesh), labels, origin, points, faces, MeshSurface(mesh))
         part._keep(deviations.closest[on] - origin, mesh.face_normals[faces])
         part._doubts = tuple(each.moved(pose.from_parts(np.eye(3), -origin)) for each in deviations.wall_doubts)
+        if not mesh.is_closed:
+            part._beside = deviations.points[~on & (deviations.flags != EXCLUDED)] - origin
         return part
 
     def moved(self, T: FloatArray) -> ScannedPart:
@@ -90,6 +94,7 @@ class ScannedPart:
         part = ScannedPart(*of_part, points, found.elements, self.surface)
         part._keep(found.points, found.normals)
         part._doubts = tuple(each.moved(T) for each in self._doubts)
+        part._beside = pose.apply(T, self._beside)
         return part
 
     def wall_doubt(self, faces: Collection[int]) -> WallDoubt | None:
@@ -100,9 +105,8 @@ class ScannedPart:
         return next(found, None)
 
     def _keep(self, feet: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        found = feet, normals, np.asarray(np.einsum("ij,ij->i", self.points - feet, normals))
-        self._found = found
-        return found
+        self._found = feet, normals, np.asarray(np.einsum("ij,ij->i", self.points - feet, normals))
+        return self._found
 
     def face(self, name: FaceName) -> Face:
         """The one face that a plan names."""
@@ -197,8 +201,7 @@ class ScannedPart:
 
     def measured(self, face: Face, fit: PlannedFit = "gauss") -> Feature:
         """The feature that is fitted to the scan's points on a face."""
-        key = face.number, fit
-        if key not in self._features:
+        if (key := (face.number, fit)) not in self._features:
             found = self._least_squares(face) if fit == "gauss" else self._by_zone(face, fit)
             nominal = self.ideal(face)
             alike = found.kind == "sphere" or found.axis @ nominal.axis > 0.0
@@ -211,9 +214,8 @@ class ScannedPart:
         return zone_feature(self.measured(face), fit, self.points[rows], normals, self.noise)
 
     def _least_squares(self, face: Face) -> Feature:
-        nominal = self.ideal(face)
         self.require_scanned(face)
-        rows = self.rows_on(face)
+        nominal, rows = self.ideal(face), self.rows_on(face)
         points, normals = self.points[rows], self.mesh.face_normals[self.triangles[rows]]
         try:
             found = fit_feature(points, nominal.kind, normals=normals, cut=outlier_cut(points))

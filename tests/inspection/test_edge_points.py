@@ -92,6 +92,37 @@ def test_the_border_of_a_sheet_is_within_its_uncertainty(kind: str, runs: int) -
     assert np.count_nonzero(inside) >= (runs - 3 if runs == 12 else 0.92 * runs)
 
 
+@pytest.mark.parametrize("end", [-0.3, 0.15, 0.3, 0.45, 1.2])
+@pytest.mark.parametrize("units", [1.0, pytest.param(1e-3, marks=pytest.mark.soak)])
+def test_a_sheet_that_is_too_long_is_as_long_as_it_is(end: float, units: float) -> None:
+    # Of a lip of a spacing the points lie off the part, and are too few for a surface.
+    mesh, errors = Mesh(units * SHEET.vertices, SHEET.faces), []
+    for seed in range(63_060, 63_064):
+        rng = np.random.default_rng(seed)
+        side = np.arange(-30.0, 30.0, 0.3) + rng.uniform(0.0, 0.3)
+        turn = rng.uniform(0.2, 0.6)
+        flat = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+        flat = flat @ np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+        flat = flat[(np.abs(flat[:, 1]) <= 10.0) & (flat[:, 0] >= -20.0) & (flat[:, 0] <= 20.0 + end)]
+        points = np.column_stack([flat, rng.normal(0.0, 0.01, len(flat))])
+        # Of a table below, and strays beyond the border that are joined to nothing.
+        table = rng.uniform(-30.0, 30.0, (8_000, 3)) * [1.0, 1.0, 0.0] - [0.0, 0.0, 3.0]
+        strays = np.array([[21.5, 0.0, 0.0], [22.4, 2.0, 0.01], [21.9, -1.0, 0.0]])
+        scan = units * np.vstack([points, table, strays])
+        found = measure_deviations(scan, mesh, MeshSurface(mesh), limit=2.0 * units, noise=0.01 * units)
+        edge = edge_point(found, units * np.array([20.0, 1.0, 0.0]))
+        errors.append((edge.offset / units - end) / (edge.sigma / units))
+        assert edge.sigma < 0.05 * units
+    assert np.abs(errors).max() <= 3.0
+
+
+def test_a_sheet_that_is_longer_than_was_looked_is_not_measured() -> None:
+    points = np.random.default_rng(63_070).uniform([-20.0, -10.0, 0.0], [30.0, 10.0, 0.0], (12_000, 3))
+    found = measure_deviations(points, SHEET, MeshSurface(SHEET), reach=12.0)
+    assert "longer than the part by more than 2" in refused(found, [20.0, 1.0, 0.0], radius=2.0)
+    assert edge_point(found, [20.0, 1.0, 0.0], radius=15.0).offset == pytest.approx(10.0, abs=0.3)
+
+
 def test_a_dense_border_is_where_it_is() -> None:
     # Rows of points at distances of 0.01: half of one is all that can be missing.
     along, across = (a.ravel() for a in np.meshgrid(np.arange(-1, 1, 0.01), np.arange(-1, 0.3, 0.01)))
