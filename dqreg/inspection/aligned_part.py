@@ -20,6 +20,7 @@ from dqreg.inspection.alignment import (
     align_points,
     align_surface,
 )
+from dqreg.inspection.alignment.earlier_steps import covariance_after, kept_by, with_kept
 from dqreg.inspection.characteristics import KnownFrame
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.facing import closest_as_before
@@ -69,12 +70,14 @@ class AlignedPart:
 
     @property
     def final(self) -> Alignment | None:
-        """The last alignment with the pose of all steps, in the caller's target frame."""
+        """The last alignment with the pose of all steps and its covariance, in the caller's target frame."""
         if not self.steps:
             return None
         last = self.steps[-1]
         centre = last.alignment.centre + self.part.origin
-        return dataclasses.replace(last.alignment, T_target_source=last.T_target_source, centre=centre)
+        return dataclasses.replace(
+            last.alignment, T_target_source=last.T_target_source, covariance=self.frame.covariance, centre=centre
+        )
 
 
 def aligned_part(deviations: Deviations, plan: Plan) -> AlignedPart:
@@ -94,7 +97,7 @@ def aligned_part(deviations: Deviations, plan: Plan) -> AlignedPart:
                 found = _found(part, deviations, plan, step, T, start)
                 T = found.T_target_source @ T
                 part = part.moved(found.T_target_source)
-        frame = KnownFrame(found.covariance, found.centre)
+        frame = KnownFrame(covariance_after(found, frame.covariance, frame.centre), found.centre)
         steps.append(AlignedStep(step.name, step.kind, shift @ T @ pose.inverse(shift), found))
     return AlignedPart(part, frame, tuple(steps))
 
@@ -135,7 +138,8 @@ def _found(
     scan = dataclasses.replace(deviations, points=moved, faces=faces)
     found = align_surface(scan, step.kind, faces=terms, dof=step.dof, prior=_prior(step, np.eye(4), np.zeros(3)))
     inner = pose.inverse(shift) @ found.T_target_source @ shift
-    return dataclasses.replace(found, T_target_source=inner, centre=found.centre - part.origin)
+    about_middle = dataclasses.replace(found, T_target_source=inner, centre=found.centre - part.origin)
+    return with_kept(about_middle, kept_by(found))
 
 
 def _prior(step: PlannedStep, T: FloatArray, by: FloatArray) -> tuple[FloatArray, FloatArray] | None:

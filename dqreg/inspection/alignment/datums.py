@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray, as_pose
 from dqreg.errors import DegenerateGeometryError, InputError
+from dqreg.inspection.alignment.earlier_steps import with_kept
 from dqreg.inspection.alignment.priors import inverse_within, prior_about
 from dqreg.inspection.features import Feature
 from dqreg.rigid import pose, single_pose, twist
@@ -25,6 +26,8 @@ MEETING_COS = 0.1
 MAX_ROUNDS, CONVERGED_STEP = 60, 1e-15
 # Step of the numerical derivatives of the pose by the features' parameters, in their standard deviations.
 NUDGE_SIGMAS = 1e-3
+# And of those by where the pose begins, in radians and sizes.
+START_STEP = 1e-6
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -134,7 +137,8 @@ def align_datums(
     covariance = _covariance(datums, T, centre, freedom, begin)
     if known is not None:
         covariance = covariance + inverse_within(known.information(T, centre), left)
-    return DatumAlignment(T, covariance, centre, constrained)
+    found = DatumAlignment(T, covariance, centre, constrained)
+    return found if freedom.count == 6 else with_kept(found, _kept(datums, T, centre, freedom, begin))
 
 
 def _check(datums: Sequence[Datum]) -> None:
@@ -153,7 +157,7 @@ def _solved(
 ) -> tuple[FloatArray, dict[str, int], FloatArray]:
     """The pose, the degrees of freedom that each datum constrains, and twists about the centre that none does."""
     centre = datums[0].nominal.point
-    size = max((float(np.linalg.norm(datum.nominal.point - centre)) for datum in datums[1:]), default=1.0) or 1.0
+    size = _size(datums)
     scale = scaling_by(1.0, size)
     T, free = start, np.eye(6)
     if freedom.count < 6:
@@ -168,6 +172,12 @@ def _solved(
         # Steps along the motions that were free at the start leave the locked ones to second order.
         T = freedom.project(T, start)
     return T, constrained, free * scale[:, None]
+
+
+def _size(datums: Sequence[Datum]) -> float:
+    """How far the datums are apart: a length for the unit of translations."""
+    centre = datums[0].nominal.point
+    return max((float(np.linalg.norm(datum.nominal.point - centre)) for datum in datums[1:]), default=1.0) or 1.0
 
 
 def _laid(
@@ -250,3 +260,15 @@ def _covariance(
             change = twist.log(pose.about(moved @ pose.inverse(T), -centre)) / NUDGE_SIGMAS
             total += np.outer(change, change)
     return total
+
+
+def _kept(
+    datums: Sequence[Datum], T: FloatArray, centre: FloatArray, freedom: Freedom, start: FloatArray
+) -> FloatArray:
+    """How the pose follows a twist of its start about the centre, (6, 6): to first order, one motion at a time."""
+    scale = START_STEP * scaling_by(1.0, _size(datums))
+    found = np.zeros((6, 6))
+    for k, step in enumerate(np.diag(scale)):
+        moved, *_ = _solved(datums, pose.about(twist.exp(step), centre) @ start, freedom)
+        found[:, k] = twist.log(pose.about(moved @ pose.inverse(T), -centre)) / scale[k]
+    return found

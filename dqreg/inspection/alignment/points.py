@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray, as_pose, as_vectors, as_weights, require_workable
 from dqreg.errors import DegenerateGeometryError, InputError
+from dqreg.inspection.alignment.earlier_steps import left_of, with_kept
 from dqreg.inspection.alignment.priors import inverse_within, prior_about
 from dqreg.solvers import Freedom, PoseCost
 
@@ -111,5 +112,6 @@ def align_points(
         )
     T = found.T_target_source
     residuals = np.einsum("ij,ij->i", p @ T[:3, :3].T + T[:3, 3] - q, n)
-    covariance = inverse_within(cost.information(T, centre), free.twists(T, near, centre))
-    return PointAlignment(T, covariance, centre, residuals)
+    information, basis = cost.information(T, centre), free.twists(T, near, centre)
+    found_points = PointAlignment(T, inverse_within(information, basis), centre, residuals)
+    return found_points if free.count == 6 else with_kept(found_points, left_of(information, basis))

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from dqreg._arrays import FloatArray
 from dqreg.errors import DegenerateGeometryError, InputError, did_you_mean
 from dqreg.geometry import Mesh
+from dqreg.inspection.alignment.earlier_steps import with_kept
 from dqreg.inspection.alignment.priors import prior_about
 from dqreg.inspection.alignment.surface_covariance import covariance_of
 from dqreg.inspection.alignment.surface_goals import PRIOR_SIGMAS, minimax_step, one_sided_excess, one_sided_step
@@ -152,9 +153,10 @@ def align_surface(
     bands = bool(np.isfinite(rows.low).all() and np.isfinite(rows.high).all())
     within = (values >= rows.low) & (values <= rows.high)
     shift = pose.from_parts(np.eye(3), rows.origin)
-    return SurfaceAlignment(
+    information = None if known is None else known.information(T, rows.centre)
+    found = SurfaceAlignment(
         T_target_source=shift @ T @ pose.inverse(shift),
-        covariance=covariance_of(rows, T, goal, free, None if known is None else known.information(T, rows.centre)),
+        covariance=covariance_of(rows, T, goal, free, information),
         centre=rows.centre + rows.origin,
         goal=goal,
         points=len(values),
@@ -163,6 +165,7 @@ def align_surface(
         share_within=float(within.mean()) if bands else None,
         converged=converged,
     )
+    return found if free.count == 6 else with_kept(found, rows.kept(T, free, information))
 
 
 def _solved(rows: SurfaceRows, goal: Goal, free: Freedom, prior: PoseCost | None) -> tuple[FloatArray, bool]:

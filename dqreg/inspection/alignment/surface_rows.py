@@ -13,6 +13,7 @@ from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.geometry import Mesh, MeshSurface
 from dqreg.geometry.mesh_faces import faces_of
 from dqreg.geometry.morton import morton_order
+from dqreg.inspection.alignment.earlier_steps import left_of
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.medians import smoothed
 from dqreg.inspection.outside import require_sides
@@ -162,6 +163,11 @@ class SurfaceRows:
         twists = free.twists(T, np.eye(4), self.centre)
         lengths = np.linalg.norm(twists[:3], axis=0) * self.size
         return twists / np.where(lengths > 0.0, lengths, 1.0)
+
+    def kept(self, T: FloatArray, free: Freedom, prior: FloatArray | None) -> FloatArray:
+        """What is left of a twist about the centre, (6, 6), by the rows and the information of a prior."""
+        information = self.cost(T).information(T, self.centre)
+        return left_of(information if prior is None else information + prior, self.basis(T, free))
 
     def stepped(self, T: FloatArray, step: FloatArray, free: Freedom) -> FloatArray:
         """The pose after a twist about the centre; what is locked keeps every digit."""
