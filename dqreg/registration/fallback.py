@@ -235,15 +235,21 @@ class _Candidates:
 
     def _undoubted(self) -> int | None:
         best = next((k for k in self._likely if self._is_sound(k) and not self._is_doubtful(k)), None)
+        # On a part a start that passes is left for what is significantly better alone.
+        if best and self._has_first and not self._fits[0].between_clouds and self._is_kept():
+            return best if self._gains(best, MIN_GAIN_SIGMAS) or self._scores.distinguishable(best)[0] else 0
         # How much two clouds have in common differs from place to place: where nothing speaks against either pose, the
         # one that the start leads to is meant.
         if best and self._has_first and self._fits[0].between_clouds and not self._is_doubtful(0):
             return best if self._gains(best, MIN_GAIN_SIGMAS) else 0
         return best
 
+    def _is_kept(self) -> bool:
+        return self._is_sound(0) and not _is_beside(self._fits[0])
+
     def _sound_first(self) -> int | None:
         # In doubt, but no other pose is free of it: what the verdict refuses displaces nothing.
-        return 0 if self._has_first and self._is_sound(0) and not _is_beside(self._fits[0]) else None
+        return 0 if self._has_first and self._is_kept() else None
 
     def _sound_and_better(self) -> int | None:
         # Among equals of a scan that lies off the part, the one that happens to pass would be chosen.

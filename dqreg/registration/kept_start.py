@@ -1,4 +1,4 @@
-"""Between two clouds an initial pose is kept, unless something speaks against it.
+"""An initial pose is kept between two clouds, unless something speaks against it, and in a scene where it passes.
 
 Means over points that some pose puts on the target compare poses by how much the clouds have in common there: a twin
 that lays three faces on three beats the right pose that has one. A point where the other view did not look says
@@ -11,12 +11,13 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg._records import replaced
+from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.registration.assess import evidence_of, uncertainty_of
 from dqreg.registration.displacement import displacement_between, is_elsewhere, offset_from_start
-from dqreg.registration.fallback import BestPoses, is_doubtful
+from dqreg.registration.fallback import BestPoses, is_doubtful, is_sound
 from dqreg.registration.fit import Fit
 from dqreg.registration.initial_pose import FOUND
-from dqreg.registration.near_places import near_maps
+from dqreg.registration.near_places import is_scene, near_maps
 from dqreg.registration.rivals import MIN_LOG_GAIN, NO_POSES, but_symmetric, scores_of
 from dqreg.search.search import RAY_CONFLICT_MARGIN
 from dqreg.trust.limits import DISAGREEING_NORMAL_SHARE, MIN_INLIER_FRACTION, looked_through_limit
@@ -46,6 +47,18 @@ def but_start_kept(begun: Fit, known: BestPoses, start: FloatArray, kernel_scale
     if kernel_scale is not None and _is_as_sound(near := begun.resumed(start, kernel_scale), found, start):
         return _beside_found(near, known)
     return replaced(known, turned=np.concatenate([known.turned, start[None]]))
+
+
+def held_at_start(fit: Fit, start: FloatArray) -> Fit:
+    """The fit to a part; or that of a kernel as narrow as the noise, which passes at the start where the fit does not.
+
+    What stands beside the part in a scene holds the kernel wide, and it leaves a right initial pose.
+    """
+    if fit.between_clouds or not is_scene(fit) or not fit.may_be_moved or is_sound(fit):
+        return fit
+    near = fit.resumed(start, max(noise_on(fit.prepared.scan, fit.prepared.surface), fit.floor))
+    has_stayed = near.found and displacement_between(near, start, near.T_target_source) <= LEFT_DIAGONALS
+    return near if has_stayed and is_sound(near) else fit
 
 
 def _beside_found(fit: Fit, known: BestPoses) -> BestPoses:

@@ -26,11 +26,12 @@ from dqreg.registration.assess import (
 from dqreg.registration.common_faces import on_common_faces
 from dqreg.registration.continued_fit import all_points_say_more, in_doubt_on_all_points, on_all_points, settled
 from dqreg.registration.corner_rivals import beside_corners
+from dqreg.registration.displacement import is_elsewhere
 from dqreg.registration.fallback import BestPoses, best_known, is_doubtful
 from dqreg.registration.fit import Fit, coarse_to_fine
 from dqreg.registration.free_space import viewpoint_behind
 from dqreg.registration.initial_pose import GlobalSearch, InitialPose, initial_pose
-from dqreg.registration.kept_start import but_start_kept, meant_copy
+from dqreg.registration.kept_start import but_start_kept, held_at_start, meant_copy
 from dqreg.registration.prepared import Prepared
 from dqreg.registration.problem import Problem, SourceAndTarget
 from dqreg.registration.result import Registration
@@ -47,6 +48,7 @@ from dqreg.registration.same_poses import but_on_the_way
 from dqreg.registration.slides import without_slide
 from dqreg.registration.visibility import on_shown_sides, on_visible_faces
 from dqreg.registration.wall_sides import equal_sides, on_best_sides
+from dqreg.rigid import pose
 from dqreg.solvers.search_stage import SearchStage
 from dqreg.trust import judge
 from dqreg.trust.records import Alternative, Reason, Verdict
@@ -59,6 +61,10 @@ REPEATED = "faces of the target that were there more than once were left out: {}
 START_LOST = (
     "the initial pose leads nowhere, as hardly any point of the scan comes near the target from there: a search found "
     "this pose"
+)
+START_LEFT = (
+    "the pose is {:.0f} degrees and {:.2g} of the target's size from the initial pose, farther than a rough one errs: "
+    "the scan fits better here"
 )
 NOT_JUDGED = "the pose was not judged, as verdict=False asks: whether it is right is for the caller to tell"
 UNJUDGED = Verdict("suspect", (Reason(NOT_JUDGED, "not_judged"),))
@@ -149,9 +155,20 @@ def judged(
     alternatives = alternatives_of(fit, whole, known.others, equal_sides(fit), known.turned)
     evidence = evidence_of(fit, uncertainty, alternatives, search=search, mirror_gain=gain)
     verdict = verdict_on(fit, evidence)
-    if known.start_lost and verdict.level == "accepted":
-        verdict = verdict._remarked(Reason(START_LOST, "contradicted_start"))
+    if verdict.level == "accepted" and (words := START_LOST if known.start_lost else _left_by(fit)):
+        verdict = verdict._remarked(Reason(words, "contradicted_start"))
     return uncertainty, verdict, alternatives
+
+
+def _left_by(fit: Fit) -> str:
+    """How far a scan was put on a part from its initial pose, in words; "" where that may have meant the pose."""
+    if fit.problem.start is None or fit.between_clouds:
+        return ""
+    here, start = fit.T_target_source, fit.problem.to_centred(fit.problem.start)
+    if not is_elsewhere(fit, here, start):
+        return ""
+    shift = pose.offset_between(here, start, at=np.zeros(3)) / fit.prepared.surface.diagonal
+    return START_LEFT.format(np.rad2deg(pose.angle_between(here, start)), shift)
 
 
 def not_judged(fit: Fit) -> Registration:
@@ -181,7 +198,7 @@ def second_try(fit: Fit, start: InitialPose, search: GlobalSearch) -> BestPoses:
             begin_judging(fit)
             fit, equals = best_near_symmetric(fit, kernel_scale, T_given)
             # What is asked of a pose is asked of the answer, with its unconstrained motions as they were given.
-            fit = without_drift(fit, T_given)
+            fit = held_at_start(without_drift(fit, T_given), T_given)
             known = BestPoses(begun := fit, start.others)
         fit = in_doubt_on_all_points(fit)
         known = best_known(fit, start, search)

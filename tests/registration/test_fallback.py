@@ -56,7 +56,8 @@ def test_a_pose_that_explains_the_scan_significantly_better_is_the_answer_wherev
     turned = pose.about(pose.from_parts(half_turn, np.zeros(3)), PART.centre)
     result = TARGET.register(SCAN, turned, effort="fast")
     assert error(result) <= 5e-5
-    assert result.verdict.level == "accepted"
+    assert result.verdict.codes == ("accepted", "contradicted_start")
+    assert "the pose is 180 degrees and " in result.verdict.reasons[1]
 
 
 @pytest.mark.parametrize("degrees", [0.0, 130.0])
