@@ -31,10 +31,12 @@ from dqreg.registration.derived import Derived, Key
 from dqreg.registration.even_correspondences import evenly_asked
 from dqreg.registration.evidence import agreement_in_time, agreement_of
 from dqreg.registration.held_motions import followed_by, inflation_of, own_normals
+from dqreg.registration.other_objects import on_others
 from dqreg.registration.prepared import Prepared
 from dqreg.registration.problem import Problem, SourceAndTarget
 from dqreg.registration.target_index import TargetIndex
 from dqreg.rigid.twist import scaling_by
+from dqreg.search.problem import SCENE_RATIO
 from dqreg.solvers.robust import InlierMixture
 from dqreg.trust import Evidence, Information, information_of
 
@@ -43,6 +45,7 @@ T = TypeVar("T")
 # Rounds of EM that learn the mixture at a pose where the loop has not ended.
 EM_ROUNDS = 30
 
+ON_PART: Key[BoolArray] = Key()
 AGREEMENT: Key[Evidence] = Key()
 STRAIN_AXIS: Key[tuple[float, float, float]] = Key()
 EVENLY_ASKED: Key[Correspondences] = Key()
@@ -143,6 +146,19 @@ class Fit:
         return self.derived.once(EVENLY_ASKED, lambda: evenly_asked(self.run, scan, surface, width))
 
     @property
+    def is_scene(self) -> bool:
+        """Whether the scan is so large that it shows more than the target, which is closed."""
+        return not self.has_border and self.prepared.scan.diagonal > SCENE_RATIO * self.prepared.surface.diagonal
+
+    @property
+    def on_part(self) -> BoolArray:
+        """Which points of the loop, (n,), are not of a scene's other objects: those may touch the target."""
+        points, asked = self.run.pairs.scan.points, (self.prepared, self.problem.derived, self.T_target_source[None])
+        if not self.is_scene:
+            return np.ones(len(points), dtype=bool)
+        return self.derived.once(ON_PART, lambda: ~on_others(*asked, points))
+
+    @property
     def information(self) -> Information:
         """Information of the six motions from the last correspondences, the constraints and the prior."""
         return self.derived.once(INFORMATION, self._information)
@@ -154,18 +170,16 @@ class Fit:
     def _information(self) -> Information:
         T, pairs, weights = self.T_target_source, self.run.pairs, self.run.weights
         prior = self.constraints.information(T)
-        # Where their feet were searched: the last step may be a long one along what nothing holds, and the normals of a
-        # round part, all turned against their places, would hold that.
-        points, heights = pairs.moved, placed(pairs, T)[1]
         if self.settings.fine is not None and self.settings.fine is not ESTIMATORS["generalised"]:
             weights = weights_by_face(pairs, weights, self.run.mixture.scale)
+        # What happens to touch the part holds none of its motions.
+        if self.is_scene and (own := weights * self.on_part).any():
+            weights = own
+        # Where their feet were searched: the last step may be a long one along what nothing holds, and the normals of a
+        # round part, all turned against their places, would hold that.
+        sides = pairs.moved, pairs.closest.normals, placed(pairs, T)[1]
         information = information_of(
-            points,
-            pairs.closest.normals,
-            heights,
-            weights,
-            0.5 * self.prepared.surface.diagonal,
-            np.zeros(3),
+            *(*sides, weights, 0.5 * self.prepared.surface.diagonal, np.zeros(3)),
             self.problem.target.smooth_normals(pairs.closest),
             own=own_normals(self.prepared.surface, pairs),
             patchwise=True,

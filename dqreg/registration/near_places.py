@@ -19,7 +19,6 @@ from dqreg.search.cloud_rings import ring_turns
 from dqreg.search.near_symmetry import is_symmetry, near_flips
 from dqreg.search.periods import MIN_PERIOD_DIAGONALS, near_periods
 from dqreg.search.plane_maps import MAX_LOST_SHARE, MIN_FLAT_SHARE, PLANE_POINTS, Planes, plane_maps
-from dqreg.search.problem import SCENE_RATIO
 from dqreg.search.refine import Refinement, refined_on
 from dqreg.search.tangent_planes import TangentPlanes
 from dqreg.trust.patch_tests import INLIER_SIGMAS
@@ -38,6 +37,9 @@ MIN_CARRIER_SHARE = 0.1
 # Share of the inliers that shows an end of a part, this near to it in sizes: after any period they stick out by two
 # thirds of that, and so many are enough to tell.
 END_SHARE, END_DIAGONALS = 0.005, 0.35 * MIN_PERIOD_DIAGONALS
+
+# Directions of planes that leave a shift along both open.
+END_DIRECTIONS = 2
 
 INLIERS: Key[FloatArray] = Key()
 
@@ -85,7 +87,11 @@ def near_maps(fit: Fit, *, of_any: bool = False) -> FloatArray:
     # All of a part fits in its own place, or after what leaves the part in place.
     if scan is None and not _reaches_over(fit, found.reach):
         scan = _planes_of_scan(fit)
-    others = [] if scan is None else [plane_maps(scan, found.planes, surface.diagonal)]
+    others = []
+    if scan is not None:
+        # In a scene the search has compared poses by other objects too: where two directions are seen, ends are asked.
+        reaching = _inliers(fit) if is_scene(fit) and len(scan.directions) == END_DIRECTIONS else None
+        others = [plane_maps(scan, found.planes, surface.diagonal, reaching=reaching)]
     return np.concatenate([found.maps, _periods(fit), _half_screws(fit), *others])
 
 
@@ -133,16 +139,19 @@ def _inliers(fit: Fit) -> FloatArray:
     def found() -> FloatArray:
         pairs, within = fit.run.pairs, INLIER_SIGMAS * fit.run.mixture.scale
         rows = sample_rows(len(pairs.moved), EXTENT_POINTS)
-        return np.take(pairs.moved, rows[pairs.distances[rows] <= within], axis=0)
+        return np.take(pairs.moved, rows[fit.on_part[rows] & (pairs.distances[rows] <= within)], axis=0)
 
     return fit.derived.once(INLIERS, found)
 
 
 def _planes_of_scan(fit: Fit) -> Planes:
-    pairs = fit.run.pairs
+    pairs, within = fit.run.pairs, INLIER_SIGMAS * fit.run.mixture.scale
+    # Of a scene, what is off the part is in no plane of it, and leaves the others their shares.
+    is_asked = fit.on_part & (pairs.distances <= within) if is_scene(fit) else np.ones(len(pairs.moved), dtype=bool)
+    among = np.flatnonzero(is_asked)
     # Those that are looked at there.
-    rows = sample_rows(len(pairs.moved), PLANE_POINTS)
-    near = pairs.distances[rows] <= INLIER_SIGMAS * fit.run.mixture.scale
+    rows = among[sample_rows(len(among), PLANE_POINTS)]
+    near = pairs.distances[rows] <= within
     normals = np.where(near[:, None], pairs.closest.normals[rows], 0.0)
     return Planes.of(pairs.moved[rows], normals, fit.prepared.surface.diagonal)
 
@@ -158,7 +167,7 @@ def _extent(points: FloatArray) -> FloatArray:
 
 def is_scene(fit: Fit) -> bool:
     """Whether the scan is so large that it shows more than the target, which is closed."""
-    return not fit.has_border and fit.prepared.scan.diagonal > SCENE_RATIO * fit.prepared.surface.diagonal
+    return fit.is_scene
 
 
 def rows_beside(fit: Fit, poses: FloatArray, reach: float) -> IntArray:

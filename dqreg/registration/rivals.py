@@ -14,6 +14,7 @@ from dqreg.registration.evidence import near_limit
 from dqreg.registration.fit import Fit
 from dqreg.registration.free_space import both_rays, met_at, met_by
 from dqreg.registration.near_places import is_same_place, is_scene, near_maps, rows_beside
+from dqreg.registration.other_objects import on_others
 from dqreg.rigid import pose
 from dqreg.search.flipped_poses import far_mirrors, flipped_poses, gain_of_mirror
 from dqreg.search.near_symmetry import mirrors_about
@@ -71,9 +72,17 @@ def scores_of(fit: Fit, poses: FloatArray, count: int = JUDGING_POINTS) -> PoseS
 def scores_and_rows(fit: Fit, poses: FloatArray, count: int = JUDGING_POINTS) -> tuple[PoseScores, IntArray]:
     """The same, and which points of the scan they are of."""
     rows = rows_beside(fit, poses, limit_of(fit))
-    rows = rows[sample_rows(len(rows), count)]
+    rows = _but_on_others(fit, poses, rows[sample_rows(len(rows), count)])
     scores, on = of_those_on(fit, _distances(fit, poses, rows))
     return scores, rows[on]
+
+
+def _but_on_others(fit: Fit, poses: FloatArray, rows: IntArray) -> IntArray:
+    """Rows of points that tell poses, (k, 4, 4), apart, without those of a scene that are on other objects at all."""
+    if not is_scene(fit):
+        return rows
+    own = rows[~on_others(fit.prepared, fit.problem.derived, poses, fit.prepared.scan.points[rows])]
+    return own if len(own) else rows
 
 
 def _distances(fit: Fit, poses: FloatArray, rows: IntArray) -> FloatArray:
@@ -148,7 +157,7 @@ def _as_likely(fit: Fit) -> tuple[FloatArray, FloatArray]:
     asked, in_scene = None, is_scene(fit)
     rows = rows_beside(fit, np.concatenate([fit.T_target_source[None], maps @ fit.T_target_source]), limit_of(fit))
     if in_scene:
-        scan = scan.taken(rows)
+        scan = scan.taken(_but_on_others(fit, fit.T_target_source[None], rows))
     elif isinstance(surface, MeshSurface):
         pairs = fit.evenly_asked()
         asked = pairs.scan.points, pairs.distances
@@ -159,7 +168,8 @@ def _as_likely(fit: Fit) -> tuple[FloatArray, FloatArray]:
     if not len(others):
         return none
     poses = np.concatenate([fit.T_target_source[None], others])
-    distances = _distances(fit, poses, rows[sample_rows(len(rows), JUDGING_POINTS)])
+    rows = _but_on_others(fit, poses, rows[sample_rows(len(rows), JUDGING_POINTS)])
+    distances = _distances(fit, poses, rows)
     # Few points may tell them apart where their mean does not.
     scores, _ = of_those_on(fit, distances)
     likely = np.flatnonzero(scores.as_likely(0, MIN_LOG_GAIN) & ~scores.distinguishable(0))

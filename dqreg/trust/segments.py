@@ -85,6 +85,13 @@ def segments_of(
     return Segments(sides.labels, distances <= width, contradicting, sides.off & ~contradicting)
 
 
+def smooth_segments(points: FloatArray) -> IntArray:
+    """Smooth segment of each point, (n,), -1 on an edge or on no surface."""
+    tree = NeighbourTree(points)
+    fits, flat = _planes(tree, points)
+    return _labelled(tree, points, np.nan_to_num(fits.normals), fits, flat)[0]
+
+
 def share_going_on(points: FloatArray, normals: FloatArray, distances: FloatArray, width: float, size: float) -> float:
     """Share of placed points on a target, of a size, beside which the scan goes on in its plane; NaN for few.
 
@@ -124,11 +131,10 @@ class _Sides:
 
     @staticmethod
     def of(points: FloatArray, normals: FloatArray, distances: FloatArray, width: float) -> _Sides:
-        tree, rows = NeighbourTree(points), np.arange(len(points))
+        tree = NeighbourTree(points)
         fits, flat = _planes(tree, points)
         own = np.nan_to_num(fits.normals)
-        indices = tree.around(rows)[0][:, 1 : LINKED_NEIGHBOURS + 1].astype(np.int64)
-        labels, spacing = _smooth_segments(points, own, fits, indices, flat)
+        labels, spacing = _labelled(tree, points, own, fits, flat)
         on = (distances <= width) & flat & (np.abs(np.einsum("ij,ij->i", own, normals)) > AGREE_COS)
         off = (distances > np.maximum(OFF_WIDTHS * width, spacing)) & flat
         return _Sides(points, own, normals, spacing, labels, on, off, width)
@@ -219,13 +225,14 @@ def _planes(tree: NeighbourTree, points: FloatArray) -> tuple[PlaneFits, BoolArr
     return fits, flat
 
 
-def _smooth_segments(
-    points: FloatArray, own: FloatArray, fits: PlaneFits, indices: IntArray, flat: BoolArray
+def _labelled(
+    tree: NeighbourTree, points: FloatArray, own: FloatArray, fits: PlaneFits, flat: BoolArray
 ) -> tuple[IntArray, FloatArray]:
     """Segment of each point, -1 for those that are not flat, and the distance to the usual neighbour, (n,) each."""
     # Not SciPy's: to import its graphs takes 50 ms of the first registration, which may have a time limit.
     from dqreg.kernels.components import components
 
+    indices = tree.around(np.arange(len(points)))[0][:, 1 : LINKED_NEIGHBOURS + 1].astype(np.int64)
     one, two = np.repeat(np.arange(len(points)), indices.shape[1]), indices.ravel()
     apart = points[two] - points[one]
     lengths = np.sqrt(np.einsum("ij,ij->i", apart, apart))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
 from dqreg import Mesh, register
@@ -85,3 +86,13 @@ def test_a_right_start_is_kept_among_neighbours_that_draw_the_loop_off_it() -> N
     result = register(points, part("angle"), truths[0])
     assert off(result.T_target_source, truths[0], part("angle")) < RIGHT
     assert result.verdict.level == "accepted", result.verdict.reasons
+
+
+@pytest.mark.parametrize("viewpoint", [None, "origin"])
+def test_points_of_neighbours_tell_no_half_turn_from_another(viewpoint: str | None) -> None:
+    # Truth: the part that most points are of; 53 points of others had decided for its half-turn, with 0.994.
+    points, truths = seen("angle", (59120, 4))
+    result = register(points, part("angle"), viewpoint=viewpoint)
+    assert "alternative_poses" in result.verdict.codes
+    poses = [result.T_target_source, *(other.T_target_source for other in result.alternatives)]
+    assert min(off(T, truths[5], part("angle")) for T in poses) < RIGHT

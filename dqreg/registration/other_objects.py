@@ -1,0 +1,52 @@
+"""Points of a scene on other objects than the part: where these happen to touch it at a pose, they say nothing of that.
+
+Among neighbours of its own kind a strip of one of them on the placed part told it from an equally likely pose. The face
+that the strip is of goes on off the part; faces of the part itself do not, at its pose.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dqreg._arrays import BoolArray, FloatArray, IntArray
+from dqreg.geometry.neighbours import NeighbourTree
+from dqreg.geometry.normals import sample_rows
+from dqreg.registration.derived import Derived, Key
+from dqreg.registration.prepared import Prepared
+from dqreg.search.poses import Poses
+from dqreg.search.scoring import distances_at
+from dqreg.trust.segments import MIN_SEGMENT_POINTS, smooth_segments
+
+# Points of a scan of which segments are made.
+SEGMENTED = 5_000
+# Points are off a part beyond that share of its size, also at a pose that few points have refined.
+OFF_DIAGONALS = 0.02
+# Share of the points of a segment that lie off the part from which on it is of another object.
+OTHER_SHARE = 0.5
+
+# Of a problem: rows of points on smooth segments, and these by numbers from 0 on.
+SEGMENTS: Key[tuple[IntArray, IntArray]] = Key()
+
+
+def on_others(prepared: Prepared, derived: Derived, poses: FloatArray, points: FloatArray) -> BoolArray:
+    """Which points of a scan, (n, 3), are on surface most of which lies off the part at all poses, (k, 4, 4).
+
+    The segments of the scan are kept with what is derived of its problem.
+    """
+    scan, surface = prepared.scan, prepared.surface
+    rows, labels = derived.once(SEGMENTS, lambda: _segments(scan.points), of=len(scan))
+    if not len(rows):
+        return np.zeros(len(points), dtype=bool)
+    off = OFF_DIAGONALS * surface.diagonal
+    apart = distances_at(Poses.of(poses), scan.points[rows], surface, off).min(axis=0) >= off
+    count, of_others = np.bincount(labels), np.bincount(labels, weights=apart)
+    others = (count >= MIN_SEGMENT_POINTS) & (of_others > OTHER_SHARE * count)
+    # Points between two segments go with the nearest one.
+    return np.asarray(others[labels[NeighbourTree(scan.points[rows]).nearest(points, 1)[0][:, 0]]])
+
+
+def _segments(points: FloatArray) -> tuple[IntArray, IntArray]:
+    rows = sample_rows(len(points), SEGMENTED)
+    labels = smooth_segments(points[rows])
+    known = labels >= 0
+    return rows[known], np.unique(labels[known], return_inverse=True)[1]
