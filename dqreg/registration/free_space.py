@@ -13,6 +13,7 @@ from dqreg.geometry.rays import Rays
 from dqreg.geometry.visibility import blocked
 from dqreg.registration.derived import Key
 from dqreg.registration.fit import Fit
+from dqreg.registration.near_places import is_scene
 from dqreg.registration.problem import Problem
 from dqreg.registration.target_index import TargetIndex
 from dqreg.rigid import pose
@@ -147,13 +148,17 @@ def viewpoint_behind(problem: Problem) -> float:
 
 
 def _through_mesh(fit: Fit, part: Mesh) -> float:
-    """Share of the lines of sight to the points that pass through the part."""
+    """Share of the lines of sight that meet the part, and pass through it: of a scene, most meet what is around it."""
     eyes = _viewpoints(fit.problem)
     if eyes is None:
         return np.nan
     points = pose.apply(fit.T_target_source, _some(fit.prepared.scan.points, RAYS))
     margin = SIGMAS * fit.agreement.expected + SHARE * part.diagonal
-    return float(np.mean(blocked(part, points, pose.apply(fit.T_target_source, eyes), margin)))
+    through = blocked(part, points, pose.apply(fit.T_target_source, eyes), margin)
+    if not is_scene(fit):
+        return float(np.mean(through))
+    meet = through | (fit.prepared.surface.closest(points, within=margin).distances <= margin)
+    return float(np.mean(through[meet])) if meet.any() else 0.0
 
 
 def _viewpoints(problem: Problem) -> FloatArray | None:
