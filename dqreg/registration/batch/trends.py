@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dqreg.files.csv_text import csv_text
+from dqreg.inspection.plan.characteristics import ZONES
 from dqreg.registration.batch.left_out import LeftOut, left_out_of, withheld_words
 from dqreg.report.control_chart import Sample, control_chart
 from dqreg.report.text import decimals_of
@@ -138,7 +139,7 @@ def _trend(
         _unit(line, first),
         _number(first["low"]),
         _number(first["high"]),
-        first["kind"] != "deviation" and first["low"] == 0.0 and first["nominal"] == 0.0,
+        first["kind"] in ZONES,
         tuple(samples),
         len(rows) - len(samples) - len(left_out),
         tuple(left_out),

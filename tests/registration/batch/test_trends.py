@@ -60,6 +60,12 @@ def test_a_zone_has_one_limit_and_equal_values_no_spread() -> None:
     assert math.isnan(alone.cpk)
 
 
+def test_a_value_whose_lower_limit_is_its_nominal_of_nothing_has_two_limits() -> None:
+    edge = {"kind": "edge-point", "nominal": 0.0, "low": 0.0, "high": 0.2, "outcome": "fail"}
+    (trend,) = trends_of([line(k, value, **edge) for k, value in enumerate((-0.11, -0.10, -0.09))])
+    assert (trend.cp, trend.cpk) == pytest.approx((0.2 / 0.06, -0.1 / 0.03))
+
+
 def test_values_with_other_limits_are_another_trend() -> None:
     assert len(trends_of([*LINES, line(7, 1.0, high=11.0), line(8, 1.0, high=11.0), line(9, 1.0, high=12.0)])) == 2
 
