@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,11 +12,13 @@ import numpy as np
 from dqreg.files.csv_text import csv_text
 from dqreg.inspection.plan.characteristics import ZONES
 from dqreg.registration.batch.left_out import LeftOut, left_out_of, withheld_words
+from dqreg.registration.batch.trend_values import drawing_of, drawing_words, key_of, unit_of, values_of
 from dqreg.report.control_chart import Sample, control_chart
 from dqreg.report.text import decimals_of
 
 if TYPE_CHECKING:
     from dqreg.registration.batch.line import Line
+    from dqreg.registration.batch.trend_values import Row
 
 # Moving range of two normal values: 1.128 sigma on average; control limits are three sigma.
 MOVING = 3.0 / 1.128
@@ -24,7 +26,7 @@ VALUE_NUMBERS = ("nominal", "low", "high", "value", "uncertainty")
 VALUE_COLUMNS = ("row", "verdict", "part", "number", "name", "kind", "unit", *VALUE_NUMBERS, "outcome", "remark")
 TREND_COLUMNS = ("number", "name", "unit", "low", "high", "parts", "mean", "spread", "smallest", "largest", "cp", "cpk",
                  "control_low", "control_high", "pass", "undecided", "fail",
-                 "unmeasured", "left_out", "left_out_parts", "remark")  # fmt: skip
+                 "unmeasured", "left_out", "left_out_parts", "remark", "target")  # fmt: skip
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,6 +43,7 @@ class Trend:
     samples: tuple[Sample, ...]
     unmeasured: int  # Parts on which it could not be measured
     left_out: tuple[LeftOut, ...] = ()  # Parts whose value is not counted
+    target: str = ""  # What its drawing is called; "" where a batch has one
 
     @property
     def parts(self) -> int:
@@ -94,35 +97,32 @@ def _ratio(gap: float, width: float) -> float:
 
 
 def trends_of(lines: Sequence[Line]) -> tuple[Trend, ...]:
-    """A trend for every value that two parts or more have in common: the same name and limits.
+    """A trend for every value that two parts or more have in common: the same of one drawing, unit and limits.
 
     Parts whose alignment is not trusted are left out, for their values may be of another pose, and named; so is what is
     no number in a kept file.
     """
     asked = [line for line in lines if line.row.asked.inspects]
     silent = [line for line in asked if not (line.inspection or {}).get("values")]
-    found: dict[tuple[Any, ...], list[tuple[Line, int, dict[str, Any]]]] = {}
-    for row in _values(asked):
-        value = row[2]
-        key = (str(value["name"]), str(value["kind"]), value["low"], value["high"])
-        found.setdefault(key, []).append(row)
-    order = {id(line): k for k, line in enumerate(lines)}
-    trends = []
+    found: dict[tuple[object, ...], list[Row]] = {}
+    for row in values_of(asked):
+        found.setdefault(key_of(row), []).append(row)
+    order, drawings = {id(line): k for k, line in enumerate(lines)}, drawing_words(asked)
+    trends: dict[object, list[Trend]] = {drawing: [] for drawing in drawings}
     for rows in found.values():
         if len(rows) > 1:
-            kinds = {_asked(line) for line, _, _ in rows}
+            kinds, drawing = {_asked(line) for line, _, _ in rows}, drawing_of(rows[0][0])
             missing = [(line, 0, None) for line in silent if _asked(line) in kinds]
-            trends.append(_trend(sorted([*rows, *missing], key=lambda row: order[id(row[0])]), rows[0]))
-    return tuple(sorted(trends, key=lambda trend: trend.number))
+            trend = _trend(sorted([*rows, *missing], key=lambda row: order[id(row[0])]), rows[0])
+            trends[drawing].append(dataclasses.replace(trend, target=drawings[drawing]))
+    return tuple(trend for each in trends.values() for trend in sorted(each, key=lambda trend: trend.number))
 
 
 def _asked(line: Line) -> tuple[object, ...]:
-    return line.row.target, line.row.asked.plan, line.row.asked.tolerance
+    return *drawing_of(line), line.row.asked.tolerance
 
 
-def _trend(
-    rows: Sequence[tuple[Line, int, dict[str, Any] | None]], measured: tuple[Line, int, dict[str, Any]]
-) -> Trend:
+def _trend(rows: Sequence[tuple[Line, int, dict[str, Any] | None]], measured: Row) -> Trend:
     """The trend of all parts that were to be measured, the first that was among them."""
     samples: list[Sample] = []
     left_out: list[LeftOut] = []
@@ -136,7 +136,7 @@ def _trend(
     return Trend(
         number,
         str(first["name"]),
-        _unit(line, first),
+        unit_of(line, first),
         _number(first["low"]),
         _number(first["high"]),
         first["kind"] in ZONES,
@@ -144,18 +144,6 @@ def _trend(
         len(rows) - len(samples) - len(left_out),
         tuple(left_out),
     )
-
-
-def _values(lines: Sequence[Line]) -> Iterator[tuple[Line, int, dict[str, Any]]]:
-    for line in lines:
-        if line.inspection is not None:
-            for number, value in enumerate(line.inspection["values"], 1):
-                yield line, number, value
-
-
-def _unit(line: Line, value: dict[str, Any]) -> str:
-    assert line.inspection is not None
-    return {"angle": "degree", "share": "%"}.get(str(value["kind"]), str(line.inspection["units"] or ""))
 
 
 def _number(value: Any) -> float:
@@ -166,11 +154,11 @@ def values_csv(lines: Sequence[Line]) -> str:
     """Every value of every part as CSV, one a line."""
     rows = (
         (
-            *(line.row.shown, line.verdict, line.part, number, value["name"], value["kind"], _unit(line, value)),
+            *(line.row.shown, line.verdict, line.part, number, value["name"], value["kind"], unit_of(line, value)),
             *("" if value[name] is None else value[name] for name in VALUE_NUMBERS),
             *(value["outcome"], value["remark"]),
         )
-        for line, number, value in _values(lines)
+        for line, number, value in values_of(lines)
     )
     return csv_text(VALUE_COLUMNS, rows)
 
@@ -188,13 +176,27 @@ def _row(trend: Trend) -> list[object]:
     limits = ("" if math.isnan(x) else x for x in (trend.low, trend.high))
     shown = ("" if math.isnan(x) else repr(x) for x in numbers)
     left_out = "; ".join(each.words for each in trend.left_out)
-    missing = (trend.unmeasured, len(trend.left_out), left_out, trend.withheld)
+    missing = (trend.unmeasured, len(trend.left_out), left_out, trend.withheld, trend.target)
     return [trend.number, trend.name, trend.unit, *limits, len(values), *shown, *counts, *missing]
 
 
 def trend_records(trends: Sequence[Trend]) -> list[dict[str, Any]]:
     """The trends as plain values, with the parts that each leaves out."""
-    names = ("number", "name", "unit", "low", "high", "parts", "mean", "spread", "cp", "cpk", "control", "unmeasured")
+    names = (
+        "number",
+        "name",
+        "target",
+        "unit",
+        "low",
+        "high",
+        "parts",
+        "mean",
+        "spread",
+        "cp",
+        "cpk",
+        "control",
+        "unmeasured",
+    )
     return [
         {
             **{name: getattr(trend, name) for name in names},
@@ -214,6 +216,7 @@ def trends_on_page(trends: Sequence[Trend]) -> list[dict[str, Any]]:
         {
             "number": trend.number,
             "name": trend.name,
+            "target": trend.target,
             "unit": trend.unit,
             "parts": len(trend.samples),
             "all": trend.parts,

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dqreg.registration.batch.line import line_of
+from dqreg.registration.batch.line import Line, line_of
 from dqreg.registration.batch.row import Row, RowResult
 from dqreg.registration.batch.row_inspection import RowInspection
 from dqreg.registration.batch.summary import to_html
@@ -68,6 +68,44 @@ def test_a_value_whose_lower_limit_is_its_nominal_of_nothing_has_two_limits() ->
 
 def test_values_with_other_limits_are_another_trend() -> None:
     assert len(trends_of([*LINES, line(7, 1.0, high=11.0), line(8, 1.0, high=11.0), line(9, 1.0, high=12.0)])) == 2
+
+
+def moved(found: Line, target: str, plan: str = "p.toml") -> Line:
+    asked = dataclasses.replace(found.row.asked, plan=Path(plan))
+    return dataclasses.replace(found, row=dataclasses.replace(found.row, target=Path(target), asked=asked))
+
+
+def test_values_of_other_units_parts_and_plans_are_other_trends() -> None:
+    inch = [dataclasses.replace(each, inspection={**each.inspection, "units": "inch"}) for each in LINES]
+    assert [(each.unit, each.parts) for each in trends_of([*LINES, *inch])] == [("mm", 5), ("inch", 5)]
+    others = [moved(each, "other.stl") for each in LINES] + [moved(each, "other.stl", "q.toml") for each in LINES]
+    found = trends_of([*LINES, *others])
+    assert [each.target for each in found] == ["p.stl", "other.stl by p.toml", "other.stl by q.toml"]
+    assert {each.parts for each in found} == {5}
+    assert [row["target"] for row in csv.DictReader(io.StringIO(trends_csv(found)))] == [each.target for each in found]
+    assert to_html("t", [*LINES, *others]).count("other.stl by q.toml") == 2
+    (low, high) = trends_of([moved(each, f"{folder}/p.stl") for folder in "ab" for each in LINES])
+    assert (low.target, high.target) == ("a/p.stl", "b/p.stl")
+
+
+def test_values_of_equal_names_in_a_plan_are_told_by_their_numbers() -> None:
+    def twice(found: Line) -> Line:
+        return dataclasses.replace(found, inspection={**found.inspection, "values": found.inspection["values"] * 2})
+
+    found = trends_of([twice(each) for each in LINES])
+    assert [(each.number, each.parts) for each in found] == [(1, 5), (2, 5)]
+
+
+def test_medians_of_a_face_are_one_trend_whatever_other_faces_a_part_shows() -> None:
+    def after(found: Line) -> Line:
+        unlike = {**found.inspection["values"][0], "name": "face 1"}
+        return dataclasses.replace(
+            found, inspection={**found.inspection, "values": [unlike, *found.inspection["values"]]}
+        )
+
+    faces = [line(k, 10.0, kind="deviation") for k in range(2)]
+    (trend,) = trends_of([faces[0], after(faces[1])])
+    assert trend.parts == 2
 
 
 def test_parts_whose_alignment_is_not_trusted_change_no_trend() -> None:

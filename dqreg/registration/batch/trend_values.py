@@ -1,0 +1,56 @@
+"""Values of the parts of a batch, and which of them are the same value of a drawing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from dqreg.registration.batch.line import Line
+
+    # A part, the place of the value among those of the part, from 1, and the value as `Inspected.record` has it
+    Row = tuple[Line, int, dict[str, Any]]
+
+# Kinds of values of a decision: which faces have one differs from part to part, and so does their place.
+OF_DECISION = ("share", "deviation")
+
+
+def values_of(lines: Iterable[Line]) -> Iterator[Row]:
+    """Every value of every part."""
+    for line in lines:
+        if line.inspection is not None:
+            for number, value in enumerate(line.inspection["values"], 1):
+                yield line, number, value
+
+
+def unit_of(line: Line, value: dict[str, Any]) -> str:
+    """Unit of a value; "" where it is not known."""
+    assert line.inspection is not None
+    return {"angle": "degree", "share": "%"}.get(str(value["kind"]), str(line.inspection["units"] or ""))
+
+
+def drawing_of(line: Line) -> tuple[object, object]:
+    """What the values of a part are of: the target, and the plan that measures it."""
+    return line.row.target, line.row.asked.plan
+
+
+def key_of(row: Row) -> tuple[object, ...]:
+    """The same for two rows where they are one value of one drawing, in one unit and within the same limits."""
+    line, number, value = row
+    kind = str(value["kind"])
+    place = 0 if kind in OF_DECISION else number
+    return drawing_of(line), place, str(value["name"]), kind, unit_of(line, value), value["low"], value["high"]
+
+
+def drawing_words(lines: Sequence[Line]) -> dict[tuple[object, object], str]:
+    """What each drawing of a batch is called, in the order of the manifest; "" where there is but one."""
+    rows = {drawing_of(line): line.row for line in lines}
+    targets = {row.target for row in rows.values()}
+    alike = len({target.name for target in targets}) < len(targets)
+    words = {}
+    for drawing, row in rows.items():
+        plans = {plan for target, plan in rows if target == row.target}
+        of = f"{row.target.parent.name}/{row.target.name}" if alike else row.target.name
+        by = f" by {row.asked.plan.name if row.asked.plan else 'its tolerance'}" if len(plans) > 1 else ""
+        words[drawing] = of + by if len(rows) > 1 else ""
+    return words
