@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 
 # Kinds of values of a decision: which faces have one differs from part to part, and so does their place.
 OF_DECISION = ("share", "deviation")
+# Kinds whose nominal value, and with it the limits, may be of another place on each part.
+MOVING = ("thickness",)
 
 
 def values_of(lines: Iterable[Line]) -> Iterator[Row]:
@@ -39,7 +41,30 @@ def key_of(row: Row) -> tuple[object, ...]:
     line, number, value = row
     kind = str(value["kind"])
     place = 0 if kind in OF_DECISION else number
-    return drawing_of(line), place, str(value["name"]), kind, unit_of(line, value), value["low"], value["high"]
+    # Those of a tapered wall are of the place where it is worst, and there are none where it was not scanned.
+    limits = () if kind in MOVING else (value["low"], value["high"])
+    return drawing_of(line), place, str(value["name"]), kind, unit_of(line, value), *limits
+
+
+def followed(rows: Sequence[Row]) -> list[Row]:
+    """Rows of one key with one nominal value: where theirs differ, each value from its own."""
+    nominals = {value["nominal"] for _, _, value in rows} - {None}
+    if len(nominals) < 2 or rows[0][2]["kind"] not in MOVING:
+        # The first with limits says those of the trend.
+        return sorted(rows, key=lambda row: row[2]["nominal"] is None)
+    moved = [(line, number, _from_nominal(value)) for line, number, value in rows]
+    return sorted(moved, key=lambda row: row[2]["nominal"] is None)
+
+
+def _from_nominal(value: dict[str, Any]) -> dict[str, Any]:
+    name = f"{value['name']}, from its nominal value"
+    nominal = value["nominal"]
+    if nominal is None:
+        return {**value, "name": name}
+    # Digits that a difference leaves are noise.
+    numbers = {key: None if (x := value[key]) is None else float(f"{x - nominal:.6g}") for key in ("low", "high")}
+    measured = None if value["value"] is None else value["value"] - nominal
+    return {**value, "name": name, "nominal": 0.0, **numbers, "value": measured}
 
 
 def drawing_words(lines: Sequence[Line]) -> dict[tuple[object, object], str]:

@@ -12,7 +12,7 @@ import numpy as np
 from dqreg.files.csv_text import csv_text
 from dqreg.inspection.plan.characteristics import ZONES
 from dqreg.registration.batch.left_out import LeftOut, left_out_of, withheld_words
-from dqreg.registration.batch.trend_values import drawing_of, drawing_words, key_of, unit_of, values_of
+from dqreg.registration.batch.trend_values import drawing_of, drawing_words, followed, key_of, unit_of, values_of
 from dqreg.report.control_chart import Sample, control_chart
 from dqreg.report.text import decimals_of
 
@@ -109,7 +109,7 @@ def trends_of(lines: Sequence[Line]) -> tuple[Trend, ...]:
         found.setdefault(key_of(row), []).append(row)
     order, drawings = {id(line): k for k, line in enumerate(lines)}, drawing_words(asked)
     trends: dict[object, list[Trend]] = {drawing: [] for drawing in drawings}
-    for rows in found.values():
+    for rows in map(followed, found.values()):
         if len(rows) > 1:
             kinds, drawing = {_asked(line) for line, _, _ in rows}, drawing_of(rows[0][0])
             missing = [(line, 0, None) for line in silent if _asked(line) in kinds]

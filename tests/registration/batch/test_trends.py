@@ -96,6 +96,23 @@ def test_values_of_equal_names_in_a_plan_are_told_by_their_numbers() -> None:
     assert [(each.number, each.parts) for each in found] == [(1, 5), (2, 5)]
 
 
+def test_thickness_of_a_tapered_wall_is_followed_from_its_nominal_value_at_the_worst_place() -> None:
+    def wall(k: int, nominal: float, value: float, outcome: str = "pass", level: str = "accepted"):
+        limits = {"nominal": nominal, "low": nominal - 0.1, "high": nominal + 0.3}
+        return line(k, value, level, kind="thickness", name="wall", outcome=outcome, **limits)
+
+    unseen = line(4, None, kind="thickness", name="wall", nominal=None, low=None, high=None, outcome="undecided")
+    tapered = [unseen, wall(0, 8.0, 8.1), wall(1, 11.7, 11.9), wall(2, 9.3, 9.6)]
+    (trend,) = trends_of(tapered)
+    assert (trend.name, trend.unmeasured) == ("wall, from its nominal value", 1)
+    assert (trend.low, trend.high) == (-0.1, 0.3)
+    assert trend.values == pytest.approx([0.1, 0.2, 0.3])
+    (held,) = trends_of([*tapered, wall(5, 8.0, 9.0, "fail", "suspect")])
+    assert held.left_out[0].value == pytest.approx(1.0)
+    (even,) = trends_of([unseen, wall(0, 8.0, 8.1), wall(1, 8.0, 8.2)])
+    assert (even.name, even.low, even.parts) == ("wall", 7.9, 3)
+
+
 def test_medians_of_a_face_are_one_trend_whatever_other_faces_a_part_shows() -> None:
     def after(found: Line) -> Line:
         unlike = {**found.inspection["values"][0], "name": "face 1"}
