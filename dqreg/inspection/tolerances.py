@@ -17,7 +17,8 @@ from dqreg.inspection.statistics import require_length
 # Share of the points that must be within the tolerance, of the scan and of each region, unless another one is asked.
 REQUIRED_SHARE = 0.95
 NUMBER = r"(\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+(?:[eE][-+]?\d+)?)"
-SIDES = re.compile(rf"([-+]?){NUMBER}/([-+]?){NUMBER}")
+SIDES = re.compile(rf"([-+]?){NUMBER}\s*/\s*([-+]?){NUMBER}")
+BOTH = re.compile(rf"(?:±|\+/?-)\s*{NUMBER}")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,22 +80,32 @@ def tolerance_of(given: Any, name: str = "tolerance") -> Tolerance:
 
 
 def tolerance_from(text: str) -> float | Tolerance:
-    """What a text means: a length for both sides, or two signed ones in either order; of others the upper is first.
+    """What a text means: a length for both sides, or two signed ones in either order.
 
     >>> tolerance_from("0.1"), tolerance_from("+0.2/-0.05")
     (0.1, Tolerance(low=-0.05, high=0.2, required_share=None))
-    >>> tolerance_from("-0.05/+0.2") == tolerance_from("+0.2/-0.05")
-    True
+    >>> tolerance_from("±0.1"), tolerance_from("-0.05 / +0.2") == tolerance_from("+0.2/-0.05")
+    (0.1, True)
     """
-    found = SIDES.fullmatch(text.strip())
+    # Drawings, and the program itself, write the minus sign.
+    words = text.strip().replace("\u2212", "-")
+    found = SIDES.fullmatch(words)
     if found is not None:
         sides = [(sign, float(sign + number)) for sign, number in (found.group(1, 2), found.group(3, 4))]
+        if not sides[1][0] and sides[1][1]:
+            first, second = found.group(2, 4)
+            raise InputError(
+                f"{text!r:.100}: the second side has no sign: write +{first}/-{second}, or +{first}/+{second} where "
+                "both limits lie outside the part"
+            )
         high, low = (number for _, number in sides)
         if low > high and all(sign or not number for sign, number in sides):
             low, high = high, low
         return Tolerance(low, high)
+    if (both := BOTH.fullmatch(words)) is not None:
+        return float(both.group(1))
     try:
-        return float(text)
+        return float(words)
     except ValueError:
         raise InputError(f"{text!r:.100} is neither a length nor two sides such as +0.2/-0.05") from None
 

@@ -165,7 +165,7 @@ def test_parts_are_inspected_by_columns_and_defaults(folder):
 
 
 def test_a_tolerance_of_a_row_may_have_two_sides(folder):
-    text = "scan;target;tolerance\n" + "".join(f"scan0.npy;bracket.off;{x}\n" for x in ("+0.2/-0.05", "0,2", "-1/1"))
+    text = "scan;target;tolerance\n" + "".join(f"scan0.npy;bracket.off;{x}\n" for x in ("+0.2/-0.05", "0,2", "+1/+1"))
     first, second, third = rows_of(folder, text)
     assert first.asked.tolerance == Tolerance(-0.05, 0.2)
     assert inputs_of(first)["inspection"]["tolerance"] == [-0.05, 0.2]
