@@ -234,7 +234,7 @@ def deviation_lines(deviations: Deviations) -> list[tuple[str, str]]:
     return lines
 
 
-def tell_decision(found: Decision, deviations: Deviations, console: Console, *, trusted: bool) -> None:
+def tell_decision(found: Decision, deviations: Deviations, console: Console, *, trusted: bool, more: str = "") -> None:
     """Print whether the part is within its tolerance, and why."""
     from dqreg.report.decision_tables import decision_words
     from dqreg.report.inspection_table import outcome_markup
@@ -242,7 +242,7 @@ def tell_decision(found: Decision, deviations: Deviations, console: Console, *, 
 
     unit = deviations.units or ""
     against = tolerance_text(found, unit).replace("−", "-")
-    console.print(f"{outcome_markup(found.outcome, trusted=trusted)}: part against {against}", highlight=False)
+    console.print(f"{outcome_markup(found.outcome, trusted=trusted)}: part against {against}{more}", highlight=False)
     for words in decision_words(found, unit, deviations.signed):
         say(console, f"  {words}")
 

@@ -143,6 +143,7 @@ def register_command(
     from dqreg.registration.display_unit import shown_target
     from dqreg.registration.inspected import expected_deviation_of
     from dqreg.report import make_progress
+    from dqreg.report.summary import shape_words
 
     # Asked before the work starts, so that no result is lost after it.
     require_apart((scan, target), {"--out": out, "--report": report, "--aligned": aligned, "--deviations": deviations})
@@ -173,7 +174,7 @@ def register_command(
         measured = tell_deviations(result, deviations, allowed, console, reach=reach, exclude=exclude, keep=keep)
     if measured is not None and allowed is not None:
         decision = decide(measured, allowed, share)
-        tell_decision(decision, measured, console, trusted=trusted)
+        tell_decision(decision, measured, console, trusted=trusted, more=shape_words(result))
     if report is not None:
         tell_report(result, report, reach, began, console, measured, decision)
     if as_json:

@@ -27,7 +27,7 @@ from dqreg.report.pictures import PicturePanel, draw
 from dqreg.report.report_data import ReportData, checked_tolerance, collect, unit_of
 from dqreg.report.result_protocol import RegistrationResult
 from dqreg.report.sheet import digests_of, head_rows, sheet_of
-from dqreg.report.summary import ALIGNMENT, confidence_words
+from dqreg.report.summary import ALIGNMENT, confidence_words, shape_words
 from dqreg.report.text import pose_forms, text_of, unit_words
 from dqreg.report.view3d import ELLIPSOID_DIAGONALS, scene_of
 
@@ -104,6 +104,7 @@ def _words(result: RegistrationResult, data: ReportData | None, unit: str) -> di
         "advice": tables.ADVICE[level],
         "reasons": (*result.verdict.reasons, *remarks_of(result)),
         "confidence": confidence_words(result),
+        "in_shape": shape_words(result),
         "hints": hints_of(result),
         "source": file_name(settings.get("source")),
         "target": file_name(settings.get("target")),

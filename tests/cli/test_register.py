@@ -47,6 +47,17 @@ def test_json_is_all_that_standard_output_holds(tmp_path, case, start, capsys):
     assert np.array_equal(values["T_target_source"], Registration.load(out).T_target_source)
 
 
+def test_a_scale_that_was_solved_for_stands_beside_the_outcome(tmp_path, case, start, capsys):
+    # A part that is 1 % too large.
+    write_cloud(tmp_path / "large.ply", 1.01 * read_cloud(case.scan).points)
+    files, page = (tmp_path / "large.ply", case.part), tmp_path / "page.html"
+    common = ("--start", start, "--effort", "fast", "--tolerance", "0.15", "--units", "ignore")
+    assert run("register", *files, *common, "--scale", "solve", "--report", page) == 0
+    said = "part against ±0.15, in shape alone (the scan was scaled by 0.99"
+    assert f"PASS: {said}" in capsys.readouterr().out
+    assert "P" + said[1:] in page.read_text(encoding="utf-8")
+
+
 def test_locked_motions_stay_as_in_the_start(tmp_path, case, start, capsys):
     files = case.scan, case.part
     assert run("register", *files, "--start", start, "--effort", "fast", "--json", "--dof", "rz tx ty") in (0, 1)

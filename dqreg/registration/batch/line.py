@@ -30,6 +30,7 @@ class Line:
     pose: tuple[float, ...] = (math.nan,) * 7
     kept: bool = False  # Whether the result is of an earlier session
     unit: str = ""  # Of its lengths; "" where it is not known
+    scale: float = math.nan  # That was solved for; NaN where none was
     inspection: Mapping[str, Any] | None = None  # As `Inspected.record` has it; None where nothing was asked
 
     @property
@@ -78,6 +79,7 @@ def line_of(row: Row, done: RowResult, *, kept: bool = False) -> Line:
         pose=_pose(record),
         kept=kept,
         unit=str(shown["units"] or ""),
+        scale=_number(record.get("scale")) if (record.get("settings") or {}).get("scale_solved") else math.nan,
         inspection=record[BATCH].get("inspection"),
     )
 

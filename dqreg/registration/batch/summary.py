@@ -45,6 +45,7 @@ COLUMNS: dict[str, Callable[[Line], object]] = {
     "deviation_p95": lambda line: line.figure("p95"),
     "share_within": lambda line: line.figure("share_within"),
     "share_scanned": lambda line: line.figure("scanned"),
+    "scale_solved": lambda line: line.scale,
 }
 
 
@@ -89,6 +90,7 @@ def to_records(lines: Sequence[Line]) -> list[dict[str, Any]]:
             "alignment_trusted": line.verdict == "accepted",
             "report": line.report or None,
             "head": dict(line.row.asked.head),
+            "scale_solved": None if math.isnan(line.scale) else line.scale,
             "inspection": line.inspection,
         }
         for line in lines

@@ -92,6 +92,18 @@ def test_csv_has_the_head_the_unit_and_the_deviations_of_each_part():
     assert kept["deviation_p95"] == ""
 
 
+def test_a_scale_that_was_solved_for_stands_beside_the_outcome():
+    solved = {**RECORD, "scale": 0.990099, "settings": {"scale_solved": True, "target_units": "mm"}}
+    solved["batch"] = {"seconds": 2.5, "inspection": {"outcome": "pass", "units": "mm", "values": []}}
+    given = {**solved, "settings": {"target_units": "mm"}}
+    asked = dataclasses.replace(ROW, asked=RowInspection(tolerance=0.1))
+    lines = [line_of(asked, RowResult("ran", "", record)) for record in (solved, given)]
+    rows = list(csv.DictReader(io.StringIO(summary_csv(lines), newline="")))
+    assert [row["scale_solved"] for row in rows] == ["0.990099", ""]
+    assert [record["scale_solved"] for record in to_records(lines)] == [0.990099, None]
+    assert to_html("b", lines).count("in shape alone: scaled by 0.990099 to fit") == 1
+
+
 def test_page_escapes_what_comes_from_outside_and_loads_nothing(tmp_path):
     (tmp_path / "a.jpg").write_bytes(b"jpeg")
     page = to_html(NASTY, LINES, tmp_path)
