@@ -34,6 +34,11 @@ def test_the_sheet_says_what_passes_what_is_missing_and_how_much_was_seen() -> N
     assert [row["cells"] for row in sheet["coverage"]["rows"]] == [["3"], ["0"]]
 
 
+def test_a_sheet_without_a_unit_says_whose_it_is() -> None:
+    units = [sheet_of(FOUND, unit, trusted=True)["unit"] for unit in ("mm", "")]
+    assert units == ["mm", "the unit of the part, which its file does not name"]
+
+
 def test_characteristics_of_one_place_share_a_label_with_the_worst_outcome() -> None:
     one, other = labels_of(FOUND, (), "mm")
     assert (one.text, one.kind, other.text, other.kind) == ("1, 2", "fail", "3", "undecided")
