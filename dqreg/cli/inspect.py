@@ -162,7 +162,7 @@ def inspect_command(
     options["expected_deviation"] = expected_deviation_of(planned, allowed, unit.units, options["expected_deviation"])
     to_screen = goals["as_json"] == Path("-")
     console, shown = consoles(quiet=quiet, as_json=to_screen, apart=True, width=PIPE_COLUMNS)
-    result = unit.named(_registered(scan, unit, shown, options), part)
+    result = unit.named(_registered(scan, unit, shown, options), part, goals["out"])
     refuse_swapped(result, scan, part)
     if result.verdict.level == "failed":
         head = {**({} if asked is None else asked.head), **head}

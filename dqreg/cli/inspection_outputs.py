@@ -56,7 +56,7 @@ def tell(console: Console, found: Inspected) -> None:
     tell_alignment(console, result)
     trusted = result.verdict.level == "accepted"
     if found.decision is not None:
-        tell_decision(found.decision, found.deviations, console, trusted=trusted)
+        tell_decision(found.decision, found.deviations, console, result)
     if found.sheet is not None and found.sheet.characteristics:
         tell_inspection(console, found.sheet, str(result.settings.get("target_units") or ""), trusted=trusted)
 

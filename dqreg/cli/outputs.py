@@ -146,7 +146,6 @@ def write_aligned(result: Registration, aligned: Path | None, console: Console) 
     from dqreg.files import write_cloud
 
     assert result.inputs is not None
-
     with console.status("writing the aligned scan"):
         points, normals = result.inputs.source.as_given()
         if normals is not None:
@@ -234,15 +233,16 @@ def deviation_lines(deviations: Deviations) -> list[tuple[str, str]]:
     return lines
 
 
-def tell_decision(found: Decision, deviations: Deviations, console: Console, *, trusted: bool, more: str = "") -> None:
+def tell_decision(found: Decision, deviations: Deviations, console: Console, result: Registration) -> None:
     """Print whether the part is within its tolerance, and why."""
-    from dqreg.report.decision_tables import decision_words
+    from dqreg.report.decision_tables import decision_words, shape_words
     from dqreg.report.inspection_table import outcome_markup
     from dqreg.report.text import tolerance_text
 
     unit = deviations.units or ""
-    against = tolerance_text(found, unit).replace("−", "-")
-    console.print(f"{outcome_markup(found.outcome, trusted=trusted)}: part against {against}{more}", highlight=False)
+    against = tolerance_text(found, unit).replace("−", "-") + shape_words(result)
+    said = outcome_markup(found.outcome, trusted=result.verdict.level == "accepted")
+    console.print(f"{said}: part against {against}", highlight=False)
     for words in decision_words(found, unit, deviations.signed):
         say(console, f"  {words}")
 

@@ -143,7 +143,6 @@ def register_command(
     from dqreg.registration.display_unit import shown_target
     from dqreg.registration.inspected import expected_deviation_of
     from dqreg.report import make_progress
-    from dqreg.report.summary import shape_words
 
     # Asked before the work starts, so that no result is lost after it.
     require_apart((scan, target), {"--out": out, "--report": report, "--aligned": aligned, "--deviations": deviations})
@@ -164,7 +163,7 @@ def register_command(
         options |= {"observe": progress, "observe_search": progress.search}
         with unit.source_units(scan, options["source_units"]) as options["source_units"]:
             result = register_files(scan, unit.geometry, began, console, **options)
-    result = unit.named(result, target)
+    result = unit.named(result, target, out)
     if allowed is not None:
         refuse_swapped(result, scan, target)
     tell_result(result, unit.native(result), out, aligned, console)
@@ -174,7 +173,7 @@ def register_command(
         measured = tell_deviations(result, deviations, allowed, console, reach=reach, exclude=exclude, keep=keep)
     if measured is not None and allowed is not None:
         decision = decide(measured, allowed, share)
-        tell_decision(decision, measured, console, trusted=trusted, more=shape_words(result))
+        tell_decision(decision, measured, console, result)
     if report is not None:
         tell_report(result, report, reach, began, console, measured, decision)
     if as_json:

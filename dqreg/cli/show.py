@@ -10,7 +10,7 @@ import click
 
 from dqreg.cli.outputs import as_json_option, consoles, deviation_record, print_json, quiet_option, say
 from dqreg.cli.values import FILE, UNITS
-from dqreg.errors import InputError
+from dqreg.errors import InputError, printable
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -85,6 +85,8 @@ def show(
         require_display()
     attached, began = attach(loaded, source, target, display_units, _start_pose(start))
     assert attached.inputs is not None
+    if changed := attached.settings.get("changed"):
+        click.echo(f"dqreg: {printable(changed)}", err=True)
     console, _ = consoles(quiet=quiet, as_json=as_json)
     data = collect(attached, attached.inputs, tolerance, began)
     if report is not None:
@@ -121,6 +123,7 @@ def _record(result: Registration, data: ReportData, files: list[Path]) -> dict[s
         "verdict": result.verdict,
         "T_target_source": result.T_target_source,
         "units": result.settings.get("target_units"),
+        "changed": result.settings.get("changed"),
         "deviations": deviations,
         "files": [str(path) for path in files],
     }
@@ -131,6 +134,7 @@ def attach(
 ) -> tuple[Registration, Any]:
     """A loaded result with its two sides, from the files given or those that it names, and its start, in a unit."""
     from dqreg.registration.display_unit import in_unit, shown_target
+    from dqreg.registration.side_digests import compared
 
     missing = [name for name in ("max_distance", "centre", "diagonal") if name not in result.settings]
     if missing:
@@ -143,6 +147,7 @@ def attach(
             f"--display-units {display_units}: the result names no length unit; register with --target-units"
         )
     scan, part = (_side(result, name, given) for name, given in (("source", source), ("target", target)))
+    result = compared(result, {"source": scan, "target": part})
     unit = shown_target(part, own, display_units)
     if unit.scale == 1.0:
         return result.attached(scan, part), start

@@ -15,6 +15,7 @@ from dqreg.errors import InputError, UnitsError
 from dqreg.files.setting_lengths import SETTING_LENGTHS
 from dqreg.files.units import factor
 from dqreg.geometry import Mesh
+from dqreg.registration.side_digests import with_digests
 from dqreg.rigid.twist import scaling_by
 
 if TYPE_CHECKING:
@@ -61,11 +62,11 @@ class ShownTarget:
         """A plan that says its unit: that of the file, where it names none."""
         return dataclasses.replace(plan, units=plan.units or self.own)
 
-    def named(self, result: Registration, path: Path) -> Registration:
-        """A result that names the file, not what was made of it."""
-        if self.scale == 1.0:
-            return result
-        return dataclasses.replace(result, settings={**result.settings, "target": str(path)})
+    def named(self, result: Registration, path: Path, kept: Path | None = None) -> Registration:
+        """A result that names the file, not what was made of it; one that is going to be kept has digests of both."""
+        if self.scale != 1.0:
+            result = dataclasses.replace(result, settings={**result.settings, "target": str(path)})
+        return result if kept is None else with_digests(result)
 
     def native(self, result: Registration) -> Registration:
         """A result in the unit of the file."""

@@ -11,6 +11,7 @@ from dqreg.inspection.places import MEDIAN_SIGMA, PLACE_POINTS
 from dqreg.report.decision_rows import OUTCOME_SIGNS, shown_outcome, wall_words
 from dqreg.report.page_tables import goto, rounded
 from dqreg.report.report_data import ReportData
+from dqreg.report.result_protocol import RegistrationResult
 from dqreg.report.text import (
     decimals_of,
     fixed,
@@ -71,6 +72,13 @@ def decision_words(found: Decision, unit: str, signed: bool) -> list[str]:
         words.append(f"The sides of a thin wall cannot be told apart: {wall_words(found, of)} (wall_side).")
     words.append(f"The pose adds an uncertainty of up to {text_of(found.uncertainty, 2)}{of} (k = 2) to a deviation.")
     return words
+
+
+def shape_words(result: RegistrationResult) -> str:
+    """Beside an outcome: that a scale was solved for, so that the part may be of another size; "" where none was."""
+    if not result.settings.get("scale_solved"):
+        return ""
+    return f", in shape alone (the scan was scaled by {result.scale:.6g} to fit)"
 
 
 def bands_of(data: ReportData) -> dict[str, Any] | None:

@@ -40,12 +40,14 @@ def hints_of(result: RegistrationResult) -> list[str]:
 
 
 def remarks_of(result: RegistrationResult) -> list[str]:
-    """What a person should know of a pose that was accepted, beside the verdict."""
+    """What a person should know beside the verdict: that the files are others now; of a pose that was accepted more."""
+    changed = [f"{words}."] if (words := result.settings.get("changed")) else []
     if result.verdict.level != "accepted" or result.inputs is None or not is_mesh_on_cloud(result.inputs):
-        return []
+        return changed
     return [
+        *changed,
         "The first file is a mesh and the second a cloud of points: the pose maps the mesh to the cloud. The usual "
-        "order is the scan first, then the part."
+        "order is the scan first, then the part.",
     ]
 
 

@@ -17,7 +17,7 @@ from dqreg.report import page_tables as tables
 from dqreg.report.cameras import VIEWS
 from dqreg.report.charts import NARROW_CANVAS, WIDE_CANVAS, convergence
 from dqreg.report.colours import LEVELS
-from dqreg.report.decision_tables import bands_of, decision_of, regions_table
+from dqreg.report.decision_tables import bands_of, decision_of, regions_table, shape_words
 from dqreg.report.facts import facts_of, file_name, motions_of
 from dqreg.report.figure import encode
 from dqreg.report.hints import hints_of, remarks_of
@@ -27,7 +27,7 @@ from dqreg.report.pictures import PicturePanel, draw
 from dqreg.report.report_data import ReportData, checked_tolerance, collect, unit_of
 from dqreg.report.result_protocol import RegistrationResult
 from dqreg.report.sheet import digests_of, head_rows, sheet_of
-from dqreg.report.summary import ALIGNMENT, confidence_words, shape_words
+from dqreg.report.summary import ALIGNMENT, confidence_words
 from dqreg.report.text import pose_forms, text_of, unit_words
 from dqreg.report.view3d import ELLIPSOID_DIAGONALS, scene_of
 

@@ -90,13 +90,6 @@ def scale_words(result: RegistrationResult) -> str:
     return "" if settings.get("scale", 1.0) == 1.0 else f"as asked, units included: source x {scale:.9g}"
 
 
-def shape_words(result: RegistrationResult) -> str:
-    """Beside an outcome: that a scale was solved for, so that the part may be of another size; "" where none was."""
-    if not result.settings.get("scale_solved"):
-        return ""
-    return f", in shape alone (the scan was scaled by {result.scale:.6g} to fit)"
-
-
 def viewpoint_words(result: RegistrationResult) -> str:
     """The viewpoint that the scan brought along, or what it says against the one given; empty where neither."""
     if (place := result.settings.get("source_viewpoint")) is not None:

@@ -9,10 +9,10 @@ from typing import Any
 
 from dqreg.errors import InputError
 from dqreg.files.csv_text import csv_rows
+from dqreg.files.file_digests import digest_of
 from dqreg.files.strict_json import plain
 from dqreg.files.untrusted import read_record
 from dqreg.inspection.plan.file import HEAD
-from dqreg.registration.batch.file_digests import digest_of
 from dqreg.registration.batch.line import RESULTS
 from dqreg.registration.batch.resume import ROWS
 from dqreg.registration.batch.row import BATCH

@@ -8,6 +8,7 @@ import pytest
 from PIL import Image
 
 from dqreg.cli.main import main
+from dqreg.files import read_cloud, write_cloud
 from dqreg.registration.result import Registration
 from tests.cli.command import run
 from tests.registration.test_result import good
@@ -84,6 +85,31 @@ def test_a_result_without_a_unit_is_shown_in_none(saved, tmp_path, capsys):
 def test_report_of_a_saved_result(saved, tmp_path):
     assert run("show", saved, "--report", tmp_path / "again.html", "--quiet") == 0
     assert Registration.load(saved).verdict.reasons[0] in (tmp_path / "again.html").read_text(encoding="utf-8")
+
+
+def test_a_scan_that_has_changed_since_is_said(saved, case, tmp_path, capsys):
+    assert run("show", saved, "--json") == 0
+    told = capsys.readouterr()
+    assert (told.err, json.loads(told.out)["changed"]) == ("", None)
+    # The same bytes under another name are the same scan.
+    (tmp_path / "copy.ply").write_bytes(case.scan.read_bytes())
+    assert run("show", saved, "--source", tmp_path / "copy.ply", "--json") == 0
+    assert capsys.readouterr().err == ""
+    write_cloud(tmp_path / "copy.ply", read_cloud(case.scan).points + 0.5)
+    options = ("--json", "--quiet", "--report", tmp_path / "r.html")
+    assert run("show", saved, "--source", tmp_path / "copy.ply", *options) == 0
+    told = capsys.readouterr()
+    said = "copy.ply has changed since it was registered: verdict and pose are of what was there then"
+    assert told.err.startswith(f"dqreg: {said}")
+    assert told.err.count("\n") == 1
+    assert json.loads(told.out)["changed"].startswith(said)
+    assert said in (tmp_path / "r.html").read_text(encoding="utf-8")
+    # A result of old holds no digests.
+    record = json.loads(saved.read_text())
+    assert sorted(record["settings"].pop("sha256")) == ["source", "target"]
+    (tmp_path / "old.json").write_text(json.dumps(record))
+    assert run("show", tmp_path / "old.json", "--source", tmp_path / "copy.ply", "--json") == 0
+    assert capsys.readouterr().err == ""
 
 
 def test_no_display_is_said_with_what_to_do(saved, monkeypatch, capsys):

@@ -8,7 +8,7 @@ import os
 import pytest
 
 from dqreg.errors import InputError
-from dqreg.registration.batch.file_digests import digest_of
+from dqreg.files.file_digests import digest_of
 from dqreg.registration.batch.resume import Folder
 from dqreg.studio.many import Many
 from dqreg.studio.visit import FaceTolerance

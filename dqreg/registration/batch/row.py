@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dqreg.errors import DqregError
+from dqreg.files.file_digests import digest_of
 from dqreg.files.poses import read_start
-from dqreg.registration.batch.file_digests import digest_of
 from dqreg.registration.batch.row_inspection import RowInspection, inspect_row
 from dqreg.registration.batch.worker import Failure, Status, Worker
 
@@ -131,7 +131,9 @@ def run_row(row: Row, targets: Targets, thumbnail: Thumbnail | None = None) -> R
         about["inspection"] = inspected
     if shown.scale != 1.0:
         about["shown"] = {"units": shown.units, "rms": result.rms}
-    return RowResult("ran", "", {**shown.native(result).to_dict(), BATCH: about}, picture, page)
+    record = shown.native(result).to_dict()
+    record["settings"]["sha256"] = {"source": before["scan"][2], "target": before["target"][2]}
+    return RowResult("ran", "", {**record, BATCH: about}, picture, page)
 
 
 def _registered(row: Row, targets: Targets, *, keep_inputs: bool) -> tuple[Registration, ShownTarget]:

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dqreg.errors import DegenerateGeometryError, InputError
+from dqreg.files.file_digests import digest_of
 from dqreg.inspection.tolerances import Tolerance
-from dqreg.registration.batch.file_digests import digest_of
 
 if TYPE_CHECKING:
     from dqreg.registration.display_unit import ShownTarget
