@@ -24,7 +24,7 @@ OFF_DIAGONALS = 0.02
 # Share of the points of a segment that lie off the part from which on it is of another object.
 OTHER_SHARE = 0.5
 
-# Of a problem: rows of points on smooth segments, and these by numbers from 0 on.
+# Of a problem: rows of points of a scan, and the smooth segment of each; -1 on none.
 SEGMENTS: Key[tuple[IntArray, IntArray]] = Key()
 
 
@@ -35,18 +35,14 @@ def on_others(prepared: Prepared, derived: Derived, poses: FloatArray, points: F
     """
     scan, surface = prepared.scan, prepared.surface
     rows, labels = derived.once(SEGMENTS, lambda: _segments(scan.points), of=len(scan))
-    if not len(rows):
-        return np.zeros(len(points), dtype=bool)
-    off = OFF_DIAGONALS * surface.diagonal
+    off, known = OFF_DIAGONALS * surface.diagonal, labels >= 0
     apart = distances_at(Poses.of(poses), scan.points[rows], surface, off).min(axis=0) >= off
-    count, of_others = np.bincount(labels), np.bincount(labels, weights=apart)
-    others = (count >= MIN_SEGMENT_POINTS) & (of_others > OTHER_SHARE * count)
-    # Points between two segments go with the nearest one.
+    count, of_others = np.bincount(labels[known]), np.bincount(labels[known], weights=apart[known])
+    # The last one is for points on no segment: nothing says that they are of another object.
+    others = np.append((count >= MIN_SEGMENT_POINTS) & (of_others > OTHER_SHARE * count), False)
     return np.asarray(others[labels[NeighbourTree(scan.points[rows]).nearest(points, 1)[0][:, 0]]])
 
 
 def _segments(points: FloatArray) -> tuple[IntArray, IntArray]:
     rows = sample_rows(len(points), SEGMENTED)
-    labels = smooth_segments(points[rows])
-    known = labels >= 0
-    return rows[known], np.unique(labels[known], return_inverse=True)[1]
+    return rows, smooth_segments(points[rows])
