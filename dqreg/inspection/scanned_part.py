@@ -16,8 +16,7 @@ from dqreg.inspection.coverage import covered, usual_density
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.facing import closest_as_before
 from dqreg.inspection.features import Feature, fit_feature
-from dqreg.inspection.features.hidden_form import hidden_form
-from dqreg.inspection.features.spread import covariance_on
+from dqreg.inspection.features.spread import covariance_on, hidden_form
 from dqreg.inspection.medians import smoothed
 from dqreg.inspection.membership import EXCLUDED
 from dqreg.inspection.part_faces import Face, faces_at, faces_in_box, nearest_face, part_faces

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 from numpy.typing import ArrayLike
 
 if TYPE_CHECKING:
-    from dqreg.report.cell import NotebookCell
+    from dqreg.report.page import NotebookCell
     from dqreg.report.result_protocol import RegistrationResult
 
 
@@ -99,7 +99,7 @@ class ShownResult:
         >>> register(part, part, "identity", effort="fast").view()
         Cell(640 pixels high)
         """
-        from dqreg.report.cell import cell_of
+        from dqreg.report.page import cell_of
 
         return cell_of(self._shown(), tolerance, height=height, reach=reach, start=start)
 

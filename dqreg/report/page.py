@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import time
 from collections.abc import Mapping, Sequence
+from html import escape
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from dqreg.errors import InputError
 from dqreg.files.strict_json import plain
 from dqreg.inspection import Decision, Deviations, Inspection, PlannedReport
 from dqreg.report import page_tables as tables
@@ -35,6 +38,8 @@ from dqreg.report.view3d import ELLIPSOID_DIAGONALS, scene_of
 PANEL_WIDTH, PANEL_HEIGHT = 760, 540
 # The same of the one or two panels in a notebook.
 NOTEBOOK_WIDTH, NOTEBOOK_HEIGHT = 520, 380
+# Pixels that a cell of a notebook may be high.
+MIN_CELL_HEIGHT, MAX_CELL_HEIGHT = 200, 4000
 NO_SIDES = (
     "No view: this result does not hold the scan and the target. Attach them, result.attached(scan, target), before "
     "the report is written; dqreg show does so with --source and --target."
@@ -234,3 +239,39 @@ def notebook_html(result: RegistrationResult) -> str:
         picture = data_uri(encode(drawn, "jpeg"), "jpeg")
     words = {"level": level, "colour": LEVELS[level], "sign": tables.SIGNS[level], "advice": tables.ADVICE[level]}
     return render("notebook.html", **words, reasons=result.verdict.reasons, rows=rows, picture=picture)
+
+
+@dataclasses.dataclass(frozen=True)
+class NotebookCell:
+    """A page that a notebook shows in a frame of its own."""
+
+    html: str  # The page, whole
+    height: int  # Of the frame, pixels
+
+    def _repr_html_(self) -> str:
+        # Without "allow-same-origin" the page cannot touch the notebook.
+        return (
+            f'<iframe sandbox="allow-scripts" title="part and scan" srcdoc="{escape(self.html)}" '
+            f'style="width:100%;height:{self.height}px;border:0"></iframe>'
+        )
+
+    def __repr__(self) -> str:
+        return f"Cell({self.height} pixels high)"
+
+    def save(self, path: str | Path) -> Path:
+        """Write the page alone."""
+        return write_page(page_path(path), self.html)
+
+
+def cell_of(
+    result: RegistrationResult, tolerance: float | None, *, height: int, reach: float | None, start: Any
+) -> NotebookCell:
+    """The view of a result that holds its sides."""
+    checked_tolerance(tolerance)
+    if isinstance(height, bool) or not isinstance(height, int) or not MIN_CELL_HEIGHT <= height <= MAX_CELL_HEIGHT:
+        raise InputError(
+            f"height must be a whole number of pixels from {MIN_CELL_HEIGHT} to {MAX_CELL_HEIGHT}; got {height!r:.60}"
+        )
+    if result.inputs is None:
+        raise InputError(NO_SIDES)
+    return NotebookCell(to_html(result, collect(result, result.inputs, tolerance, start, reach), in_cell=True), height)
