@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -17,6 +18,16 @@ from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 
 # A profile is the medians of so many blocks of neighbouring points at most, each of so many points at least.
 MAX_BLOCKS, MIN_BLOCK_POINTS = 96, 3
+# Fewer blocks than that hold as few points as there are: lobes need more of them than a circle has parameters.
+FEW_BLOCKS = 24
+# Undulations that are looked for all round, and along a line.
+ROUND_UNDULATIONS, LINE_UNDULATIONS = 3.0, 1.5
+# The end of a line, of a cubic bow, rises by that share of the zone in its length.
+END_SLOPE = 6.0
+# A larger share of a turn without points is no part of the face.
+OPENING_SHARE = 0.25
+# A gap hides no more than all but that share of an undulation.
+MIN_SEEN_SHARE = 0.25
 # Draws whose minimum zone is found; that of the others is narrower than their least squares one by the same share.
 ZONE_DRAWS = 3
 # The zone between circles follows its centre, which is moved so often at most.
@@ -29,14 +40,15 @@ def worst_form(profiles: Sequence[Profile], noise: float) -> Measured:
     """Roundness of sections or straightness of lines: of the worst of them.
 
     Its surface is what a random field makes of medians of neighbouring points; points that were probed by hand, whose
-    ``noise`` is 0 because it is not known, are taken as they are.
+    ``noise`` is 0 because it is not known, are taken as they are. What lies between points counts to the uncertainty.
     """
     profiles = [each.centred() for each in profiles]
     if noise == 0.0:
         zones = np.array([[width_of_zone(each.values, each.along, each.radius)] for each in profiles])
-        return Measured(float(zones.max()), 0.0, profiles[int(np.argmax(zones))].middle)
-    own = _noise(profiles) or noise
-    blocks = [each.blocks(min(MAX_BLOCKS, max(len(each.values) // MIN_BLOCK_POINTS, 1))) for each in profiles]
+        hidden = max(_hidden_share(each, each) * zone for each, zone in zip(profiles, zones[:, 0], strict=True))
+        return Measured(float(zones.max()), float(hidden), profiles[int(np.argmax(zones))].middle)
+    own = _noise(profiles, noise) or noise
+    blocks = [each.blocks(_block_count(len(each.values))) for each in profiles]
     series = [
         Series(each.places, each.values, each.slopes, sigma_of(own, len(whole.values) // len(each.values)))
         for whole, each in zip(profiles, blocks, strict=True)
@@ -48,13 +60,44 @@ def worst_form(profiles: Sequence[Profile], noise: float) -> Measured:
         for each, values in zip(blocks, drawn.values, strict=True)
     )
     worst = profiles[int(np.argmax(zones.mean(axis=1)))].middle
-    return Measured(*drawn.measured(zones.max(axis=0), mean), worst)
+    value, room = drawn.measured(zones.max(axis=0), mean)
+    hidden = max(
+        _hidden_share(whole, each) * width_of_zone(each.values, each.along, each.radius)
+        for whole, each in zip(profiles, blocks, strict=True)
+    )
+    return Measured(value, room + hidden, worst)
 
 
-def _noise(profiles: Sequence[Profile]) -> float:
-    """Standard deviation of a point, from how neighbours along the profiles differ."""
+def _block_count(count: int) -> int:
+    """Blocks of as many points."""
+    return int(np.clip(count // MIN_BLOCK_POINTS, min(count, FEW_BLOCKS), MAX_BLOCKS))
+
+
+def _noise(profiles: Sequence[Profile], told: float) -> float:
+    """Standard deviation of a point, from how neighbours along the profiles differ; of few points as it is ``told``."""
     steps = np.concatenate([np.diff(each.values[np.argsort(each.along)]) for each in profiles])
-    return float(GAUSSIAN_MEDIAN * np.median(np.abs(steps)) / np.sqrt(2.0))
+    found = float(GAUSSIAN_MEDIAN * np.median(np.abs(steps)) / np.sqrt(2.0))
+    # Few neighbours differ by the form error that lies between them.
+    few = min(len(each.values) for each in profiles) < FEW_BLOCKS * MIN_BLOCK_POINTS
+    return min(found, float(told)) if few else found
+
+
+def _hidden_share(whole: Profile, blocks: Profile) -> float:
+    """What a zone may lack, as a share of it, because its extremes lie between blocks or beyond the last one."""
+    along = np.sort(blocks.along)
+    if whole.radius:
+        gaps = np.diff(along, append=along[0] + 2.0 * np.pi) / (2.0 * np.pi)
+        return _between(float(gaps[gaps <= OPENING_SHARE].max(initial=0.0)) * ROUND_UNDULATIONS)
+    ends = float(whole.along.min()), float(whole.along.max())
+    size = (ends[1] - ends[0]) or 1.0
+    beyond = END_SLOPE * max(float(along[0]) - ends[0], ends[1] - float(along[-1])) / size
+    return max(beyond, _between(float(np.diff(along).max(initial=0.0)) / size * LINE_UNDULATIONS))
+
+
+def _between(undulations: float) -> float:
+    """By how much an undulation may be higher than what stands on both sides of a gap, as a share of that."""
+    seen = math.cos(math.pi * min(undulations, 0.5))
+    return 1.0 / max(seen, MIN_SEEN_SHARE) - 1.0
 
 
 def _zones(profile: Profile, drawn: FloatArray) -> FloatArray:
