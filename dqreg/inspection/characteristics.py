@@ -137,7 +137,7 @@ def form(feature: Feature, points: FloatArray, noise: float) -> Measured:
     """
     offsets, slopes = distances(feature.kind, feature.shape, points)
     offsets, slopes = offsets[-len(points) :], slopes[-len(points) :]
-    medians = Medians.of(offsets, points, noise)
+    medians = Medians.of(offsets, points, noise, to_rim=True)
     # Each place moves along the shape's own normal.
     outward = normals_of(feature.kind, feature.shape, points[medians.rows])
     places = points[medians.rows] + (medians.values - offsets[medians.rows])[:, None] * outward
@@ -158,7 +158,7 @@ def profile(
     ``middle`` is that of a unilateral or unequal zone, signed, outside the part positive. Noise is treated as in
     `form`. Shapes: (n,), (n, 3).
     """
-    medians = Medians.of(deviations, points, noise)
+    medians = Medians.of(deviations, points, noise, to_rim=True)
     largest = 2.0 * float(np.abs(medians.values - middle).max())
     value, spread = medians.corrected(largest, lambda z: 2.0 * np.abs(z - middle).max(axis=1), 2.0)
     return Measured(value, math.hypot(spread, 2.0 * COVERAGE_FACTOR * frame_sigma))
