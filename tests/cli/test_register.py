@@ -239,7 +239,7 @@ def test_a_part_with_a_bump_ends_with_exit_code_three(tmp_path, case, start, cap
 def test_a_pass_on_an_alignment_that_is_not_trusted_does_not_look_like_one(tmp_path, case, start, capsys):
     # Points amid one flat face leave three motions open: the alignment is not trusted, and all lie on the part.
     points = pose.apply(case.T_target_source, read_cloud(case.scan).points)
-    top = points[(np.abs(points - (60.0, 40.0, 10.0)) < (20.0, 25.0, 0.2)).all(axis=1)]
+    top = points[(np.abs(points - (60.0, 40.0, 10.0)) < (15.0, 15.0, 0.2)).all(axis=1)]
     write_cloud(tmp_path / "top.ply", pose.apply(pose.inverse(case.T_target_source), top))
     known = tmp_path / "known.txt"
     np.savetxt(known, case.T_target_source)
