@@ -11,7 +11,7 @@ import click
 
 from dqreg.cli.outputs import consoles, quiet_option, say, write_aligned
 from dqreg.cli.values import FILE
-from dqreg.kernels.second_process import start_where_nothing_is_kept
+from dqreg.kernels.compiling.second_process import start_where_nothing_is_kept
 
 if TYPE_CHECKING:
     from rich.console import Console

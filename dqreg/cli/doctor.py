@@ -98,7 +98,7 @@ def doctor(context: click.Context, as_json: bool, compiles: bool) -> None:
     Exit code 0 if all that is required works, 1 if not.
     """
     if compiles and _version("numba") is not None:
-        from dqreg.kernels.compile_all import compile_for_all_users
+        from dqreg.kernels.compiling.compile_all import compile_for_all_users
 
         compile_for_all_users()
     checks = examine()
@@ -196,7 +196,7 @@ def _numbers(version: str) -> tuple[int, ...]:
 def _kernels() -> list[Check]:
     if _version("numba") is None:
         return []
-    from dqreg.kernels.cache import folders, kept
+    from dqreg.kernels.compiling.cache import folders, kept
 
     files, folder = kept(), folders()[1]
     found = f"{len(files)} in {files[-1].parent if files else folder}"

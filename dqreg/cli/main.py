@@ -20,7 +20,7 @@ def console() -> None:
     """Run `dqreg` with the words of the command line, and exit."""
     # Never undone: while Python takes itself down at the end, a signal must not leave a traceback either.
     listen(leave_at_once)
-    from dqreg.kernels import second_process
+    from dqreg.kernels.compiling import second_process
 
     second_process.allow()
     warnings.formatwarning = _warning_line

@@ -38,7 +38,7 @@ def consoles(*, quiet: bool, as_json: bool, width: int | None = None, apart: boo
     """
     from dqreg.cli.pipes import Dispensable
     from dqreg.cli.pipes import PatientConsole as Console
-    from dqreg.kernels import second_process
+    from dqreg.kernels.compiling import second_process
 
     if quiet:
         second_process.tell(tells=False)

@@ -24,7 +24,7 @@ from dqreg.cli.outputs import (
 from dqreg.cli.overwriting import require_apart
 from dqreg.cli.values import FILE, UNITS, PlaceCommand, PlaceType, ScaleType, ToleranceType, places_of
 from dqreg.errors import InputError
-from dqreg.kernels.second_process import start_where_nothing_is_kept
+from dqreg.kernels.compiling.second_process import start_where_nothing_is_kept
 
 # The same words as in the library, which a test compares: importing them would load the solvers for `--help`.
 METHODS = ("auto", "dq", "dq-points", "svd", "plane", "generalised")

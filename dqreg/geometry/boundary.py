@@ -141,7 +141,7 @@ class CloudBoundary:
         """Whether points lie on the boundary of the cloud."""
         if self.in_lines:
             return np.zeros(len(rows), dtype=bool)
-        from dqreg.kernels.rims import known_rims
+        from dqreg.kernels.clouds.rims import known_rims
 
         found, lines = np.zeros(len(rows), dtype=bool), np.zeros(len(rows), dtype=np.int64)
         count = known_rims(rows, self._rim, self._known, found, lines)
@@ -161,7 +161,7 @@ class CloudBoundary:
         return found
 
     def _one_sided(self, rows: IntArray, normals: FloatArray) -> BoolArray:
-        from dqreg.kernels.rims import one_sided_rows
+        from dqreg.kernels.clouds.rims import one_sided_rows
         from dqreg.kernels.threads import as_plain, over_chunks
 
         indices, farthest = self._tree.around(rows)
@@ -180,7 +180,7 @@ class CloudBoundary:
 
     def _in_lines(self, rows: IntArray) -> float:
         """Share of some points whose neighbours lie along a line."""
-        from dqreg.kernels.rims import line_rows
+        from dqreg.kernels.clouds.rims import line_rows
         from dqreg.kernels.threads import as_plain, over_chunks
 
         # Not remembered: a table for all points takes longer to begin than these few to find.
@@ -215,7 +215,7 @@ def lie_in_rings(points: FloatArray, order: IntArray) -> bool:
 
 def runs_of(points: FloatArray, order: IntArray, count: int) -> tuple[BoolArray, FloatArray, FloatArray, FloatArray]:
     """Neighbourhoods of so many amid runs of points, see `lined_runs`, and the point in the middle of each, (m, 3)."""
-    from dqreg.kernels.lined_runs import lined_runs
+    from dqreg.kernels.clouds.lined_runs import lined_runs
     from dqreg.kernels.threads import as_plain, over_chunks
 
     length = min(RUN_POINTS, len(order))

@@ -80,7 +80,7 @@ class Cells:
     @staticmethod
     def of(cloud: PointCloud, size: float) -> Cells:
         """Cells of an edge: wider where the extent of the cloud has too many of them."""
-        from dqreg.kernels.grid_cells import cells_of_points
+        from dqreg.kernels.cells.grid_cells import cells_of_points
         from dqreg.kernels.threads import as_plain, aside
 
         (points, move), ends = cloud._unmoved, cloud._ends
@@ -111,7 +111,7 @@ class Cells:
     @property
     def lined_share(self) -> float:
         """Share of the cells of many points whose points lie along a line, as on one ring of a LiDAR; 0 for none."""
-        from dqreg.kernels.cell_smoothing import share_of_lined
+        from dqreg.kernels.cells.cell_smoothing import share_of_lined
 
         return share_of_lined(self.counts, self.scatters, TOLD_POINTS, LINED_PRODUCTS)
 
@@ -120,7 +120,7 @@ class Cells:
 
         Where they are too few, those of cells of twice the edge are asked, so many times.
         """
-        from dqreg.kernels.cell_smoothing import plane_columns
+        from dqreg.kernels.cells.cell_smoothing import plane_columns
 
         found, rims = self._planes(np.ones(len(self.codes), dtype=bool), EDGE_LEVELS)
         normals, residuals, levers, gaps, heights, usual, height = plane_columns(found)
@@ -134,7 +134,7 @@ class Cells:
         of the query: a loop between such clouds follows only a part of what the pose is off, and its residuals, small
         as they were chosen, tell too small a variance.
         """
-        from dqreg.kernels.cell_smoothing import smoothed_means
+        from dqreg.kernels.cells.cell_smoothing import smoothed_means
 
         fits = planes.fits
         given = self.points, fits.normals, fits.residuals, planes.heights, SHAPE_RESIDUAL_RATIO * planes.usual
@@ -142,8 +142,8 @@ class Cells:
 
     def _planes(self, asked: BoolArray, levels: int) -> tuple[FloatArray, BoolArray]:
         """Planes of some of the cells, see `cell_planes`, and which of these lie on a rim."""
-        from dqreg.kernels.cell_blocks import cell_blocks, hand_down, joined_cells
-        from dqreg.kernels.cell_planes import cell_planes
+        from dqreg.kernels.cells.cell_blocks import cell_blocks, hand_down, joined_cells
+        from dqreg.kernels.cells.cell_planes import cell_planes
         from dqreg.kernels.threads import over_chunks
 
         of_blocks = cell_blocks(self.codes, self.counts, self.scatters, MAX_COUNTED_POINTS)
@@ -273,7 +273,7 @@ class CellSurface(CloudSurface):
 
 def _least_held(fits: PlaneFits, most: float) -> float:
     """Share of the normals of planes that leave no more, in the direction that they hold least."""
-    from dqreg.kernels.cell_smoothing import held_by_sure
+    from dqreg.kernels.cells.cell_smoothing import held_by_sure
 
     held, count = held_by_sure(fits.normals, fits.residuals, most)
     return float(np.linalg.eigvalsh(held)[0]) / max(count, 1)

@@ -38,8 +38,8 @@ def checked_regions(value: Any, face_count: int) -> IntArray:
 
 def solid_faces(vertices: FloatArray, faces: IntArray) -> tuple[BoolArray, FloatArray]:
     """Which faces have an area, (f,), and the lowest and highest corner of the box around all, (2, 3)."""
-    from dqreg.kernels.mesh_faces import ENDS
-    from dqreg.kernels.mesh_faces import solid_faces as write_solid
+    from dqreg.kernels.meshes.mesh_faces import ENDS
+    from dqreg.kernels.meshes.mesh_faces import solid_faces as write_solid
     from dqreg.kernels.threads import as_plain, over_chunks
 
     solid, ends = np.zeros(len(faces), dtype=bool), np.zeros(((len(faces) - 1) // CHUNK_FACES + 1, ENDS))

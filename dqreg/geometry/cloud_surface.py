@@ -247,8 +247,8 @@ class CloudSurface:
         return ranks
 
     def _answer(self, rows: IntArray, distances: FloatArray, others: FloatArray, candidates: Candidates) -> Closest:
-        from dqreg.kernels.follow_rows import look_up_rows
         from dqreg.kernels.threads import over_chunks
+        from dqreg.kernels.trees.follow_rows import look_up_rows
 
         self._fit_at(rows)
         count = len(rows)

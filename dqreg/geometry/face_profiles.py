@@ -195,7 +195,7 @@ def _on_one_circle(points: FloatArray, widths: FloatArray) -> bool:
 
 def connected(links: IntArray, count: int) -> tuple[int, IntArray]:
     """How many parts linked things make, and the part of each."""
-    from dqreg.kernels.components import components
+    from dqreg.kernels.clouds.components import components
 
     labels: IntArray = components(count, *np.ascontiguousarray(links.T, dtype=np.int64))
     return int(labels.max(initial=-1)) + 1, labels

@@ -108,7 +108,7 @@ class Mesh:
 
     @cached_property
     def _face_columns(self) -> tuple[FloatArray, FloatArray]:
-        from dqreg.kernels.mesh_faces import face_columns
+        from dqreg.kernels.meshes.mesh_faces import face_columns
         from dqreg.kernels.threads import as_plain, over_chunks
 
         normals, areas = np.zeros((len(self.faces), 3)), np.zeros(len(self.faces))
@@ -125,7 +125,7 @@ class Mesh:
     @cached_property
     def _moments(self) -> tuple[FloatArray, FloatArray]:
         """Mean, (3,), and covariance, (3, 3), of the surface: exact."""
-        from dqreg.kernels.mesh_faces import MOMENTS, surface_moments
+        from dqreg.kernels.meshes.mesh_faces import MOMENTS, surface_moments
         from dqreg.kernels.threads import as_plain, over_chunks
 
         count, columns = len(self.faces), (as_plain(self.corners), self.face_areas, self.centre)

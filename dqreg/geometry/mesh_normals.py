@@ -28,7 +28,7 @@ def smooth_normals_of(mesh: Mesh, places: FloatArray, faces: IntArray, normals: 
     Those of the corners of each face, see `FaceFans`, are interpolated linearly across it: sharp edges stay sharp.
     Shapes: places and normals (n, 3), faces (n,).
     """
-    from dqreg.kernels.pseudo_normals import smooth_normals_at
+    from dqreg.kernels.meshes.pseudo_normals import smooth_normals_at
     from dqreg.kernels.threads import as_plain, over_chunks
 
     fans = mesh._fans.find(faces)
@@ -43,7 +43,7 @@ def smooth_normals_of(mesh: Mesh, places: FloatArray, faces: IntArray, normals: 
 
 def _corner_angles(corners: FloatArray) -> FloatArray:
     """Angle at each corner of some faces, (f, 3), radians."""
-    from dqreg.kernels.pseudo_normals import corner_angles
+    from dqreg.kernels.meshes.pseudo_normals import corner_angles
     from dqreg.kernels.threads import as_plain, over_chunks
 
     angles = np.zeros((len(corners), 3))
@@ -53,7 +53,7 @@ def _corner_angles(corners: FloatArray) -> FloatArray:
 
 def _sums(rows: FloatArray, scales: FloatArray, places: IntArray) -> FloatArray:
     """Sums of rows, (n, 3), at the places that each serves, times a scale each. Shapes: scales, places (n k,)."""
-    from dqreg.kernels.pseudo_normals import add_scaled_rows
+    from dqreg.kernels.meshes.pseudo_normals import add_scaled_rows
     from dqreg.kernels.threads import as_plain
 
     sums = np.zeros((int(places.max()) + 1, 3))
@@ -107,7 +107,7 @@ class PseudoNormals:
 
         Distances and normals of the closest places are overwritten.
         """
-        from dqreg.kernels.pseudo_normals import pseudo_normals_at
+        from dqreg.kernels.meshes.pseudo_normals import pseudo_normals_at
         from dqreg.kernels.threads import as_plain, over_chunks
 
         mesh, values, normals = self.mesh, as_plain(closest.distances), as_plain(closest.normals)

@@ -13,7 +13,7 @@ from dqreg.geometry.mesh import Mesh
 from dqreg.geometry.surface import Closest, Hint, as_queries
 
 if TYPE_CHECKING:
-    from dqreg.kernels.triangle_tree import TriangleTree
+    from dqreg.kernels.trees.triangle_tree import TriangleTree
 
 
 class MeshSurface:
@@ -54,7 +54,7 @@ class MeshSurface:
     @cached_property
     def _tree(self) -> TriangleTree:
         # Numba is loaded where a target is first asked.
-        from dqreg.kernels.triangle_tree import TriangleTree
+        from dqreg.kernels.trees.triangle_tree import TriangleTree
 
         return TriangleTree.of(self.mesh.corners, self.mesh.face_normals)
 

@@ -32,7 +32,7 @@ def distinct_in_order(points: FloatArray, ends: Ends | None = None) -> IntArray:
 
     Shapes: returns (m,).
     """
-    from dqreg.kernels.morton import new_places
+    from dqreg.kernels.order.morton import new_places
     from dqreg.kernels.threads import as_plain
 
     points = as_plain(points)
@@ -52,7 +52,7 @@ def distinct_in_order(points: FloatArray, ends: Ends | None = None) -> IntArray:
 
 def in_order(points: FloatArray, order: IntArray) -> FloatArray:
     """Points in an order of their rows, (m, 3), on all threads: most of them come from far away in memory."""
-    from dqreg.kernels.morton import take_points
+    from dqreg.kernels.order.morton import take_points
     from dqreg.kernels.threads import as_plain, over_chunks
 
     taken = np.zeros((len(order), 3))
@@ -68,10 +68,10 @@ def sorted_rows(codes: CodeArray) -> IntArray:
 def sorted_codes(codes: CodeArray) -> tuple[IntArray, CodeArray]:
     """Stable order of codes, and the codes in it."""
     if len(codes) > SPLIT_SORT_CODES:
-        from dqreg.kernels.split_sort import split_sorted_rows
+        from dqreg.kernels.order.split_sort import split_sorted_rows
 
         return split_sorted_rows(codes)
-    from dqreg.kernels import morton
+    from dqreg.kernels.order import morton
 
     return morton.sorted_rows(codes)
 
@@ -90,7 +90,7 @@ def cells_by_edge(points: FloatArray, move: FloatArray, ends: Ends, finest: int)
 
     The ends are those of the points after their move, see `moved`.
     """
-    from dqreg.kernels import morton
+    from dqreg.kernels.order import morton
     from dqreg.kernels.threads import as_plain
 
     low, per_length = corner_and_cells(points, ends=ends)
@@ -102,7 +102,7 @@ def cells_by_edge(points: FloatArray, move: FloatArray, ends: Ends, finest: int)
 
 def codes_on_grid(points: FloatArray, low: FloatArray, per_length: float, move: FloatArray = UNMOVED) -> CodeArray:
     """The same in cells from a corner on, (3,), of which there are so many a length, after a move, (4,)."""
-    from dqreg.kernels.morton import morton_cells
+    from dqreg.kernels.order.morton import morton_cells
     from dqreg.kernels.threads import as_plain, over_chunks
 
     codes = np.zeros(len(points), dtype=np.uint64)
@@ -112,7 +112,7 @@ def codes_on_grid(points: FloatArray, low: FloatArray, per_length: float, move: 
 
 def corner_and_cells(points: FloatArray, size: float = 0.0, ends: Ends | None = None) -> tuple[FloatArray, float]:
     """Corner from which cells of an edge begin, (3,), and how many of them there are a length; see `edge_of_cells`."""
-    from dqreg.kernels.morton import BITS
+    from dqreg.kernels.order.morton import BITS
 
     low, high = bounds(points) if ends is None else ends
     extent = float((high - low).max())
@@ -126,7 +126,7 @@ def edge_of_cells(points: FloatArray, size: float = 0.0, ends: Ends | None = Non
     >>> edge_of_cells(np.array([[0.0, 0, 0], [0.4, 0, 1.2]]), 1.0)
     1.0
     """
-    from dqreg.kernels.morton import BITS
+    from dqreg.kernels.order.morton import BITS
 
     low, high = bounds(points) if ends is None else ends
     return max(size, float((high - low).max() / (2**BITS - 1)))

@@ -16,7 +16,7 @@ from dqreg._open3d import load_open3d
 from dqreg.geometry.surface import Closest
 
 if TYPE_CHECKING:
-    from dqreg.kernels.point_tree import PointTree
+    from dqreg.kernels.trees.point_tree import PointTree
 
 Candidates = NDArray[np.int32]
 # Of queries: nearest points, their distances, what no other point is nearer than, and candidates from now on.
@@ -47,7 +47,7 @@ class NeighbourTree:
     """
 
     def __init__(self, points: FloatArray, *, in_order: bool = False, late: bool = False) -> None:
-        from dqreg.kernels.point_tree import PointTree
+        from dqreg.kernels.trees.point_tree import PointTree
 
         self.size = len(points)
         self._points, self._late = points, late
@@ -57,7 +57,7 @@ class NeighbourTree:
 
     def build(self) -> None:
         """Put the points in the order that many queries are answered soonest in; threads that meet make the same."""
-        from dqreg.kernels.point_tree import PointTree
+        from dqreg.kernels.trees.point_tree import PointTree
 
         if self._late:
             self._tree = PointTree.of(self._points), False
@@ -86,7 +86,7 @@ class NeighbourTree:
 
     def nearest_to(self, rows: IntArray, count: int) -> tuple[IntArray, FloatArray]:
         """The same of some of the points, (m,) rows: in Morton order each begins at its own place."""
-        from dqreg.kernels.point_tree import MAX_OWN_NEIGHBOURS
+        from dqreg.kernels.trees.point_tree import MAX_OWN_NEIGHBOURS
 
         count, (tree, in_order) = min(count, self.size), self._for(len(rows))
         if in_order or count > MAX_OWN_NEIGHBOURS or not _are_dense(rows):
@@ -188,8 +188,8 @@ def followed(
     Given where they were, (n, 3), the candidates that were nearest there, (n, k) rows of the cloud, (m, 3), and what no
     other was nearer than, (n,).
     """
-    from dqreg.kernels.follow_rows import follow_rows
     from dqreg.kernels.threads import as_plain, over_chunks
+    from dqreg.kernels.trees.follow_rows import follow_rows
 
     count = len(points)
     rows, distances, bounds = np.zeros(count, dtype=np.int64), np.zeros(count), np.zeros(count)
@@ -205,8 +205,8 @@ def found_in_tree(
 
     With so many candidates from now on where there are none yet, and what stands at the points, where it is given.
     """
-    from dqreg.kernels.follow_rows import follow_in_tree
     from dqreg.kernels.threads import as_plain, even_chunk, over_chunks
+    from dqreg.kernels.trees.follow_rows import follow_in_tree
 
     count, looked_up = len(points), 0 if held is None else len(points)
     rows, distances, bounds = np.zeros(count, dtype=np.int64), np.zeros(count), np.zeros(count)

@@ -143,7 +143,7 @@ def _joined(parts: list[tuple[FloatArray, FloatArray, FloatArray]], count: int) 
 
 
 def _fit_chunk(cloud: FloatArray, indices: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    from dqreg.kernels.plane_fits import fit_plane_rows
+    from dqreg.kernels.clouds.plane_fits import fit_plane_rows
     from dqreg.kernels.threads import as_plain, over_chunks
 
     total, k = indices.shape
@@ -192,7 +192,7 @@ def fit_edge_planes(
 
     Shapes: indices (n, k) rows of the cloud, the point itself first; returns (n, 3), (n,), (n,).
     """
-    from dqreg.kernels.edge_planes import edge_plane_rows
+    from dqreg.kernels.clouds.edge_planes import edge_plane_rows
     from dqreg.kernels.threads import as_plain, over_chunks
 
     total = len(indices)

@@ -91,7 +91,7 @@ class Rays:
 
     def met(self, points: FloatArray, T: FloatArray, margin: float) -> IntArray:
         """Of points, (n, 3), moved by each of some poses, (k, 4, 4): how many are where, (k, 3); see `rays_met`."""
-        from dqreg.kernels.ray_pixels import COUNTS, rays_met
+        from dqreg.kernels.evidence.ray_pixels import COUNTS, rays_met
         from dqreg.kernels.threads import as_plain, over_chunks
 
         turns, shifts = self.axes @ T[:, :3, :3], (T[:, :3, 3] - self.eye) @ self.axes.T
@@ -157,7 +157,7 @@ def _filled(
     farthest: FloatArray,
 ) -> float:
     """Write the ranges in each pixel; the share of the points that are behind another one in theirs."""
-    from dqreg.kernels.ray_pixels import fill_pixels
+    from dqreg.kernels.evidence.ray_pixels import fill_pixels
     from dqreg.kernels.threads import as_plain
 
     at = np.zeros(len(arms), dtype=np.int64)

@@ -18,7 +18,7 @@ def repeated_faces(same: SameNodes, faces: IntArray, flat: IntArray) -> BoolArra
 
     Of a closed surface whose every face is there in both senses it is the second of each.
     """
-    from dqreg.kernels.duplicate_triangles import first_equal
+    from dqreg.kernels.meshes.duplicate_triangles import first_equal
     from dqreg.kernels.threads import aside
 
     sound = same.soundness(faces, flat)
@@ -38,7 +38,7 @@ def repeated_faces(same: SameNodes, faces: IntArray, flat: IntArray) -> BoolArra
 
 def _mended(extra: BoolArray, first: IntArray, nodes: NDArray[np.uint64], seams: NDArray[np.uint64]) -> BoolArray:
     """Repeats without which fewer edges are faulty, chosen for all that hang together by edges."""
-    from dqreg.kernels.components import components
+    from dqreg.kernels.clouds.components import components
 
     near = np.flatnonzero(np.isin(nodes, nodes[extra]).any(axis=1))
     # Faces without area close seams as others do.

@@ -183,7 +183,7 @@ class Scan:
     @cached_property
     def _variances(self) -> FloatArray:
         """Variance of each normal by its fit, rad^2, (n,): 0 where it was given, 1 at most."""
-        from dqreg.kernels.fitted_normals import variances_of_normals
+        from dqreg.kernels.clouds.fitted_normals import variances_of_normals
 
         return variances_of_normals(self.residuals, self.levers, NORMAL_NEIGHBOURS)
 
@@ -195,7 +195,7 @@ class Scan:
     @cached_property
     def _rejecting_normals(self) -> FloatArray:
         """Normals that may reject a correspondence, (n, 3): those that were given, or of planes on one face."""
-        from dqreg.kernels.fitted_normals import rough_planes
+        from dqreg.kernels.clouds.fitted_normals import rough_planes
 
         fits = vars(self).get("_planes", self)
         rough, count = rough_planes(fits.residuals, fits.levers, MAX_FLAT_RESIDUAL)

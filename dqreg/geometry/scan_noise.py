@@ -77,7 +77,7 @@ def _around(tree: NeighbourTree, at: FloatArray, rows: IntArray) -> IntArray:
 
 def _quadric_residuals(points: FloatArray, neighbours: IntArray, normals: FloatArray) -> FloatArray:
     """Root mean square of what neighbours, (m, k), leave of a quadric over their plane, of those in no profile."""
-    from dqreg.kernels.quadric_fits import quadric_residual_rows
+    from dqreg.kernels.clouds.quadric_fits import quadric_residual_rows
     from dqreg.kernels.threads import as_plain, over_chunks
 
     residuals = np.zeros(len(neighbours))
@@ -88,7 +88,7 @@ def _quadric_residuals(points: FloatArray, neighbours: IntArray, normals: FloatA
 
 def _off_majorities(points: FloatArray, neighbours: IntArray, normals: FloatArray) -> FloatArray:
     """How far most of the neighbours, (m, k), lie from the plane that most lie near, where they span one."""
-    from dqreg.kernels.majority_planes import majority_plane_rows
+    from dqreg.kernels.clouds.majority_planes import majority_plane_rows
     from dqreg.kernels.threads import as_plain, over_chunks
 
     found = np.zeros(len(neighbours))

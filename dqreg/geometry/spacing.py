@@ -52,7 +52,7 @@ class Spread:
     @staticmethod
     def of(points: FloatArray) -> Spread:
         """Moments of points, (n, 3)."""
-        from dqreg.kernels.point_spread import spread_of
+        from dqreg.kernels.clouds.point_spread import spread_of
         from dqreg.kernels.threads import as_plain
 
         mean, covariance = np.zeros(3), np.zeros((3, 3))
@@ -66,7 +66,7 @@ class Spread:
 
     def motion(self, T_a: FloatArray, T_b: FloatArray) -> float:
         """Root mean square distance that the points travel between two poses, without moving any of them."""
-        from dqreg.kernels.point_spread import rms_motion
+        from dqreg.kernels.clouds.point_spread import rms_motion
         from dqreg.kernels.threads import as_plain
 
         return rms_motion(as_plain(T_a), as_plain(T_b), self.mean, self.covariance)

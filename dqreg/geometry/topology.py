@@ -41,7 +41,7 @@ class SameNodes:
     @staticmethod
     def of(vertices: FloatArray, faces: IntArray, flat: IntArray) -> SameNodes:
         """Numbers of the vertices of triangles with an area and without."""
-        from dqreg.kernels.side_parity import number_nodes
+        from dqreg.kernels.meshes.side_parity import number_nodes
         from dqreg.kernels.threads import as_plain, over_chunks
 
         is_used = np.zeros(len(vertices), dtype=bool)
@@ -53,7 +53,7 @@ class SameNodes:
 
     def soundness(self, faces: IntArray, flat: IntArray) -> Soundness:
         """What `Topology` says of all sides together."""
-        from dqreg.kernels.side_parity import sums_of_sides
+        from dqreg.kernels.meshes.side_parity import sums_of_sides
         from dqreg.kernels.threads import over_chunks
 
         every = np.concatenate([faces, flat]) if len(flat) else faces
@@ -64,7 +64,7 @@ class SameNodes:
 
     def corner_lists(self, faces: IntArray) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
         """First vertex at the place of each, (v,), and the corners there: see `list_corners`."""
-        from dqreg.kernels.corner_lists import list_corners, weld
+        from dqreg.kernels.meshes.corner_lists import list_corners, weld
 
         count = len(self.numbers)
         welded, table = np.zeros(count, dtype=np.int32), np.zeros(1 << (2 * count).bit_length(), dtype=np.int32)
@@ -101,7 +101,7 @@ class Topology:
     @staticmethod
     def of(vertices: FloatArray, faces: IntArray, flat: IntArray | None = None) -> Topology:
         """Topology of some triangles, those with an area, and those without."""
-        from dqreg.kernels.mesh_sides import number_sides
+        from dqreg.kernels.meshes.mesh_sides import number_sides
         from dqreg.kernels.threads import aside
 
         every = faces if flat is None else np.concatenate([faces, flat])
@@ -139,7 +139,7 @@ class Topology:
     @cached_property
     def bodies(self) -> IntArray:
         """Number of the connected body of each face, (f,): faces that share an edge belong together."""
-        from dqreg.kernels.components import components
+        from dqreg.kernels.clouds.components import components
 
         count = len(self.corners)
         rows = np.repeat(np.arange(count), 3)
@@ -177,7 +177,7 @@ class FaceFans:
         return self
 
     def _find(self, faces: IntArray) -> None:
-        from dqreg.kernels.face_fans import neighbours_of_faces, normals_of_corners
+        from dqreg.kernels.meshes.face_fans import neighbours_of_faces, normals_of_corners
         from dqreg.kernels.threads import over_chunks
 
         every, welded, heads, following, corners, face_normals = self._given

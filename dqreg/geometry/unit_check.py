@@ -169,7 +169,7 @@ def require_right_units(
 
 def principal_spreads(geometry: PointCloud | Mesh) -> FloatArray:
     """Standard deviations along the principal axes, the largest first, outliers left out."""
-    from dqreg.kernels.spreads import scatter_of_most
+    from dqreg.kernels.clouds.spreads import scatter_of_most
     from dqreg.kernels.threads import as_plain
 
     if isinstance(geometry, Mesh):

@@ -161,7 +161,7 @@ def first_size(cloud: PointCloud, count: int, dense: float = DENSE_RATIO) -> flo
 
 def cell_size(cloud: PointCloud, count: int) -> float:
     """Edge of the cubic cells of which the points fill about so many."""
-    from dqreg.kernels.morton import BITS
+    from dqreg.kernels.order.morton import BITS
 
     if len(cloud) <= count:
         return 0.0

@@ -99,8 +99,8 @@ def find_correspondences(
 
 def moved_points(T_target_source: FloatArray, points: FloatArray) -> FloatArray:
     """Points at a pose, (n, 3), on all threads."""
+    from dqreg.kernels.steps.weighing import move_rows
     from dqreg.kernels.threads import as_plain, over_chunks
-    from dqreg.kernels.weighing import move_rows
 
     moved = np.zeros(points.shape)
     over_chunks(move_rows, len(points), as_plain(points), as_plain(T_target_source), moved, chunk=CHUNK_ROWS)
@@ -140,8 +140,8 @@ def _slid(
 
     Of the first two all are kept or, with zero, none.
     """
+    from dqreg.kernels.steps.weighing import slide_rows
     from dqreg.kernels.threads import as_plain, over_chunks
-    from dqreg.kernels.weighing import slide_rows
 
     count = len(rows) or len(points)
     moved, slid = np.zeros((2, count if kept is None else kept, 3))
@@ -153,8 +153,8 @@ def _slid(
 
 def placed(pairs: Correspondences, T_target_source: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Points of correspondences at a pose near by, (n, 3), and their heights over the planes found before, (n,)."""
+    from dqreg.kernels.steps.weighing import place_rows
     from dqreg.kernels.threads import as_plain, over_chunks
-    from dqreg.kernels.weighing import place_rows
 
     count = len(pairs.scan)
     moved, heights = np.zeros((count, 3)), np.zeros(count)

@@ -101,8 +101,8 @@ def short_step(pairs: Correspondences, weights: FloatArray) -> tuple[FloatArray,
     With rows ``J_i = [(x_i - o) x n_i, n_i]`` and heights ``h_i`` over the planes the twist about o solves
     ``sum w J J^T xi = -sum w J h``.
     """
+    from dqreg.kernels.steps.weighted_planes import STEP, short_twist, step_sums
     from dqreg.kernels.threads import as_plain, over_chunks
-    from dqreg.kernels.weighted_planes import STEP, short_twist, step_sums
 
     found, count = pairs.closest, len(weights)
     if count < GAUSS_NEWTON_PAIRS:
@@ -122,8 +122,8 @@ def short_step(pairs: Correspondences, weights: FloatArray) -> tuple[FloatArray,
 
 def tangent_planes(pairs: Correspondences, weights: FloatArray) -> QuadraticForm | None:
     """The point-to-plane cost; None for too few normals."""
+    from dqreg.kernels.steps.weighted_planes import COLUMNS, plane_sums
     from dqreg.kernels.threads import as_plain, over_chunks
-    from dqreg.kernels.weighted_planes import COLUMNS, plane_sums
 
     scan, found, count = pairs.scan, pairs.closest, len(weights)
     columns = [as_plain(x) for x in (scan.points, found.points, found.normals, weights)]
@@ -151,7 +151,7 @@ def cells_to_cells(pairs: Correspondences, weights: FloatArray, noise: float) ->
 
 
 def _between_planes(pairs: Correspondences, weights: FloatArray, noise: float) -> Fit:
-    from dqreg.kernels.weighted_planes import PLANE_PAIR_COLUMN
+    from dqreg.kernels.steps.weighted_planes import PLANE_PAIR_COLUMN
 
     moments = pair_sums(pairs, weights)
     if moments[PLANE_PAIR_COLUMN] < MIN_PLANES:
@@ -161,7 +161,7 @@ def _between_planes(pairs: Correspondences, weights: FloatArray, noise: float) -
 
 def both_planes(pairs: Correspondences, weights: FloatArray, moments: FloatArray) -> QuadraticForm:
     """The plane-to-plane cost, in units in which the distance between two sure and parallel planes counts once."""
-    from dqreg.kernels.weighted_planes import POINT_COLUMN, SQ_HEIGHT_COLUMN, WEIGHT_COLUMN
+    from dqreg.kernels.steps.weighted_planes import POINT_COLUMN, SQ_HEIGHT_COLUMN, WEIGHT_COLUMN
 
     scan, found, bend, turn = pairs.scan, pairs.closest, _bend(moments), pairs.T_target_source[:3, :3]
     spreads = NOTHING if found.variances is None else found.variances, scan._variances
@@ -173,8 +173,8 @@ def both_planes(pairs: Correspondences, weights: FloatArray, moments: FloatArray
 
 def _bend(moments: FloatArray) -> float:
     """Variance of every normal beyond that of its fit, rad^2, as far as the pairs show it."""
-    from dqreg.kernels.plane_pass import bend_of
-    from dqreg.kernels.weighted_planes import SQ_DISTANCE_COLUMN, SQ_HEIGHT_COLUMN
+    from dqreg.kernels.steps.plane_pass import bend_of
+    from dqreg.kernels.steps.weighted_planes import SQ_DISTANCE_COLUMN, SQ_HEIGHT_COLUMN
 
     squares = float(moments[SQ_HEIGHT_COLUMN]), float(moments[SQ_DISTANCE_COLUMN])
     return bend_of(*squares, BEND_VARIANCE_SHARE, MIN_BEND_VARIANCE, BEND_VARIANCE)
@@ -182,8 +182,8 @@ def _bend(moments: FloatArray) -> float:
 
 def pair_sums(pairs: Correspondences, weights: FloatArray) -> FloatArray:
     """Sums over correspondences, see `pair_moments`."""
+    from dqreg.kernels.steps.weighted_planes import PAIR_COLUMNS, pair_moments
     from dqreg.kernels.threads import as_plain, over_chunks
-    from dqreg.kernels.weighted_planes import PAIR_COLUMNS, pair_moments
 
     scan, found, scatter = pairs.scan, pairs.closest, counted(pairs.scan)[1]
     sums = np.zeros((max(-(-len(scan) // CHUNK_PAIRS), 1), PAIR_COLUMNS))
@@ -225,8 +225,8 @@ def plane_to_plane_form(
 
 def _disc_sums(columns: Sequence[FloatArray], bend: float, factor: float) -> FloatArray:
     """Sums over pairs of discs, see `disc_pair_sums`, of chunks, (k, 73)."""
-    from dqreg.kernels.disc_pairs import disc_pair_sums
-    from dqreg.kernels.pose_forms import SUMS
+    from dqreg.kernels.steps.disc_pairs import disc_pair_sums
+    from dqreg.kernels.steps.pose_forms import SUMS
     from dqreg.kernels.threads import as_plain, over_chunks
 
     plain, count = [as_plain(column) for column in columns], len(columns[0])
@@ -238,7 +238,7 @@ def _disc_sums(columns: Sequence[FloatArray], bend: float, factor: float) -> Flo
 
 def _form_of(sums: FloatArray, origins: FloatArray) -> FloatArray:
     """Matrix (13, 13) from sums over pairs, and the origins, (2, 3), moved where it is about others."""
-    from dqreg.kernels.pose_forms import NUMBERS, form_of_sums
+    from dqreg.kernels.steps.pose_forms import NUMBERS, form_of_sums
 
     matrix = np.zeros((NUMBERS, NUMBERS))
     form_of_sums(sums, origins, matrix)

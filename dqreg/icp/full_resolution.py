@@ -108,7 +108,7 @@ def _on_faces(
     points: FloatArray, length: int, surface: MeshSurface, pairs: Correspondences, T: FloatArray, width: float
 ) -> tuple[BoolArray, IntArray, FloatArray, FloatArray]:
     """Which points of each run lie on its face, (m, k); how many, (m,); their mean, (m, 3); scatter along it, (m,)."""
-    from dqreg.kernels.points_on_faces import points_on_faces
+    from dqreg.kernels.steps.points_on_faces import points_on_faces
     from dqreg.kernels.threads import as_plain, over_chunks
 
     runs = len(pairs.scan)

@@ -50,7 +50,7 @@ def sample_runs_by_gain(
 
     Shapes: values (m,), lengths (m,), of rows that are not left out; left_out (n,).
     """
-    from dqreg.kernels.systematic_rows import systematic_rows
+    from dqreg.kernels.steps.systematic_rows import systematic_rows
 
     total = int(lengths.sum())
     out = np.zeros(0, dtype=bool) if left_out is None else left_out

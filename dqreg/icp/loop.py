@@ -236,9 +236,9 @@ def weighed_step(
 def _in_one_pass(
     pairs: Correspondences, mixture: MixtureWeights, *, is_last: bool
 ) -> tuple[Weighed, FloatArray | None]:
-    from dqreg.kernels.plane_pass import Stepping, plane_pass
+    from dqreg.kernels.steps.plane_pass import Stepping, plane_pass
+    from dqreg.kernels.steps.weighing import SUMS
     from dqreg.kernels.threads import as_plain, ask_clock
-    from dqreg.kernels.weighing import SUMS
 
     ask_clock()
     scan, found = pairs.scan, pairs.closest

@@ -15,7 +15,7 @@ from dqreg.icp.weighing import NOTHING
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 
 if TYPE_CHECKING:
-    from dqreg.kernels.plane_pass import Lowering
+    from dqreg.kernels.steps.plane_pass import Lowering
 
 # Heights, in their usual size, at which a correspondence between cells counts half, and on the last level distances, in
 # their median. Of 60 simulated streets under a LiDAR the errors fell to a half, the worst to a fifth; measured pairs
@@ -50,7 +50,7 @@ def lowering_of(pairs: Correspondences, *, is_last: bool) -> Lowering:
 
     By noise: next to none where neighbourhoods are noise, and no planes. Cells are rid of theirs.
     """
-    from dqreg.kernels.plane_pass import Lowering
+    from dqreg.kernels.steps.plane_pass import Lowering
 
     if isinstance(pairs.surface, CellSurface):
         # Noise that both clouds were rid of is no reason to believe less in faces that are not in place yet.
@@ -83,7 +83,7 @@ def flat_planes(pairs: Correspondences) -> BoolArray:
 
 def lowered_weights(pairs: Correspondences, weights: FloatArray, *, is_last: bool) -> FloatArray:
     """Weights between two clouds, (n,), lowered: see `lowering_of`."""
-    from dqreg.kernels.plane_pass import lower_weights
+    from dqreg.kernels.steps.plane_pass import lower_weights
     from dqreg.kernels.threads import as_plain
 
     lowering, found = lowering_of(pairs, is_last=is_last), pairs.closest

@@ -81,7 +81,7 @@ def relative_precisions(
 
     The weighted mean of the factors is one. Shapes: squares of the heights (n,), normals (n, 3), faces and parts (n,).
     """
-    from dqreg.kernels.face_scatter import face_precisions, face_sums, orientation_cells, times_precisions
+    from dqreg.kernels.steps.face_scatter import face_precisions, face_sums, orientation_cells, times_precisions
     from dqreg.kernels.threads import as_plain, over_chunks
 
     count, found, cells, normals = len(weights), weights.copy(), (CELLS_PER_AXIS + 1) ** 3, as_plain(normals)
@@ -127,7 +127,7 @@ def weights_by_face(pairs: Correspondences, weights: FloatArray, noise: float) -
 
 
 def _square_heights(pairs: Correspondences, weights: FloatArray) -> FloatArray:
-    from dqreg.kernels.face_scatter import NOTHING, square_heights
+    from dqreg.kernels.steps.face_scatter import NOTHING, square_heights
     from dqreg.kernels.threads import as_plain, over_chunks
 
     found, scatter, squares = pairs.closest, pairs.scan.scatter, np.zeros(len(weights))
@@ -201,7 +201,7 @@ def _near(
     pairs: Correspondences, surface: MeshSurface, weights: FloatArray, margin: float
 ) -> tuple[BoolArray, FloatArray]:
     """Which points are near a crease, (n,); weights and information of these, and of the others, (2, 22)."""
-    from dqreg.kernels.creases import COLUMNS, near_creases
+    from dqreg.kernels.meshes.creases import COLUMNS, near_creases
     from dqreg.kernels.threads import as_plain, over_chunks
 
     mesh, found, count = surface.mesh, pairs.closest, len(weights)

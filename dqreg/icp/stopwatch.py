@@ -10,7 +10,7 @@ import numpy as np
 
 from dqreg.icp.history import Iteration
 from dqreg.icp.loop import TIME_IS_UP, Observer
-from dqreg.kernels.compiled import CLOCK
+from dqreg.kernels.compiling.compiled import CLOCK
 
 
 class Stopwatch:

@@ -87,8 +87,8 @@ def weigh(pairs: Correspondences, kernel: Kernel, rejectors: Sequence[Weight]) -
 
 
 def _in_one_pass(pairs: Correspondences, mixture: MixtureWeights) -> Weighed:
+    from dqreg.kernels.steps.weighing import SUMS, weigh_rows
     from dqreg.kernels.threads import as_plain, over_chunks
-    from dqreg.kernels.weighing import SUMS, weigh_rows
 
     scan, R = pairs.scan, pairs.T_target_source[:3, :3]
     weights, sums = np.zeros(len(scan)), np.zeros((max(-(-len(scan) // CHUNK_ROWS), 1), SUMS))

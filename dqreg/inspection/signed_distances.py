@@ -44,7 +44,7 @@ def signed_distances(
     Where it is known which way the scan looks, ``facing``, a signed mesh is asked for faces that look there and are
     nearer than ``within``.
     """
-    from dqreg.kernels.row_scatter import scatter_rows
+    from dqreg.kernels.order.row_scatter import scatter_rows
     from dqreg.kernels.threads import over_chunks
 
     count, is_mesh = len(points), isinstance(geometry, Mesh)

@@ -12,7 +12,7 @@ from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry import Closest, CloudSurface, Scan, Surface
 
 if TYPE_CHECKING:
-    from dqreg.kernels.point_tree import PointTree
+    from dqreg.kernels.trees.point_tree import PointTree
 
 # Residuals of a fitted plane beyond which it goes across an edge: in typical ones of its scan, and in spacings, which
 # allows for what a round surface bends by between neighbours.
@@ -57,8 +57,8 @@ class Body:
     @cached_property
     def planed(self) -> Planed:
         """Its points as targets and as sources."""
-        from dqreg.kernels.point_tree import PointTree
         from dqreg.kernels.threads import as_plain
+        from dqreg.kernels.trees.point_tree import PointTree
 
         scan, surface = self.scan, self.surface
         assert scan is not None

@@ -208,7 +208,7 @@ def _normal(
     What counts turns increments into those that faces hold, (6 n, 6 n); slopes (g, 6). Where fewer than so many points
     face a motion, it rests on tilts of planes that nearly hold it, which follow the poses they were found at.
     """
-    from dqreg.kernels.plane_elimination import eliminate_planes
+    from dqreg.kernels.steps.plane_elimination import eliminate_planes
 
     table, slopes = _table(pieces, len(T)), np.zeros((len(pieces.scans), 6))
     blocks = np.zeros((int(table.max()) + 1, 6, 6))

@@ -50,8 +50,8 @@ class Matching:
         return (self._on_part if self.target.scan is None else self._on_scan)(T_target_source, reach, facing)
 
     def _on_scan(self, T: FloatArray, reach: float, facing: float) -> BodyMatches:
-        from dqreg.kernels.close_points import close_points, facing_matches
-        from dqreg.kernels.point_tree import LEAF_POINTS
+        from dqreg.kernels.trees.close_points import close_points, facing_matches
+        from dqreg.kernels.trees.point_tree import LEAF_POINTS
 
         assert self.source.scan is not None
         assert self.target.scan is not None

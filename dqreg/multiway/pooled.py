@@ -69,7 +69,7 @@ class Pooled:
 
     def pieces(self, T: FloatArray, scale: float, near: float) -> Pieces:
         """Pieces within a scale of their planes. Neighbours are those of poses as near as said."""
-        from dqreg.kernels.plane_growth import measure_pieces, take_pieces
+        from dqreg.kernels.clouds.plane_growth import measure_pieces, take_pieces
         from dqreg.kernels.threads import over_chunks
 
         points = np.einsum("nij,nj->ni", T[self.scans, :3, :3], self.points) + T[self.scans, :3, 3]
@@ -91,7 +91,7 @@ class Pooled:
         return self._grouped(kept, labels[kept], typical)
 
     def _around(self, points: FloatArray, near: float) -> IntArray:
-        from dqreg.kernels.point_tree import PointTree
+        from dqreg.kernels.trees.point_tree import PointTree
 
         known = self._neighbours
         if known is None or float(np.abs(points - known[0]).max()) > near:

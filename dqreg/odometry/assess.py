@@ -128,7 +128,7 @@ def information_at(run: Alignment, reach: float, free_axis: FloatArray | None = 
     A wall that lies two centimetres off in the map shifts all of its points the same way; taken as independent, they
     would promise a tenth of a millimetre. So the scatter is estimated from patch to patch.
     """
-    from dqreg.kernels.plane_steps import weigh_by_roughness
+    from dqreg.kernels.steps.plane_steps import weigh_by_roughness
 
     T, pairs = run.T_target_source, run.pairs
     points, normals = single_pose.apply(T, pairs.scan.points), pairs.closest.normals

@@ -125,7 +125,7 @@ def _without_beams(pairs: Correspondences) -> Correspondences:
     Round a corner all points of one ring lie in the plane of its beams, with nothing over: no plane would count more,
     and it holds the sensor where it was.
     """
-    from dqreg.kernels.cell_matches import leave_out_beams
+    from dqreg.kernels.maps.cell_matches import leave_out_beams
 
     found = pairs.closest
     assert found.variances is not None
@@ -138,7 +138,7 @@ def _steps(
     pairs: Correspondences, mixture: InlierMixture, how: Following, ends: tuple[float, float, float, float]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Pose after steps on the planes of correspondences, their weights, and figures of the last step."""
-    from dqreg.kernels.plane_steps import FIGURES, step_on_planes
+    from dqreg.kernels.steps.plane_steps import FIGURES, step_on_planes
 
     found, scan, T = pairs.closest, pairs.scan, pairs.T_target_source.copy()
     weights, figures = np.zeros(len(scan)), np.zeros(FIGURES)
@@ -189,8 +189,8 @@ class SweptFrame:
         self, pairs: Correspondences, mixture: InlierMixture, how: Following, ends: tuple[float, float, float, float]
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """As without a sweep; the scan is one with the motion undone that was found."""
-        from dqreg.kernels.plane_steps import FIGURES
-        from dqreg.kernels.sweep_steps import step_on_planes_of_sweep
+        from dqreg.kernels.steps.plane_steps import FIGURES
+        from dqreg.kernels.steps.sweep_steps import step_on_planes_of_sweep
 
         # The search before wanted both threads; these steps, and most searches after them, do not.
         self._frame.whole.begin()

@@ -74,8 +74,8 @@ def read_frame(points: Any, timestamps: Any) -> RawFrame:
     >>> read_frame([[1, 2, 3], [0, 0, 0], [float("nan"), 1, 1]], None).notes
     ('2 of 3 returns are NaN, infinite or at the origin, and were left out',)
     """
+    from dqreg.kernels.cells.voxel_rows import measured_rows
     from dqreg.kernels.threads import as_plain
-    from dqreg.kernels.voxel_rows import measured_rows
 
     values, own_times = _values_of(points)
     timestamps = own_times if timestamps is None else timestamps
@@ -226,7 +226,7 @@ class DownsampledFrame:
 
 def downsample_frame(raw: RawFrame, lengths: Resolved) -> DownsampledFrame | None:
     """Downsample a frame."""
-    from dqreg.kernels.voxel_rows import VoxelSums, first_of_voxels, one_of_voxels
+    from dqreg.kernels.cells.voxel_rows import VoxelSums, first_of_voxels, one_of_voxels
 
     points, times = _in_range(raw, lengths)
     if not len(points):

@@ -95,8 +95,8 @@ class MapSurface:
 
     def add(self, points: FloatArray) -> None:
         """Take those of some points, (n, 3), for which there is room, and the sums of all."""
+        from dqreg.kernels.maps.voxel_points import admit_points
         from dqreg.kernels.threads import as_plain
-        from dqreg.kernels.voxel_points import admit_points
 
         self._make_room(len(points))
         held = self._points, self._links, self._table, self._keys, self._cells, self._voxels, self._slots, self._members
@@ -112,7 +112,7 @@ class MapSurface:
 
     def _make_room(self, more: int) -> None:
         """Room for so many points more, each in a voxel and a block of its own."""
-        from dqreg.kernels.voxel_blocks import put_blocks
+        from dqreg.kernels.maps.voxel_blocks import put_blocks
 
         points, voxels, blocks = (self._counts + more).tolist()
         held = self._counts.tolist()
@@ -179,8 +179,8 @@ class MapSurface:
         Farther off than the reach nothing is found: the row is -1 and the distance the reach. What was nearest is so
         still where it is nearer than any other can have come since the hint.
         """
+        from dqreg.kernels.maps.voxel_planes import closest_in_voxels
         from dqreg.kernels.threads import as_plain, over_chunks
-        from dqreg.kernels.voxel_planes import closest_in_voxels
 
         count, none = len(points), np.zeros((0, 3))
         distances, others, variances = np.zeros((3, count))
@@ -211,7 +211,7 @@ class MapSurface:
         Points of it are the middle of those that the plane was fitted to, distances those from the plane. What was
         found for the same queries before is taken over where they lie in the same cells.
         """
-        from dqreg.kernels.cell_matches import planes_in_cells
+        from dqreg.kernels.maps.cell_matches import planes_in_cells
         from dqreg.kernels.threads import as_plain, over_chunks
 
         found = MapPlanes.none(len(points)) if before is None else before.copied()
@@ -226,8 +226,8 @@ class MapSurface:
 
     def distances(self, points: FloatArray, cap: float = np.inf) -> FloatArray:
         """Distance of each query, (n, 3), to the nearest map point, or the cap where that is less, (n,)."""
+        from dqreg.kernels.maps.voxel_nearest import distances_in_voxels
         from dqreg.kernels.threads import as_plain, over_chunks
-        from dqreg.kernels.voxel_nearest import distances_in_voxels
 
         found = np.zeros(len(points))
         asked = as_plain(points), min(cap, self._reach), self._size, *self._held

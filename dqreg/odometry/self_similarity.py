@@ -97,7 +97,7 @@ def _similar(occupied: BoolArray, known: BoolArray) -> tuple[FloatArray, IntArra
     Zero where either is too little. Shapes: (h, w) by shifts in cells from the lowest on, in a frame of
     `SUPPRESSION_CELLS` zeros, (m, 2) where it is not zero, and (2,) the lowest shift.
     """
-    from dqreg.kernels.shift_counts import count_at_shifts, count_on_runs, runs_around
+    from dqreg.kernels.maps.shift_counts import count_at_shifts, count_on_runs, runs_around
     from dqreg.kernels.threads import over_chunks
 
     cells = np.column_stack(np.divmod(np.flatnonzero(occupied), occupied.shape[1]))

@@ -24,7 +24,7 @@ def swept(points: FloatArray, back: FloatArray, motion: FloatArray, *, direction
 
 def swept_by(points: FloatArray, back: FloatArray, step: FloatArray) -> FloatArray:
     """The same by the twist of the motion, (6,)."""
-    from dqreg.kernels.swept_rows import swept_rows
+    from dqreg.kernels.maps.swept_rows import swept_rows
     from dqreg.kernels.threads import as_plain, over_chunks
 
     moved = np.zeros(points.shape)

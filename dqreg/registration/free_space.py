@@ -13,7 +13,7 @@ from dqreg.geometry.rays import Rays
 from dqreg.geometry.visibility import blocked
 from dqreg.registration.derived import Key
 from dqreg.registration.fit import Fit
-from dqreg.registration.near_places import is_scene
+from dqreg.registration.other_poses.near_places import is_scene
 from dqreg.registration.problem import Problem
 from dqreg.registration.target_index import TargetIndex
 from dqreg.rigid import pose

@@ -13,8 +13,8 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
 from dqreg.registration.fit import Fit
-from dqreg.registration.rivals import JUDGING_POINTS
-from dqreg.registration.slides import losses_at
+from dqreg.registration.other_poses.rivals import JUDGING_POINTS
+from dqreg.registration.other_poses.slides import losses_at
 from dqreg.rigid import twist
 from dqreg.rigid.twist import scaling_by
 from dqreg.trust import Information

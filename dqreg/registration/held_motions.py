@@ -84,7 +84,7 @@ def inflation_of(run: Alignment, lever: float, beside: Callable[[FloatArray], Al
 
 def followed_by(run: Alignment, surface: Surface) -> float:
     """Share of a displacement along the normals that residuals follow, see `Fit.followed`; 1 on a mesh."""
-    from dqreg.kernels.displaced_rows import displaced_rows, followed_share
+    from dqreg.kernels.steps.displaced_rows import displaced_rows, followed_share
     from dqreg.kernels.threads import as_plain
 
     pairs = run.pairs

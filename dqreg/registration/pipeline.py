@@ -12,7 +12,6 @@ from dqreg.geometry import Mesh
 from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.icp.rejectors import beyond_boundary
 from dqreg.kernels.threads import Later, TimeUpError, until
-from dqreg.registration.alternatives import alternatives_of, on_other_sides
 from dqreg.registration.assess import (
     Uncertainty,
     begin_comparing,
@@ -25,18 +24,16 @@ from dqreg.registration.assess import (
 )
 from dqreg.registration.common_faces import on_common_faces
 from dqreg.registration.continued_fit import all_points_say_more, in_doubt_on_all_points, on_all_points, settled
-from dqreg.registration.corner_rivals import beside_corners
 from dqreg.registration.displacement import is_elsewhere
-from dqreg.registration.fallback import BestPoses, best_known, is_doubtful
 from dqreg.registration.fit import Fit, coarse_to_fine
 from dqreg.registration.free_space import viewpoint_behind
 from dqreg.registration.initial_pose import GlobalSearch, InitialPose, initial_pose
-from dqreg.registration.kept_start import but_start_kept, held_at_start, meant_copy
-from dqreg.registration.prepared import Prepared
-from dqreg.registration.problem import Problem, SourceAndTarget
-from dqreg.registration.result import Registration
-from dqreg.registration.ring_rivals import best_on_ring
-from dqreg.registration.rivals import (
+from dqreg.registration.other_poses.alternatives import alternatives_of, on_other_sides
+from dqreg.registration.other_poses.corner_rivals import beside_corners
+from dqreg.registration.other_poses.fallback import BestPoses, best_known, is_doubtful
+from dqreg.registration.other_poses.kept_start import but_start_kept, held_at_start, meant_copy
+from dqreg.registration.other_poses.ring_rivals import best_on_ring
+from dqreg.registration.other_poses.rivals import (
     NO_POSES,
     best_near_symmetric,
     best_seen,
@@ -44,10 +41,13 @@ from dqreg.registration.rivals import (
     limit_of,
     mirror_gain,
 )
-from dqreg.registration.same_poses import but_on_the_way
-from dqreg.registration.slides import without_slide
+from dqreg.registration.other_poses.same_poses import but_on_the_way
+from dqreg.registration.other_poses.slides import without_slide
+from dqreg.registration.other_poses.wall_sides import equal_sides, on_best_sides
+from dqreg.registration.prepared import Prepared
+from dqreg.registration.problem import Problem, SourceAndTarget
+from dqreg.registration.result import Registration
 from dqreg.registration.visibility import on_shown_sides, on_visible_faces
-from dqreg.registration.wall_sides import equal_sides, on_best_sides
 from dqreg.rigid import pose
 from dqreg.solvers.search_stage import SearchStage
 from dqreg.trust import judge

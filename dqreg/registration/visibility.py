@@ -15,10 +15,10 @@ from dqreg._records import replaced
 from dqreg.errors import InputError
 from dqreg.geometry.normals import sample_rows
 from dqreg.registration.fit import Fit
-from dqreg.registration.rivals import JUDGING_POINTS, limit_of, of_those_on
-from dqreg.registration.slides import losses_at
+from dqreg.registration.other_poses.rivals import JUDGING_POINTS, limit_of, of_those_on
+from dqreg.registration.other_poses.slides import losses_at
+from dqreg.registration.other_poses.wall_sides import on_best_sides, rivals_of
 from dqreg.registration.target_index import TargetIndex
-from dqreg.registration.wall_sides import on_best_sides, rivals_of
 from dqreg.search.poses import Poses
 from dqreg.search.refine import Refinement, refined_on
 from dqreg.search.scoring import MAX_EQUAL_LOG_LIKELIHOOD, distances_at

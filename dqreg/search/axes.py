@@ -80,7 +80,7 @@ def axes_of_normals(one: FloatArray, other: FloatArray) -> FloatArray:
 
 def _largest_directions(mesh: Mesh) -> IntArray:
     """Normals in so many parts of one of the most area, (k, 3), the largest first."""
-    from dqreg.kernels.areas_by_direction import areas_by_direction
+    from dqreg.kernels.meshes.areas_by_direction import areas_by_direction
     from dqreg.kernels.threads import as_plain
 
     count, base = 1 << len(mesh.faces).bit_length(), 2 * NORMAL_BINS_PER_UNIT + 1

@@ -134,7 +134,7 @@ def edge_points(
     cloud: FloatArray, around: IntArray, at: FloatArray, normals: FloatArray
 ) -> tuple[BoolArray, FloatArray]:
     """Where a sampled face ends, and the direction that leads off it, from the neighbours of its points, (n, k)."""
-    from dqreg.kernels.one_sided_neighbourhoods import off_centre_rows
+    from dqreg.kernels.clouds.one_sided_neighbourhoods import off_centre_rows
     from dqreg.kernels.threads import as_plain, over_chunks
 
     found, outwards = np.zeros(len(at), dtype=bool), np.zeros((len(at), 3))

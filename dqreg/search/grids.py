@@ -52,7 +52,7 @@ class Grid:
 
     def mean_gains(self, poses: Poses, points: FloatArray, gains: Single) -> FloatArray:
         """Mean gain of the points under each pose, (n,); gains (count + 1,)."""
-        from dqreg.kernels.many_poses import mean_gains
+        from dqreg.kernels.search.many_poses import mean_gains
         from dqreg.kernels.threads import as_plain, over_chunks
 
         means = np.zeros(len(poses))
@@ -94,7 +94,7 @@ class DistanceGrid(Grid):
 
     def _nearest(self, cells: FloatArray) -> tuple[Rows, Single]:
         """Row of the point nearest to each node, and the square of its distance in cells, (nodes,)."""
-        from dqreg.kernels.nearest_at_nodes import SIDE, nearest_at_nodes
+        from dqreg.kernels.search.nearest_at_nodes import SIDE, nearest_at_nodes
         from dqreg.kernels.threads import over_chunks
 
         held, squares = np.zeros(self.count, dtype=np.int32), np.zeros(self.count, dtype=np.float32)
@@ -107,7 +107,7 @@ class DistanceGrid(Grid):
 
         That of a grid with cells so many times halved, handed down.
         """
-        from dqreg.kernels.coarse_to_fine_nearest import nearest_at_corners, nearest_from_coarser
+        from dqreg.kernels.search.coarse_to_fine_nearest import nearest_at_corners, nearest_from_coarser
         from dqreg.kernels.threads import over_chunks
 
         shapes = [self.shape]
@@ -126,7 +126,7 @@ class DistanceGrid(Grid):
 
     def are_within(self, poses: Poses, points: FloatArray, limit: float) -> BoolArray:
         """Under which poses, (n,), no point is farther off than the limit, by the distance of its nearest node."""
-        from dqreg.kernels.many_poses import poses_within
+        from dqreg.kernels.search.many_poses import poses_within
         from dqreg.kernels.threads import as_plain, over_chunks
 
         found = np.zeros(len(poses), dtype=bool)
@@ -162,7 +162,7 @@ class Edges:
         if not on_grid:
             rows, distances = self.tree.nearest(points, 1)
             return np.take(self.points, rows[:, 0], axis=0), distances[:, 0]
-        from dqreg.kernels.pose_steps import grid_places
+        from dqreg.kernels.search.pose_steps import grid_places
         from dqreg.kernels.threads import as_plain, over_chunks
 
         places, found, grid = np.zeros((len(points), 3)), np.zeros(len(points)), self.grid
@@ -179,7 +179,7 @@ class PlaneGrid(DistanceGrid):
     """Distances and tangent planes on a regular grid."""
 
     def __init__(self, surface: Surface, even: OrientedPoints, low: FloatArray, high: FloatArray) -> None:
-        from dqreg.kernels.coarse_to_fine_nearest import planes_at_nodes
+        from dqreg.kernels.search.coarse_to_fine_nearest import planes_at_nodes
         from dqreg.kernels.threads import as_plain, over_chunks
 
         super().__init__(even.points, low, high, surface.diagonal)
@@ -196,7 +196,7 @@ class PlaneGrid(DistanceGrid):
 
     def closest(self, points: FloatArray, hint: Hint | None = None, within: float = np.inf) -> Closest:
         """Foot on the tangent plane, its normal, and the distance; infinite outside the grid, (n, 3) each."""
-        from dqreg.kernels.pose_steps import grid_planes
+        from dqreg.kernels.search.pose_steps import grid_planes
         from dqreg.kernels.threads import as_plain, over_chunks
 
         feet, normals = np.zeros((len(points), 3)), np.zeros((len(points), 3))

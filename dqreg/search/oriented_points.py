@@ -43,8 +43,8 @@ class OrientedPoints:
 
     def draw(self, count: int, rng: np.random.Generator) -> IntArray:
         """Rows drawn by weight, with replacement."""
+        from dqreg.kernels.search.weighted_draws import drawn_rows
         from dqreg.kernels.threads import as_plain
-        from dqreg.kernels.weighted_draws import drawn_rows
 
         total = np.cumsum(self.weights)
         if not len(total) or total[-1] <= 0.0:

@@ -99,7 +99,7 @@ def _symmetry_of(target: PointCloud | Mesh, surface: Surface, grid: PlaneGrid) -
 
 def _pairs_by_key(oriented: OrientedPoints, size: float) -> tuple[Rows, Rows, IntArray]:
     """Rows of all usable pairs by their keys, either of a pair first, and the first of each key."""
-    from dqreg.kernels.pair_keys import all_pair_keys, key_starts, order_of_keys
+    from dqreg.kernels.search.pair_keys import all_pair_keys, key_starts, order_of_keys
     from dqreg.kernels.threads import as_plain, over_chunks
 
     count = len(oriented)
@@ -120,7 +120,7 @@ def _bins(size: float) -> tuple[float, FloatArray, FloatArray]:
 
 def pair_keys(oriented: OrientedPoints, i: IntArray, j: IntArray, size: float) -> tuple[IntArray, BoolArray]:
     """One number per pair, of its distance and three angles, binned and without signs; and whether it is usable."""
-    from dqreg.kernels import pair_keys as kernels
+    from dqreg.kernels.search import pair_keys as kernels
     from dqreg.kernels.threads import as_plain, over_chunks
 
     keys = np.zeros(len(i), dtype=np.int64)
@@ -151,7 +151,7 @@ def _poses_of(
     scan: OrientedPoints, known: OrientedPoints, i: IntArray, j: IntArray, first: IntArray, second: IntArray
 ) -> Poses:
     """Poses of pairs (i, j) on known pairs, both of whose directions agree; last those by an uncertain sign."""
-    from dqreg.kernels.pair_poses import pair_poses
+    from dqreg.kernels.search.pair_poses import pair_poses
     from dqreg.kernels.threads import as_plain, over_chunks
 
     count = len(i)

@@ -87,7 +87,7 @@ def near_periods(mesh: Mesh, surface: Surface, counted: int = COUNTED_POINTS) ->
 
 def _crowded(points: FloatArray, normals: FloatArray, size: float) -> FloatArray:
     """Middles of the cells where differences of points with equal normals crowd, (k, 3)."""
-    from dqreg.kernels.pair_differences import pair_differences
+    from dqreg.kernels.search.pair_differences import pair_differences
     from dqreg.kernels.threads import as_plain
 
     # Either way: a period and its opposite are one, whichever side of a plane the first point is on. So the pairs are

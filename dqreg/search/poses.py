@@ -65,7 +65,7 @@ class Poses:
 
     def distinct(self, middle: FloatArray, angle_rad: float, offset: float, most: int) -> IntArray:
         """Rows of the first poses that differ from all kept before them, by an angle or at a point of the source."""
-        from dqreg.kernels.many_poses import distinct_rows
+        from dqreg.kernels.search.many_poses import distinct_rows
         from dqreg.kernels.threads import as_plain
 
         ask_clock()

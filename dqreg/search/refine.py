@@ -105,7 +105,7 @@ def _add_equations(
 
     Lengths are width and lever; the last number is the weight of all points together.
     """
-    from dqreg.kernels.pose_steps import add_plane_steps
+    from dqreg.kernels.search.pose_steps import add_plane_steps
     from dqreg.kernels.threads import as_plain, over_chunks
 
     width, lever, weight = map(float, lengths)
@@ -117,7 +117,7 @@ def _add_equations(
 
 def _stepped(poses: Poses, centre: FloatArray, sums: tuple[FloatArray, FloatArray], lever: float) -> Poses:
     """Poses after the damped steps that solve their equations, (n, 6, 6) and (n, 6), about their centres, (n, 3)."""
-    from dqreg.kernels.pose_steps import take_damped_steps
+    from dqreg.kernels.search.pose_steps import take_damped_steps
     from dqreg.kernels.threads import as_plain, over_chunks
 
     stepped = Poses(np.zeros(poses.R.shape), np.zeros(poses.t.shape))

@@ -185,7 +185,7 @@ def gains_of(distances: FloatArray, surface: Surface, reach: float) -> FloatArra
 
 
 def _likelihoods(distances: FloatArray, mixture: InlierMixture) -> FloatArray:
-    from dqreg.kernels.many_poses import log_likelihoods
+    from dqreg.kernels.search.many_poses import log_likelihoods
     from dqreg.kernels.threads import over_chunks
 
     found = mixture.inlier_densities(distances)

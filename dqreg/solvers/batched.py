@@ -228,7 +228,7 @@ def _narrow_rotations(
 def _eigenvectors(H: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Largest three eigenvalues (3, c) of each H's `closed_form.quaternion_form`, and vectors (4, c) of the first."""
     # Here, so that who solves one problem at a time never loads Numba.
-    from dqreg.kernels.largest_eigenvectors import largest_eigenvectors
+    from dqreg.kernels.steps.largest_eigenvectors import largest_eigenvectors
 
     values, vectors = np.zeros((3, H.shape[2])), np.zeros((4, H.shape[2]))
     largest_eigenvectors(0, H.shape[2], as_plain(H), values, vectors)

@@ -43,7 +43,7 @@ def local_minimum(form: QuadraticForm, start: FloatArray) -> FloatArray:
 
 def least_cost(form: QuadraticForm, start: FloatArray) -> tuple[FloatArray, float]:
     """The same, and the cost there."""
-    from dqreg.kernels.pose_forms import least_cost_pose
+    from dqreg.kernels.steps.pose_forms import least_cost_pose
     from dqreg.kernels.threads import as_plain
 
     origins, T = np.array([form.origin_source, form.origin_target]), np.zeros((4, 4))

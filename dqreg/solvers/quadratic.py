@@ -163,7 +163,7 @@ def plane_rows(points: FloatArray, normals: FloatArray, centre: FloatArray, leve
 
     Shapes: points, normals (n, 3), returns (6, n), one motion a row.
     """
-    from dqreg.kernels.plane_rows import plane_row_columns
+    from dqreg.kernels.evidence.plane_rows import plane_row_columns
     from dqreg.kernels.threads import as_plain, over_chunks
 
     rows = np.zeros((6, len(points)))

@@ -194,7 +194,7 @@ class InlierMixture:
 
     def fit(self, distances: FloatArray, *, floor: float = 0.0, rounds: int = 1) -> InlierMixture:
         """Scale and inlier fraction after EM rounds on distances within the limit."""
-        from dqreg.kernels.mixture_fits import fit_mixture
+        from dqreg.kernels.steps.mixture_fits import fit_mixture
         from dqreg.kernels.threads import as_plain
 
         mixture = max(self.scale, TINY), self.inlier_fraction, self.limit

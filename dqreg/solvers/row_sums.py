@@ -64,7 +64,7 @@ class RowSums:
 
     def over(self, patches: Patches) -> tuple[FloatArray, FloatArray]:
         """See `PatchSums`."""
-        from dqreg.kernels.patch_sums import BESIDE, patch_sums
+        from dqreg.kernels.evidence.patch_sums import BESIDE, patch_sums
         from dqreg.kernels.threads import as_plain, over_chunks
 
         starts, many = patches.starts, len(self.rows)
@@ -108,7 +108,7 @@ class MotionSums:
 
         And with those of the scan, where there are some.
         """
-        from dqreg.kernels.motion_sums import COLUMNS, TOTALS, motion_sums
+        from dqreg.kernels.evidence.motion_sums import COLUMNS, TOTALS, motion_sums
         from dqreg.kernels.threads import as_plain, over_chunks
 
         other, chunk = NO_NORMALS if own is None else own, _together(starts, len(weights))
@@ -123,20 +123,20 @@ class MotionSums:
 
     def squares(self) -> float:
         """Sum of ``w r^2``."""
-        from dqreg.kernels.motion_sums import SQUARES
+        from dqreg.kernels.evidence.motion_sums import SQUARES
 
         return float(self.totals[SQUARES])
 
     def information(self) -> FloatArray:
         """See `PatchSums`."""
-        from dqreg.kernels.motion_sums import PRODUCTS
+        from dqreg.kernels.evidence.motion_sums import PRODUCTS
 
         found: FloatArray = self.basis.T @ self.totals[PRODUCTS] @ self.basis
         return found
 
     def of_smooth(self) -> FloatArray:
         """The same with the normals of the smooth surface."""
-        from dqreg.kernels.motion_sums import COLUMNS, PRODUCTS, SMOOTH
+        from dqreg.kernels.evidence.motion_sums import COLUMNS, PRODUCTS, SMOOTH
 
         found: FloatArray = self.basis.T @ (self.totals[PRODUCTS] + squared(self.totals[SMOOTH:COLUMNS])) @ self.basis
         return found
@@ -146,28 +146,28 @@ class MotionSums:
 
         Shapes: (k, k) each.
         """
-        from dqreg.kernels.motion_sums import ALONE, BOTH, PRODUCTS
+        from dqreg.kernels.evidence.motion_sums import ALONE, BOTH, PRODUCTS
 
         both, alone = squared(self.totals[BOTH:ALONE]), squared(self.totals[ALONE:])
         return self.basis.T @ both @ self.basis, self.basis.T @ (self.totals[PRODUCTS] - alone) @ self.basis
 
     def over(self, patches: Patches) -> tuple[FloatArray, FloatArray]:
         """See `PatchSums`."""
-        from dqreg.kernels.motion_sums import OVER
+        from dqreg.kernels.evidence.motion_sums import OVER
 
         sums = self._joined(patches, OVER)
         return sums[:, :6] @ self.basis, sums[:, 6:]
 
     def pulls(self, patches: Patches) -> tuple[FloatArray, FloatArray]:
         """See `PatchSums`."""
-        from dqreg.kernels.motion_sums import PULLS
+        from dqreg.kernels.evidence.motion_sums import PULLS
 
         found = (self._joined(patches, PULLS).reshape(-1, 6) @ self.basis).reshape(len(patches.places), 4, -1)
         return found[:, 0], found[:, 1:]
 
     def _joined(self, patches: Patches, columns: IntArray) -> FloatArray:
         """Some of the columns."""
-        from dqreg.kernels.patch_sums import joined_sums
+        from dqreg.kernels.evidence.patch_sums import joined_sums
 
         found = np.zeros((len(patches.places), len(columns)))
         joined_sums(patches.places, self.sums, columns, found)

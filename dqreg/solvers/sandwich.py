@@ -193,7 +193,7 @@ class _Patches:
     @staticmethod
     def of(sums: FloatArray) -> _Patches:
         """From weights, and weighted points, normals and residuals, (m, 8)."""
-        from dqreg.kernels.patch_sums import patch_means
+        from dqreg.kernels.evidence.patch_sums import patch_means
         from dqreg.kernels.threads import as_plain
 
         points, normals = np.zeros((2, len(sums), 3))
@@ -203,7 +203,7 @@ class _Patches:
 
     def shared_noise(self) -> tuple[float, float] | None:
         """Variance and range of the noise that neighbouring patches share; None where chance explains it."""
-        from dqreg.kernels.patch_pairs import best_range, binned_agreements, nearest_others
+        from dqreg.kernels.evidence.patch_pairs import best_range, binned_agreements, nearest_others
 
         nearest, products, squared = np.zeros(len(self.points)), np.zeros(DISTANCE_BINS), np.zeros(DISTANCE_BINS)
         far = LONGEST_RANGE_EXTENTS * nearest_others(self.points, nearest)
@@ -223,7 +223,7 @@ class _Patches:
 
         Shapes: pulls (m, k): weighted rows of each patch, along (m, 3, k), bread (k, k); returns (k, k).
         """
-        from dqreg.kernels.patch_pairs import covariance_sums
+        from dqreg.kernels.evidence.patch_pairs import covariance_sums
 
         count, unknowns = pulls.shape
         # What the fit follows of errors is H e, H = X bread X^T W with the mean rows X.

@@ -43,7 +43,7 @@ def carriers_of(
 
     A share is ``w (v . J)^2``, or, where the scan has normals of its own, the product of what both sides' say.
     """
-    from dqreg.kernels.both_sides import motion_shares
+    from dqreg.kernels.evidence.both_sides import motion_shares
     from dqreg.kernels.threads import as_plain, over_chunks
 
     sums = np.zeros((max(-(-len(weights) // JACOBIAN_ROWS), 1), 2, vectors.shape[1]))

@@ -44,7 +44,7 @@ class _Grid(NamedTuple):
 
     def held(self, flat: FloatArray) -> BoolArray:
         """Which cells hold points of the plane, (n, 2)."""
-        from dqreg.kernels.plane_gaps import hold_cells
+        from dqreg.kernels.evidence.plane_gaps import hold_cells
         from dqreg.kernels.threads import as_plain
 
         cells = np.zeros(self.shape, dtype=bool)
@@ -88,7 +88,7 @@ def closed_hole(one: Held, theirs: Held, other: FloatArray, asked: Asked = CLOSE
 
 def _gaps(own: BoolArray, theirs: BoolArray) -> tuple[NDArray[np.int32], IntArray]:
     """Labels of the free cells, (h, w), and the gaps that the others enclose, (k, 7): see `enclosed_gaps`."""
-    from dqreg.kernels.plane_gaps import COLUMNS, enclosed_gaps
+    from dqreg.kernels.evidence.plane_gaps import COLUMNS, enclosed_gaps
 
     labels, stack = np.zeros(own.shape, dtype=np.int32), np.zeros(own.size, dtype=np.int64)
     found = np.zeros((own.size // MIN_HOLE_CELLS + 1, COLUMNS), dtype=np.int64)

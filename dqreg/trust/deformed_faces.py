@@ -50,7 +50,7 @@ def _faces(feet: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArra
 
 def _continued(middles: FloatArray, ways: FloatArray) -> IntArray:
     """Numbers, (k,), that are the same for patches that lead to each other without an edge or a step."""
-    from dqreg.kernels.components import components
+    from dqreg.kernels.clouds.components import components
 
     steps = middles[None] - middles[:, None]
     lengths = np.linalg.norm(steps, axis=2)

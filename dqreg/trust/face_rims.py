@@ -84,7 +84,7 @@ class Faces:
     @staticmethod
     def of(tree: NeighbourTree, heights: FloatArray, within: float) -> Faces:
         """Those of a cloud within a distance of a plane, over which all of its points have these heights, (N,)."""
-        from dqreg.kernels.planar_boundary import near_fractions
+        from dqreg.kernels.evidence.planar_boundary import near_fractions
         from dqreg.kernels.threads import over_chunks
 
         near = np.abs(heights) < within
@@ -172,7 +172,7 @@ def surrounded(
     Shapes: points (N, 3), held (n,), rows of those in the plane, flat (n, 2), asked (m,), rows of flat; neighbours are
     the lines, (m,), of a table, (l, k).
     """
-    from dqreg.kernels.planar_boundary import interior_rows
+    from dqreg.kernels.evidence.planar_boundary import interior_rows
     from dqreg.kernels.threads import as_plain, over_chunks
 
     places, found = np.full(len(points), -1), np.zeros(len(asked), dtype=bool)
@@ -260,9 +260,9 @@ def open_sides(at: FloatArray, flat: FloatArray, rows: IntArray) -> tuple[FloatA
 
 def stand_near(points: FloatArray, rows: IntArray, cloud: FloatArray, others: IntArray, reach: float) -> BoolArray:
     """Which rows of some points, (m,), have one of the other rows of a cloud within reach; all along curves."""
-    from dqreg.kernels.near_rows import near_rows
-    from dqreg.kernels.point_tree import LEAF_POINTS
     from dqreg.kernels.threads import as_plain
+    from dqreg.kernels.trees.near_rows import near_rows
+    from dqreg.kernels.trees.point_tree import LEAF_POINTS
 
     found = np.zeros(len(rows), dtype=bool)
     near_rows(as_plain(points), rows, as_plain(cloud), others, LEAF_POINTS, float(reach), found)

@@ -48,7 +48,7 @@ class DepthImage:
     @staticmethod
     def of(points: FloatArray, eye: FloatArray, pixel: float | None = None) -> DepthImage:
         """Image of points, (n, 3), from a viewpoint, (3,); the edge of a pixel is measured where none is given."""
-        from dqreg.kernels.depth_pixels import count_behind, fill_nearest, least_around
+        from dqreg.kernels.evidence.depth_pixels import count_behind, fill_nearest, least_around
 
         # The bits of the mean along columns in a quarter of the time.
         axes = _looking(np.einsum("ij->j", points) / len(points) - eye)
@@ -69,7 +69,7 @@ class DepthImage:
 
         Points behind it say nothing, nor do those where nothing was seen.
         """
-        from dqreg.kernels.depth_pixels import count_before
+        from dqreg.kernels.evidence.depth_pixels import count_before
         from dqreg.kernels.threads import as_plain
 
         counts, limits = np.zeros(2, dtype=np.int64), (float(margin), float(step))
@@ -149,7 +149,7 @@ def hidden_share(points: FloatArray, viewpoint: FloatArray) -> float:
 
 def _project(points: FloatArray, axes: FloatArray, eye: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Azimuth and elevation, (2, n), and range, (n,)."""
-    from dqreg.kernels.depth_pixels import directions_from
+    from dqreg.kernels.evidence.depth_pixels import directions_from
     from dqreg.kernels.threads import as_plain, over_chunks
 
     places, ranges = np.zeros((2, len(points))), np.zeros(len(points))

@@ -238,7 +238,7 @@ def _most_spacing(points: FloatArray, heights: FloatArray, rows: IntArray) -> fl
 
     Its neighbours are no farther off than those among the points next to it along the curve.
     """
-    from dqreg.kernels.planar_boundary import in_plane_sq_distances
+    from dqreg.kernels.evidence.planar_boundary import in_plane_sq_distances
     from dqreg.kernels.threads import as_plain
 
     some, count = sample_rows(len(rows), SPACING_SAMPLE), min(CURVE_WINDOW, len(rows))

@@ -195,7 +195,7 @@ class Overlap:
 
         Their normals are those of no face, so that the few of them would determine a number of a deformation.
         """
-        from dqreg.kernels.edge_planes import with_others_rows
+        from dqreg.kernels.clouds.edge_planes import with_others_rows
         from dqreg.kernels.threads import as_plain, over_chunks
 
         edge, with_others = np.flatnonzero(~self.inner), np.zeros(len(self.points), dtype=bool)

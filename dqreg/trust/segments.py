@@ -230,7 +230,7 @@ def _labelled(
 ) -> tuple[IntArray, FloatArray]:
     """Segment of each point, -1 for those that are not flat, and the distance to the usual neighbour, (n,) each."""
     # Not SciPy's: to import its graphs takes 50 ms of the first registration, which may have a time limit.
-    from dqreg.kernels.components import components
+    from dqreg.kernels.clouds.components import components
 
     indices = tree.around(np.arange(len(points)))[0][:, 1 : LINKED_NEIGHBOURS + 1].astype(np.int64)
     one, two = np.repeat(np.arange(len(points)), indices.shape[1]), indices.ravel()

@@ -182,7 +182,7 @@ def _rows(
 
     Shapes: arms (n, 3), the points from their middle; returns (15, n).
     """
-    from dqreg.kernels.plane_rows import plane_row_columns, strain_row_columns
+    from dqreg.kernels.evidence.plane_rows import plane_row_columns, strain_row_columns
     from dqreg.kernels.threads import as_plain, over_chunks
 
     rows, count, normals = np.zeros((15, len(arms))), len(arms), as_plain(normals)

@@ -53,7 +53,7 @@ def _differences(
     residuals: FloatArray, normals: FloatArray, beside: IntArray | None = None
 ) -> tuple[FloatArray, float, float]:
     """How far the residuals of neighbours differ, (m,), and the sums of their products and of their squares."""
-    from dqreg.kernels.neighbour_differences import neighbour_differences
+    from dqreg.kernels.evidence.neighbour_differences import neighbour_differences
     from dqreg.kernels.threads import as_plain
 
     beside = _along_curve(len(residuals)) if beside is None else beside

@@ -230,7 +230,7 @@ def test_json_holds_the_same_checks() -> None:
 
 
 def test_compile_fills_the_folder_and_the_table_names_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    from dqreg.kernels import cache, compile_all
+    from dqreg.kernels.compiling import cache, compile_all
 
     compiled = []
     monkeypatch.setattr(compile_all, "compile_for_all_users", lambda: compiled.append(True))

@@ -15,7 +15,7 @@ from dqreg.geometry.cells import (
     Cells,
 )
 from dqreg.geometry.voxels import VoxelCloud
-from dqreg.kernels.cell_planes import MIN_CELLS
+from dqreg.kernels.cells.cell_planes import MIN_CELLS
 
 
 def sheet(seed: int, count: int) -> np.ndarray:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from dqreg.geometry import Mesh
 from dqreg.geometry.topology import NORMAL_ROUNDING, SMOOTH_DEG
 from dqreg.kernels import threads
-from dqreg.kernels.face_fans import MANY
+from dqreg.kernels.meshes.face_fans import MANY
 from dqreg.synth.parts import bracket, cylinder
 
 

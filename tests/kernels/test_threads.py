@@ -119,7 +119,7 @@ import multiprocessing, os, sys
 import numpy as np
 from dqreg.kernels import threads
 threads.thread_count = lambda: 3
-from dqreg.kernels.triangle_tree import TriangleTree
+from dqreg.kernels.trees.triangle_tree import TriangleTree
 rng = np.random.default_rng(0)
 corners, queries = rng.normal(size=(60, 3, 3)), rng.normal(size=(9_000, 3))
 normals = np.tile([0.0, 0.0, 1.0], (60, 1))

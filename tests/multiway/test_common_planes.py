@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dqreg._arrays import FloatArray
-from dqreg.kernels.plane_elimination import BEFOREHAND, eliminate_planes
+from dqreg.kernels.steps.plane_elimination import BEFOREHAND, eliminate_planes
 from dqreg.multiway.bodies import Body
 from dqreg.multiway.common_planes import PAIR_SIGMA_SPACINGS, PlacedBodies, refine_on_planes
 from dqreg.multiway.scans import read_views, typical_spacing

@@ -7,7 +7,7 @@ import warnings
 import numpy as np
 import pytest
 
-from dqreg.kernels.voxel_planes import LONGEST
+from dqreg.kernels.maps.voxel_planes import LONGEST
 from dqreg.odometry import map_surface
 from dqreg.odometry.map_surface import KEPT_MATCH_VOXELS, MapSurface
 from dqreg.rigid import pose

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dqreg.kernels.many_poses import log_likelihoods
+from dqreg.kernels.search.many_poses import log_likelihoods
 from dqreg.solvers.robust import LEAST_FRACTION, GemanMcClure, Huber, InlierMixture, Kernel, LeastSquares, Tukey, Welsch
 
 SCALES = st.floats(1e-3, 1e3)

@@ -1,0 +1,1 @@
+"""Clouds in the cells of a grid: their means, planes and surfaces."""

@@ -1,0 +1,1 @@
+"""What neighbouring points tell: planes, quadrics, rims, lines, spreads."""

@@ -1,0 +1,1 @@
+"""What a pose is judged by: sums over patches, rays, boundaries, gaps."""

@@ -1,0 +1,1 @@
+"""What follows from triangles: their sides, corners, normals, doubles, creases."""

@@ -1,0 +1,1 @@
+"""Morton codes, sorting, ranks, and rows put back to their places."""

@@ -1,0 +1,1 @@
+"""Many poses at once: pairs looked up, gains on a grid, refined together."""
