@@ -22,7 +22,6 @@ from dqreg.registration.held_both_ways import held_both_ways
 from dqreg.registration.held_motions import own_normals
 from dqreg.registration.loop_status import status_of
 from dqreg.registration.other_poses.exposures import second_pose
-from dqreg.registration.other_poses.near_places import is_scene
 from dqreg.registration.other_poses.rivals import gain_if_freed
 from dqreg.registration.other_poses.slides import SLIDE, slide_of
 from dqreg.registration.other_poses.wall_sides import may_confuse_sides
@@ -160,7 +159,7 @@ def _measured(fit: Fit, covariance: FloatArray) -> Evidence:
         units=fit.problem.units[1],
         carriers_of_both=own_normals(fit.prepared.surface, fit.run.pairs) is not None,
         clutter=fit.problem.options.clutter,
-        is_scene=fit.has_border or is_scene(fit),
+        is_scene=fit.has_border or fit.is_scene,
         looked_through=looked_through,
         seen_alike=seen_alike,
         viewpoint_behind=viewpoint_behind(fit.problem),

@@ -13,7 +13,6 @@ from dqreg.geometry.rays import Rays
 from dqreg.geometry.visibility import blocked
 from dqreg.registration.derived import Key
 from dqreg.registration.fit import Fit
-from dqreg.registration.other_poses.near_places import is_scene
 from dqreg.registration.problem import Problem
 from dqreg.registration.target_index import TargetIndex
 from dqreg.rigid import pose
@@ -155,7 +154,7 @@ def _through_mesh(fit: Fit, part: Mesh) -> float:
     points = pose.apply(fit.T_target_source, _some(fit.prepared.scan.points, RAYS))
     margin = SIGMAS * fit.agreement.expected + SHARE * part.diagonal
     through = blocked(part, points, pose.apply(fit.T_target_source, eyes), margin)
-    if not is_scene(fit):
+    if not fit.is_scene:
         return float(np.mean(through))
     meet = through | (fit.prepared.surface.closest(points, within=margin).distances <= margin)
     return float(np.mean(through[meet])) if meet.any() else 0.0

@@ -49,11 +49,10 @@ def key_of(row: Row) -> tuple[object, ...]:
 def followed(rows: Sequence[Row]) -> list[Row]:
     """Rows of one key with one nominal value: where theirs differ, each value from its own."""
     nominals = {value["nominal"] for _, _, value in rows} - {None}
-    if len(nominals) < 2 or rows[0][2]["kind"] not in MOVING:
-        # The first with limits says those of the trend.
-        return sorted(rows, key=lambda row: row[2]["nominal"] is None)
-    moved = [(line, number, _from_nominal(value)) for line, number, value in rows]
-    return sorted(moved, key=lambda row: row[2]["nominal"] is None)
+    if len(nominals) > 1 and rows[0][2]["kind"] in MOVING:
+        rows = [(line, number, _from_nominal(value)) for line, number, value in rows]
+    # The first with limits says those of the trend.
+    return sorted(rows, key=lambda row: row[2]["nominal"] is None)
 
 
 def _from_nominal(value: dict[str, Any]) -> dict[str, Any]:

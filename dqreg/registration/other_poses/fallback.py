@@ -15,7 +15,7 @@ from dqreg.registration.fit import Fit
 from dqreg.registration.free_space import looked_through_at
 from dqreg.registration.initial_pose import GlobalSearch, InitialPose
 from dqreg.registration.local_evidence import MISFIT
-from dqreg.registration.other_poses.near_places import is_scene, near_maps
+from dqreg.registration.other_poses.near_places import near_maps
 from dqreg.registration.other_poses.rivals import (
     MIN_GAIN_SIGMAS,
     MIN_LOG_GAIN,
@@ -116,7 +116,7 @@ def _compared(fit: Fit) -> FloatArray | None:
     """
     if fit.problem.options.search == "always" or fit.between_clouds:
         return None
-    if fit.problem.options.method != "auto" or is_scene(fit) or is_doubtful(fit, ask_mirror=True):
+    if fit.problem.options.method != "auto" or fit.is_scene or is_doubtful(fit, ask_mirror=True):
         return None
     maps = np.concatenate([np.eye(4)[None], near_maps(fit)])
     return np.asarray((exact_symmetries(fit)[:, None] @ maps @ fit.T_target_source).reshape(-1, 4, 4))
@@ -165,7 +165,7 @@ def _is_off_or_rough(found: Evidence) -> bool:
 
 def _is_beside(fit: Fit) -> bool:
     """Whether much of a scan no larger than a closed target lies off it: a part upside down leaves its hub so."""
-    return not fit.has_border and fit.agreement.share_on < 1.0 - DOUBTFUL_OFF_TARGET_SHARE and not is_scene(fit)
+    return not fit.has_border and fit.agreement.share_on < 1.0 - DOUBTFUL_OFF_TARGET_SHARE and not fit.is_scene
 
 
 def is_sound(fit: Fit, *, ask_mirror: bool = False) -> bool:
@@ -257,7 +257,7 @@ class _Candidates:
 
     def _sound_in_scene(self) -> int | None:
         # A face of the part on the table explains more of a scene than the part does; the verdict is not deceived.
-        return next((k for k in self._order if self._is_sound(k)), None) if is_scene(self._fits[0]) else None
+        return next((k for k in self._order if self._is_sound(k)), None) if self._fits[0].is_scene else None
 
     def _sound_after_slide(self) -> int | None:
         # Both sides of a wall laid on each other have more in common than there is; the rims beside them tell how far

@@ -17,7 +17,7 @@ from dqreg.registration.displacement import displacement_between, is_elsewhere, 
 from dqreg.registration.fit import Fit
 from dqreg.registration.initial_pose import FOUND
 from dqreg.registration.other_poses.fallback import BestPoses, is_doubtful, is_sound
-from dqreg.registration.other_poses.near_places import is_scene, near_maps
+from dqreg.registration.other_poses.near_places import near_maps
 from dqreg.registration.other_poses.rivals import MIN_LOG_GAIN, NO_POSES, but_symmetric, scores_of
 from dqreg.search.search import RAY_CONFLICT_MARGIN
 from dqreg.trust.limits import DISAGREEING_NORMAL_SHARE, MIN_INLIER_FRACTION, looked_through_limit
@@ -54,7 +54,7 @@ def held_at_start(fit: Fit, start: FloatArray) -> Fit:
 
     What stands beside the part in a scene holds the kernel wide, and it leaves a right initial pose.
     """
-    if fit.between_clouds or not is_scene(fit) or not fit.may_be_moved or is_sound(fit):
+    if fit.between_clouds or not fit.is_scene or not fit.may_be_moved or is_sound(fit):
         return fit
     near = fit.resumed(start, max(noise_on(fit.prepared.scan, fit.prepared.surface), fit.floor))
     has_stayed = near.found and displacement_between(near, start, near.T_target_source) <= LEFT_DIAGONALS

@@ -90,7 +90,7 @@ def near_maps(fit: Fit, *, of_any: bool = False) -> FloatArray:
     others = []
     if scan is not None:
         # In a scene the search has compared poses by other objects too: where two directions are seen, ends are asked.
-        reaching = _inliers(fit) if is_scene(fit) and len(scan.directions) == END_DIRECTIONS else None
+        reaching = _inliers(fit) if fit.is_scene and len(scan.directions) == END_DIRECTIONS else None
         others = [plane_maps(scan, found.planes, surface.diagonal, reaching=reaching)]
     return np.concatenate([found.maps, _periods(fit), _half_screws(fit), *others])
 
@@ -147,7 +147,7 @@ def _inliers(fit: Fit) -> FloatArray:
 def _planes_of_scan(fit: Fit) -> Planes:
     pairs, within = fit.run.pairs, INLIER_SIGMAS * fit.run.mixture.scale
     # Of a scene, what is off the part is in no plane of it, and leaves the others their shares.
-    is_asked = fit.on_part & (pairs.distances <= within) if is_scene(fit) else np.ones(len(pairs.moved), dtype=bool)
+    is_asked = fit.on_part & (pairs.distances <= within) if fit.is_scene else np.ones(len(pairs.moved), dtype=bool)
     among = np.flatnonzero(is_asked)
     # Those that are looked at there.
     rows = among[sample_rows(len(among), PLANE_POINTS)]
@@ -165,18 +165,13 @@ def _extent(points: FloatArray) -> FloatArray:
     return np.subtract(*bounds(points)[::-1]) if len(points) else np.zeros(3)
 
 
-def is_scene(fit: Fit) -> bool:
-    """Whether the scan is so large that it shows more than the target, which is closed."""
-    return fit.is_scene
-
-
 def rows_beside(fit: Fit, poses: FloatArray, reach: float) -> IntArray:
     """Points that tell poses of the scan, (k, 4, 4), apart: all, or of a scene those that one puts into the part.
 
     Among those of a table few would be of a notch, and the pose to which it speaks would be as likely as the others.
     """
     scan, part = fit.prepared.scan, fit.problem.target.geometry
-    if not is_scene(fit) or not isinstance(part, Mesh):
+    if not fit.is_scene or not isinstance(part, Mesh):
         return np.arange(len(scan))
     inside = np.zeros(len(scan), dtype=bool)
     for T in poses:

@@ -14,7 +14,7 @@ from dqreg.registration.evidence import near_limit
 from dqreg.registration.fit import Fit
 from dqreg.registration.free_space import both_rays, met_at, met_by
 from dqreg.registration.other_objects import on_others
-from dqreg.registration.other_poses.near_places import is_same_place, is_scene, near_maps, rows_beside
+from dqreg.registration.other_poses.near_places import is_same_place, near_maps, rows_beside
 from dqreg.rigid import pose
 from dqreg.search.flipped_poses import far_mirrors, flipped_poses, gain_of_mirror
 from dqreg.search.near_symmetry import mirrors_about
@@ -79,7 +79,7 @@ def scores_and_rows(fit: Fit, poses: FloatArray, count: int = JUDGING_POINTS) ->
 
 def _but_on_others(fit: Fit, poses: FloatArray, rows: IntArray) -> IntArray:
     """Rows of points that tell poses, (k, 4, 4), apart, without those of a scene that are on other objects at all."""
-    if not is_scene(fit):
+    if not fit.is_scene:
         return rows
     own = rows[~on_others(fit.prepared, fit.problem.derived, poses, fit.prepared.scan.points[rows])]
     return own if len(own) else rows
@@ -154,7 +154,7 @@ def _as_likely(fit: Fit) -> tuple[FloatArray, FloatArray]:
     maps = near_maps(fit)
     if not len(maps):
         return none
-    asked, in_scene = None, is_scene(fit)
+    asked, in_scene = None, fit.is_scene
     rows = rows_beside(fit, np.concatenate([fit.T_target_source[None], maps @ fit.T_target_source]), limit_of(fit))
     if in_scene:
         scan = scan.taken(_but_on_others(fit, fit.T_target_source[None], rows))
@@ -273,7 +273,7 @@ def gain_if_freed(fit: Fit) -> tuple[float, float, float]:
 
 def _much_is_off(fit: Fit) -> bool:
     """Whether more of a scan that is no scene lies off the part than a near mirror image leaves."""
-    return fit.agreement.share_on < 1.0 - MIRROR_OFF_PART_SHARE and not is_scene(fit)
+    return fit.agreement.share_on < 1.0 - MIRROR_OFF_PART_SHARE and not fit.is_scene
 
 
 def _some_apart(fit: Fit) -> bool:

@@ -31,7 +31,7 @@ def test_a_bow_of_few_points_is_not_passed(count: int) -> None:
     values = ZONE * (along / 25.0 - 1.0) ** 2 + np.random.default_rng(20_000).normal(0.0, NOISE, count)
     found = worst_form([Profile(along, values, 0.0, np.zeros(3))], NOISE)
     assert abs(found.value - ZONE) <= found.uncertainty
-    assert found.decide(-np.inf, 0.5 * ZONE) == "fail" or count == 8
+    assert found.decide(-np.inf, 0.5 * ZONE) in (("fail",) if count > 8 else ("fail", "undecided"))
 
 
 def test_a_round_section_of_some_points_is_still_passed() -> None:
