@@ -153,12 +153,13 @@ class Tracker:
         asked = first.aligned.found and not (timed or measured or self._is_unlike(frame, T, lengths.reach))
         # After the depth image, beside the information.
         similar = Later(lambda: similar_shifts(search, with_met_normals(frame, first.aligned))) if asked else None
+        # While what was seen is made beside: it is none of the information's.
+        information = information_of_place(first, frame.reach)
         # A map that holds what a frame looked through would confirm the next ones.
         first = looked_through(turned.told(first, search), seen.result(), map_sample(surface))
         # What is said of it then changes neither its pose nor whether it enters; places that it is like ask the map.
         if grows := insert and self._surely_enters(first, frame) and not asked and not measured:
             world.insert(lambda: frame.dense, rigid(T))
-        information = information_of_place(first, frame.reach)
         place = first if similar is None else like_itself(first, search, frame, seen.result(), similar)
         # For the next frame, which is taken for as dense.
         self._view = seen.result()
