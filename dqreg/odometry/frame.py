@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import os
 from collections.abc import Callable
 from functools import cached_property
@@ -61,6 +62,12 @@ class RawFrame:
         """Largest size of each coordinate, (3,), of at least one point."""
         return np.maximum(*map(np.abs, bounds(self.points)))
 
+    @cached_property
+    def span(self) -> tuple[float, float]:
+        """First and last of the times, of at least one."""
+        assert self.times is not None
+        return float(self.times.min()), float(self.times.max())
+
     def downsampled(self, lengths: Resolved) -> DownsampledFrame | None:
         """The frame downsampled, if it was not ahead of its turn."""
         if self.ahead is not None and self.ahead[0] is lengths:
@@ -92,17 +99,17 @@ def read_frame(points: Any, timestamps: Any) -> RawFrame:
     if times is not None:
         if len(times) != len(values):
             raise InputError(f"timestamps must be one a point; got {len(times)} for {len(values)} points")
-        seen = times[keep] if lost else times
-        if not np.isfinite(seen).all():
+        times = times[keep] if lost else times
+        # What is not finite shows at the ends.
+        ends = (float(times.min()), float(times.max())) if len(times) else (0.0, 1.0)
+        if not (math.isfinite(ends[0]) and math.isfinite(ends[1])):
             notes.append(Reason("some times are not finite: the sweep was not deskewed", "not_deskewed"))
             times = None
-        elif len(seen) and (why := _why_no_sweep(float(seen.min()), float(seen.max()))):
+        elif why := _why_no_sweep(*ends):
             notes.append(Reason(f"{why}: the sweep was not deskewed", "not_deskewed"))
             times = None
-    if lost:
-        values, times = values[keep], None if times is None else times[keep]
-    found = RawFrame(values, times, tuple(notes))
-    vars(found)["corner"] = np.maximum(np.abs(low), np.abs(high))
+    found = RawFrame(values[keep] if lost else values, times, tuple(notes))
+    vars(found).update({"corner": np.maximum(np.abs(low), np.abs(high)), **({} if times is None else {"span": ends})})
     return found
 
 
@@ -243,7 +250,9 @@ def downsample_frame(raw: RawFrame, lengths: Resolved) -> DownsampledFrame | Non
         seen, back = np.take(dense[0], chosen[sample_rows(len(chosen), MAX_POSE_POINTS)], axis=0), None
         whole = Whole(lambda: dense)
     else:
-        when = (times - times.max()) / np.ptp(times)
+        first, last = raw.span if times is raw.times else (times.min(), times.max())
+        when = times - last
+        when /= last - first
         began = Later(lambda: VoxelSums.of(points, when, size, SAME_TIME_SHARE_OF_SWEEP))
         some = np.take(points, one_of_voxels(points, apart), axis=0)
         rows = morton_order(some)[sample_rows(len(some), MAX_TIMED_POSE_POINTS)]
@@ -253,7 +262,7 @@ def downsample_frame(raw: RawFrame, lengths: Resolved) -> DownsampledFrame | Non
     if len(seen) < 3:
         return None
     reach = float(np.linalg.norm(seen, axis=1).max())
-    end = np.nan if times is None else float(times.max())
+    end = np.nan if times is None else float(last)
     return DownsampledFrame(whole, seen, back, reach, size, OwnPlanes(whole, seen), end=end)
 
 
