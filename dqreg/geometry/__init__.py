@@ -12,7 +12,8 @@ from dqreg.geometry.mesh import Mesh
 from dqreg.geometry.mesh_surface import MeshSurface
 from dqreg.geometry.objects import as_geometry
 from dqreg.geometry.sampling import sample_mesh
-from dqreg.geometry.scan import Scan, prepare_scan
+from dqreg.geometry.scan import Scan
+from dqreg.geometry.scan_preparation import prepare_scan
 from dqreg.geometry.surface import Closest, Surface
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""Preparation of a scan: Morton order, spacing, noise, normals."""
+"""A scan as the loop takes it: points in Morton order with their planes, spacing and noise."""
 
 from __future__ import annotations
 
@@ -11,17 +11,11 @@ from numpy.typing import NDArray
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds
 from dqreg._records import one_line
-from dqreg.errors import InputError
-from dqreg.geometry.cloud import PointCloud
-from dqreg.geometry.cloud_surface import CloudSurface
-from dqreg.geometry.morton import distinct_in_order, in_order
-from dqreg.geometry.neighbours import FEW_QUERIES, NeighbourTree
+from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import NORMAL_NEIGHBOURS, ScanPlanes, fit_planes_at, sample_rows
-from dqreg.geometry.scan_measures import THINNED_POINTS, measure_all, measure_pieces, parts_of
 from dqreg.geometry.spacing import Spread
 from dqreg.geometry.vector_rows import nonzero_rows
 
-FEWEST_POINTS = 3
 # What planes tell of points, and what some of these have in common with all.
 COLUMNS = "normals", "levers", "residuals"
 OF_ALL = "oriented", "spacing", "noise", "total", "quiet"
@@ -58,13 +52,14 @@ class Scan:
     within : ndarray, (n,), or None
         Within-face scatter: sum of the squared distances of those points from their mean, along the normal.
     quiet : float, or None
-        Noise of the quieter faces, from local quadrics: no curvature of a sparse scan is in it.
+        Noise of the quieter faces, from local quadrics: no curvature of a sparse scan is in it; None for a cloud.
     parts : ndarray of uint8, (n,), or None
         Which of up to eight parts of the cloud, in its own order, each point stands in (views of a scan follow each
         other); eight for the mean of points of several.
 
     Examples
     --------
+    >>> from dqreg.geometry import PointCloud, prepare_scan
     >>> scan = prepare_scan(PointCloud(np.random.default_rng(0).uniform(size=(400, 3)) * [1, 1, 0]))
     >>> len(scan), len(scan.thinned(100)), scan.taken(scan.even_rows(10)).total, scan.noise < 1e-12
     (400, 100, 400, True)
@@ -221,73 +216,6 @@ class Scan:
         """Diagonal of the bounding box."""
         low, high = bounds(self.points)
         return float(np.linalg.norm(high - low))
-
-
-def prepare_scan(
-    cloud: PointCloud, fitted: int | None = None, surface: CloudSurface | None = None, total: int | None = None
-) -> Scan:
-    """Order a cloud, measure it, and fit normals.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-        The source as it was read.
-    fitted : int, optional
-        Points at which planes are fitted, evenly taken along the Morton curve; None fits at all of them. A few are
-        fitted to neighbours in an evenly thinned cloud, and spacing and noise are then measured on pieces of it: for
-        a large cloud that costs a small part of fitting at all points.
-    surface : CloudSurface, optional
-        The cloud as a surface, where there is one: its order and its tree are taken.
-    total : int, optional
-        Points of the cloud that this one was made of. Default: its own.
-
-    Returns
-    -------
-    Scan
-        Ready for the loop.
-
-    Raises
-    ------
-    InputError
-        If fewer than three distinct places are left.
-
-    Examples
-    --------
-    >>> grid = np.stack(np.meshgrid(range(10), range(10), [0.0]), axis=-1).reshape(-1, 3)
-    >>> scan = prepare_scan(PointCloud(grid), fitted=50)
-    >>> len(scan), int(scan.directed.sum()), scan.spacing, scan.noise
-    (100, 50, 1.0, 0.0)
-    """
-    order = distinct_in_order(cloud.points, cloud._ends) if surface is None else surface.order
-    points = in_order(cloud.points, order) if surface is None else surface._points
-    if len(points) < FEWEST_POINTS:
-        raise InputError(
-            f"a scan needs finite points at {FEWEST_POINTS} places at least to fix a pose; the {len(cloud)} points of "
-            f"this one are at {len(points)}"
-        )
-    rows = sample_rows(len(points), len(points) if fitted is None else fitted)
-    is_whole = len(rows) == len(points) or len(points) <= THINNED_POINTS
-    tree = None
-    if is_whole:
-        # Points in Morton order need no other order for few queries.
-        few = FEW_QUERIES * len(rows) <= len(points)
-        tree = NeighbourTree(points, in_order=few) if surface is None else surface._tree
-        of_cells, means = (None, points) if surface is None else (surface._all_planes(), surface._means)
-        fits, spacing, (noise, quiet) = measure_all(points, rows, tree, of_cells, means)
-    else:
-        fits, spacing, (noise, quiet) = measure_pieces(points, rows)
-    planes = ScanPlanes.of(rows, fits, len(points))
-    if cloud.normals is None and cloud.viewpoint is not None:
-        planes = planes.oriented(points, cloud.viewpoint)
-    oriented, total = cloud.normals is not None or cloud.viewpoint is not None, len(points) if total is None else total
-    measured = {"oriented": oriented, "spacing": spacing, "noise": noise, "quiet": quiet, "total": total}
-    scan = Scan._with(planes, {"points": points, "parts": parts_of(order), **measured})
-    if cloud.normals is not None:
-        scan = dataclasses.replace(scan, normals=np.take(cloud.normals, order, axis=0))
-    vars(scan)["diagonal"] = float(np.linalg.norm(np.subtract(*cloud._ends)))
-    if tree is not None:
-        vars(scan)["tree"] = tree
-    return scan
 
 
 def with_planes(scan: Scan, count: int) -> Scan:

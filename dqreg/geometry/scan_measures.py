@@ -22,9 +22,9 @@ CLOUD_PARTS, CHUNK_POINTS = 8, 65_536
 
 
 def measure_all(
-    points: FloatArray, rows: IntArray, tree: NeighbourTree, fits: PlaneFits | None, means: FloatArray
-) -> tuple[PlaneFits, float, tuple[float, float]]:
-    """Planes at some points of a cloud, fitted unless they are known; spacing and noises of the cloud.
+    points: FloatArray, rows: IntArray, tree: NeighbourTree, fits: PlaneFits | None, means: FloatArray, *, quiet: bool
+) -> tuple[PlaneFits, float, tuple[float, float | None]]:
+    """Planes at some points of a cloud, fitted unless they are known; spacing and noises of the cloud, see `noise_of`.
 
     The noise is that of the means, (n, 3), from which points of cells were moved to the surface of their neighbours.
     """
@@ -32,10 +32,12 @@ def measure_all(
     fits = fit_planes_at(tree, points, rows) if fits is None else fits
     if at is points and fits.neighbours is not None:
         tree.remember(fits.neighbours)
-    return fits, (spacing := spacing_of(fits, at)), noise_of(fits, means, at, tree, spacing)
+    return fits, (spacing := spacing_of(fits, at)), noise_of(fits, means, at, tree, spacing, quiet=quiet)
 
 
-def measure_pieces(points: FloatArray, rows: IntArray) -> tuple[PlaneFits, float, tuple[float, float]]:
+def measure_pieces(
+    points: FloatArray, rows: IntArray, *, quiet: bool
+) -> tuple[PlaneFits, float, tuple[float, float | None]]:
     """The same of a large cloud: planes to neighbours in a thinned one, the rest from pieces of it."""
     some = sample_rows(len(points), max(THINNED_POINTS, 2 * len(rows)))
     thinned, beside = np.take(points, some, axis=0), np.minimum(np.searchsorted(some, rows), len(some) - 1)
@@ -49,7 +51,8 @@ def measure_pieces(points: FloatArray, rows: IntArray) -> tuple[PlaneFits, float
     )
     of_pieces = NeighbourTree(pieces, in_order=True)
     pieced = fit_planes(of_pieces, pieces, middles)
-    return fits, (spacing := spacing_of(pieced, middles)), noise_of(pieced, pieces, middles, of_pieces, spacing)
+    spacing = spacing_of(pieced, middles)
+    return fits, spacing, noise_of(pieced, pieces, middles, of_pieces, spacing, quiet=quiet)
 
 
 def parts_of(order: IntArray) -> NDArray[np.uint8]:

@@ -45,29 +45,41 @@ SLANTED_NOISE_RATIO = 1.2
 
 
 def noise_of(
-    fits: PlaneFits, points: FloatArray, at: FloatArray, tree: NeighbourTree, spacing: float
-) -> tuple[float, float]:
+    fits: PlaneFits, points: FloatArray, at: FloatArray, tree: NeighbourTree, spacing: float, *, quiet: bool
+) -> tuple[float, float | None]:
     """Standard deviation of points across their faces: what most planes leave, and quadrics on the quieter faces.
 
-    Shapes: points (n, 3), in the order of those of the tree, at (m, 3), where planes are fitted.
+    None for these where they are not asked about. Shapes: points (n, 3), in the order of those of the tree, at (m, 3),
+    where planes are fitted.
     """
     known = np.flatnonzero(fits.known)
-    if not len(known):
-        return 0.0, 0.0
-    planes = median(fits.residuals[known])
+    planes = median(fits.residuals[known]) if len(known) else 0.0
+    return planes, _on_quiet_faces(planes, known, fits, points, at, tree, spacing) if quiet else None
+
+
+def _on_quiet_faces(
+    planes: float,
+    known: IntArray,
+    fits: PlaneFits,
+    points: FloatArray,
+    at: FloatArray,
+    tree: NeighbourTree,
+    spacing: float,
+) -> float:
+    """What quadrics leave on the quieter faces, of some that are known; what planes leave where these tell no more."""
     rows = known[sample_rows(len(known), QUADRIC_SAMPLE)]
     if len(rows) < MIN_QUADRICS or fits.count < NORMAL_NEIGHBOURS or not planes > FAR_BELOW * spacing:
-        return planes, planes
+        return planes
     # They were found for the planes, where these are not many.
     around = fits.neighbours[rows] if fits.neighbours is not None else _around(tree, at, rows)
     left = _quadric_residuals(points, around, fits.normals[rows])
     if len(left) < MIN_ROUND_SHARE * len(rows):
-        return planes, planes
+        return planes
     quiet = quantile(left, QUIET_QUANTILE) / QUIET_SIGMAS
     if quiet > FAR_BELOW * spacing:
         faces = _off_majorities(points, around, fits.normals[rows])
         quiet = min(quiet, quantile(faces, FACE_QUANTILE) / MAJORITY_SIGMAS) if len(faces) >= MIN_QUADRICS else quiet
-    return planes, min(planes, SLANTED_NOISE_RATIO * quiet)
+    return min(planes, SLANTED_NOISE_RATIO * quiet)
 
 
 def _around(tree: NeighbourTree, at: FloatArray, rows: IntArray) -> IntArray:

@@ -219,19 +219,15 @@ def _near(level: Level, run: Run | None) -> Level:
         # step is about half of the one before.
         accelerate = plan.accelerate and isinstance(level.surface, CloudSurface)
         plan = replaced(plan, estimator=plan.fine, accelerate=accelerate)
-    floor = smallest_kernel_scale(_judged_by_inliers(level.scan, run) if run else level.scan, level.surface)
-    return replaced(level, plan=plan, floor=floor, near=True)
+    left = _left_by_inliers(level.scan, run) if run else np.inf
+    return replaced(level, plan=plan, floor=smallest_kernel_scale(level.scan, level.surface, left), near=True)
 
 
-def _judged_by_inliers(scan: Scan, run: Run) -> Scan:
+def _left_by_inliers(scan: Scan, run: Run) -> float:
+    """What planes leave at the inliers of a run, in the median; infinite where that is not known."""
     # Around a stray there is no plane: where they are many, the noise of the whole scan says nothing about the part's.
     residuals = scan.residuals[(run.weights > 0.5) & np.isfinite(scan.residuals)]
-    if not len(residuals):
-        return scan
-    usual = median(residuals)
-    return dataclasses.replace(
-        scan, noise=min(usual, scan.noise), quiet=min(usual, scan.noise if scan.quiet is None else scan.quiet)
-    )
+    return median(residuals) if len(residuals) else np.inf
 
 
 def noise_on(scan: Scan, surface: Surface) -> float:
@@ -239,9 +235,10 @@ def noise_on(scan: Scan, surface: Surface) -> float:
     return scan.noise if scan.quiet is None or isinstance(surface, CloudSurface) else scan.quiet
 
 
-def smallest_kernel_scale(scan: Scan, surface: Surface) -> float:
-    """Smallest width of the kernel for a scan on a target, a length."""
-    return max(FLOOR_NOISE_RATIO * min(noise_on(scan, surface), scan.spacing), FLOOR_DIAGONALS * surface.diagonal)
+def smallest_kernel_scale(scan: Scan, surface: Surface, most: float = np.inf) -> float:
+    """Smallest width of the kernel for a scan on a target, a length; its noise is no more than that of some points."""
+    noise = min(noise_on(scan, surface), scan.spacing, most)
+    return max(FLOOR_NOISE_RATIO * noise, FLOOR_DIAGONALS * surface.diagonal)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 
-from dqreg.geometry import PointCloud, Scan, Surface, prepare_scan
+from dqreg.geometry import PointCloud, Scan, Surface
 from dqreg.geometry.cells import CellSurface
+from dqreg.geometry.scan_preparation import scan_of
 from dqreg.geometry.voxels import (
     DENSE_RATIO,
     EVENLY_DENSE,
@@ -46,7 +47,7 @@ class Prepared:
     @staticmethod
     def whole(cloud: PointCloud, target: TargetIndex, fitted: int | None) -> Prepared:
         """Both as they are, with planes fitted at some points of the source."""
-        return Prepared(prepare_scan(cloud, fitted), target.surface)
+        return Prepared(scan_of(cloud, fitted, quiet=target.kind == "mesh"), target.surface)
 
     @staticmethod
     def downsampled(
@@ -82,7 +83,7 @@ class Prepared:
             Later(stands.surface.fit_rest)
         if begin is not None and stands.surface is not None:
             begin(stands.surface, moves.surface is None)
-        scan = prepare_scan(moves.cloud, surface=moves.surface, total=len(cloud))
+        scan = scan_of(moves.cloud, surface=moves.surface, total=len(cloud), quiet=False)
         if planes is not None:
             planes.result()
         edge, is_whole = moves.size if thinned else 0.0, moves.surface is None

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import dqreg
 from dqreg.geometry import Mesh, PointCloud, prepare_scan, sample_mesh
+from dqreg.geometry.scan_preparation import scan_of
 from dqreg.synth.parts import box, bracket, cylinder, plate
 
 SIGMA = 3e-4
@@ -72,3 +74,21 @@ def test_the_unit_and_the_order_of_the_points_do_not_matter() -> None:
     assert metres == pytest.approx(1e-3 * plain, rel=1e-6)
     shuffled = prepare_scan(PointCloud(np.random.default_rng(2).permutation(points)))
     assert shuffled.quiet == pytest.approx(plain, rel=1e-9)
+
+
+def test_between_clouds_nobody_measures_the_noise_of_the_quieter_faces(monkeypatch: pytest.MonkeyPatch) -> None:
+    part = Mesh(*bracket())
+    scans = [PointCloud(noisy(part, 3_000, seed)) for seed in range(2)]
+    assert prepare_scan(scans[0]).quiet is not None
+    bare, whole = scan_of(scans[0], quiet=False), prepare_scan(scans[0])
+    assert bare.quiet is None
+    assert (bare.noise, bare.spacing) == (whole.noise, whole.spacing)
+    np.testing.assert_array_equal(bare.normals, whole.normals)
+
+    def measured(*_: object) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr("dqreg.geometry.scan_noise._quadric_residuals", measured)
+    assert dqreg.register(*scans, "identity").T_target_source.shape == (4, 4)
+    with pytest.raises(AssertionError):
+        dqreg.register(scans[0], part, "identity")
