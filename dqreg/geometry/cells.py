@@ -22,7 +22,7 @@ from dqreg.geometry.morton import (
 )
 from dqreg.geometry.normals import NORMAL_NEIGHBOURS, PlaneFits, fit_planes_around, fit_planes_at, fit_wide_planes
 from dqreg.geometry.surface import Closest
-from dqreg.kernels.threads import unlocked_property
+from dqreg.kernels.threads import Later, unlocked_property
 
 # Cells count as neighbours whose means are within so many edges, in their block of eight or those around it: about
 # twenty of a surface.
@@ -181,6 +181,7 @@ class CellSurface(CloudSurface):
         self._find_beams, self.has_wide = beams, False
         self.wide, self._bare = np.zeros((2, len(cells.codes)), dtype=bool)
         self._cell_planes = planes
+        self._rest: Later[None] | None = None
         # Median of how far the points were moved to the surface of their neighbours.
         self.smoothed_by = 0.0 if planes is None else planes.smoothed_by
         super().__init__(points, derived=True)
@@ -243,10 +244,22 @@ class CellSurface(CloudSurface):
         rows = np.flatnonzero(~(missing | self._known))
         self._enter(rows, fits.taken(rows))
 
-    def fit_rest(self) -> None:
-        """Fit planes where neighbouring cells make none; the tree is built for many queries before."""
-        self._tree.build()
-        self._planes_at(np.flatnonzero(self._of_cells[2]))
+    def begin_rest(self) -> None:
+        """Fit planes where neighbouring cells make none beside the caller, then order the tree for many queries."""
+        self._rest = Later(self._fit_rest)
+        self._tree.begin()
+
+    def _fit_rest(self) -> None:
+        rows = np.flatnonzero(self._of_cells[2] & ~self._known)
+        if len(rows):
+            self._enter(rows, fit_planes_around(self._tree, self._points, rows))
+
+    def _fit_at(self, rows: IntArray) -> None:
+        # What is being fitted beside is waited for: it is there sooner than some of it once more.
+        if self._rest is not None and self._rest.is_begun and not self._known[rows].all():
+            self._rest.result()
+            self._rest = None
+        super()._fit_at(rows)
 
     def _fitted_around(self, rows: IntArray) -> PlaneFits:
         fits, _, missing = self._of_cells

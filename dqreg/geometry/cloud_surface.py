@@ -17,6 +17,7 @@ from dqreg.geometry.neighbours import (
     Candidates,
     KdTree,
     NeighbourTree,
+    distinct_rows,
     followed,
     found_in_tree,
 )
@@ -118,7 +119,7 @@ class CloudSurface:
         # the cloud alone, so threads that meet here write the same; a normal is there before it is called known.
         missing = rows[~self._known[rows]]
         if len(missing):
-            missing = np.flatnonzero(np.bincount(missing, minlength=len(self._known)))
+            missing = distinct_rows(missing, len(self._known))
             self._enter(missing, self._fitted_around(missing))
 
     def _enter(self, rows: IntArray, fits: PlaneFits) -> None:

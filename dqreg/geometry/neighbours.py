@@ -6,7 +6,7 @@ And these followed from where the same queries stood before: few of them need a 
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds
 from dqreg._open3d import load_open3d
 from dqreg.geometry.surface import Closest
+from dqreg.kernels.threads import Later
 
 if TYPE_CHECKING:
     from dqreg.kernels.trees.point_tree import PointTree
@@ -54,6 +55,11 @@ class NeighbourTree:
         self._found: IntArray = np.zeros((0, 0), dtype=np.int64)
         # With whether its places are the rows; written at once, as threads may meet where it is late.
         self._tree = PointTree.of(points, in_order=in_order or late), in_order or late
+        self._building: Later[None] | None = None
+
+    def begin(self) -> None:
+        """`build` beside the caller."""
+        self._building = Later(self.build)
 
     def build(self) -> None:
         """Put the points in the order that many queries are answered soonest in; threads that meet make the same."""
@@ -69,6 +75,8 @@ class NeighbourTree:
 
     def _for(self, queries: int) -> tuple[PointTree, bool]:
         if self._late and FEW_QUERIES * queries > self.size:
+            if self._building is not None and self._building.is_begun:
+                self._building.result()
             self.build()
         return self._tree
 
@@ -118,7 +126,7 @@ class NeighbourTree:
         indices, farthest = self._around
         missing = rows[farthest[rows] < 0.0]
         if len(missing):
-            missing = np.flatnonzero(np.bincount(missing, minlength=self.size))
+            missing = distinct_rows(missing, self.size)
             found, distances = self.nearest_to(missing, KEPT_NEIGHBOURS)
             # What is found depends on the cloud alone, so threads that meet here write the same; a row's neighbours are
             # there before their distance says so.
@@ -150,6 +158,12 @@ class NeighbourTree:
     @cached_property
     def _around(self) -> tuple[NDArray[np.int32], FloatArray]:
         return np.zeros((self.size, min(KEPT_NEIGHBOURS, self.size)), dtype=np.int32), np.full(self.size, -1.0)
+
+
+def distinct_rows(rows: IntArray, size: int) -> IntArray:
+    """Some of so many rows, (n,), each once, ascending."""
+    is_ascending = bool((rows[1:] > rows[:-1]).all())
+    return rows if is_ascending else np.flatnonzero(np.bincount(rows, minlength=size))
 
 
 def _are_dense(rows: IntArray) -> bool:
@@ -218,7 +232,9 @@ def found_in_tree(
     given = as_plain(points), as_plain(places), candidates, as_plain(others), 1.0 - DISTANCE_ROUNDING
     asked = tree.columns(count if before is None else 0)
     results = rows, distances, bounds, found, feet, normals, variances, elements
-    over_chunks(follow_in_tree, count, *given, *asked, *columns, *results, chunk=even_chunk(count, CHUNK_ASKED))
+    # Near the end of a loop the tree is asked about few.
+    how: Any = {"chunk": even_chunk(count, CHUNK_ASKED), "may_be_quick": before is not None}
+    over_chunks(follow_in_tree, count, *given, *asked, *columns, *results, **how)
     if held is None:
         return rows, distances, bounds, found
     return Closest(feet, normals, distances, elements, bounds, variances)._with(found)

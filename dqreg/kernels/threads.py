@@ -29,6 +29,9 @@ CHUNK = 2048
 # Ranges of a thread where their length is free: few, as each costs a call, and more than one, so that all end together.
 RANGES_PER_THREAD = 4
 
+# Seconds of a caller's work that handing ranges over, and waiting for their end, take.
+HANDED_OVER = 2e-4
+
 NEVER = float("inf")
 # Until when what is computed may take, by `time.perf_counter`.
 _deadline: ContextVar[float] = ContextVar("deadline", default=NEVER)
@@ -83,14 +86,24 @@ def thread_count() -> int:
 
 def even_chunk(total: int, least: int) -> int:
     """Rows a range for kernels whose rows know nothing of each other, so that any length gives the same bits."""
-    return min(max(-(-total // (RANGES_PER_THREAD * thread_count())), least), CHUNK)
+    # What even two threads leave the least of, nobody has to be asked about.
+    few = total <= 2 * RANGES_PER_THREAD * least
+    return min(least, CHUNK) if few else min(max(-(-total // (RANGES_PER_THREAD * thread_count())), least), CHUNK)
 
 
-def over_chunks(kernel: Callable[..., Any], total: int, *arguments: Any, chunk: int = CHUNK, fewest: int = 2) -> None:
+def over_chunks(
+    kernel: Callable[..., Any],
+    total: int,
+    *arguments: Any,
+    chunk: int = CHUNK,
+    fewest: int = 2,
+    may_be_quick: bool = False,
+) -> None:
     """Call ``kernel(first, last, *arguments)`` for all rows, a range of ``chunk`` rows at a time, on all threads.
 
     Within a range the same is done on its own thread: the others have ranges of their own. Fewer whole ranges than the
-    fewest, which take no longer than to hand them over, are done by the caller.
+    fewest, which take no longer than to hand them over, are done by the caller; and all of what may be quick, where the
+    first range says so.
     """
     ask_clock()
     if total <= chunk:
@@ -116,6 +129,13 @@ def over_chunks(kernel: Callable[..., Any], total: int, *arguments: Any, chunk: 
     if getattr(_here, "within", False):
         work()
         return
+
+    if may_be_quick:
+        began = time.perf_counter()
+        kernel(starts.popleft(), chunk, *arguments)
+        if len(starts) * (time.perf_counter() - began) < HANDED_OVER:
+            work()
+            return
 
     # To hand over a rest that is no whole range would cost more than it saves.
     whole = total // chunk
@@ -166,7 +186,7 @@ class Later(Generic[T]):
     """
 
     def __init__(self, call: Callable[[], T], *, beside: bool = True) -> None:
-        self._call = call
+        self._call, self._process = call, os.getpid()
         beside = beside and thread_count() > 1
         self._future = _submit(copy_context().run, self._beside, stage=True) if beside else None
 
@@ -174,6 +194,12 @@ class Later(Generic[T]):
     def is_beside(self) -> bool:
         """Whether another thread may be at it."""
         return self._future is not None
+
+    @property
+    def is_begun(self) -> bool:
+        """Whether another thread is at it, or has been; in a child of a fork there is none."""
+        future = self._future
+        return future is not None and (future.done() or (future.running() and self._process == os.getpid()))
 
     def result(self) -> T:
         """The result; what the call raises is raised here."""
@@ -187,7 +213,10 @@ class Later(Generic[T]):
 
     def _beside(self) -> T:
         with running_beside():
-            return self._call()
+            found = self._call()
+        # What holds this may be what it was made of: both go without a look for cycles.
+        del self._call
+        return found
 
 
 class unlocked_property(cached_property[T]):  # noqa: N801

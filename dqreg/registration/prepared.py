@@ -80,7 +80,7 @@ class Prepared:
         planes = Later(stands.surface.fit_cells, beside=moves.surface is not None) if stands.surface else None
         if stands.surface is not None and moves.surface is not None:
             # Not waited for: while the loop begins a core is idle, and what is there by then it need not fit.
-            Later(stands.surface.fit_rest)
+            stands.surface.begin_rest()
         if begin is not None and stands.surface is not None:
             begin(stands.surface, moves.surface is None)
         scan = scan_of(moves.cloud, surface=moves.surface, total=len(cloud), quiet=False)

@@ -1,7 +1,11 @@
 from __future__ import annotations
 
+import threading
+import time
+
 import hypothesis.strategies as st
 import numpy as np
+import pytest
 from hypothesis import given, settings
 
 from dqreg.geometry import CloudSurface, PointCloud
@@ -14,6 +18,8 @@ from dqreg.geometry.cells import (
     SHAPE_RESIDUAL_RATIO,
     Cells,
 )
+from dqreg.geometry.neighbours import NeighbourTree
+from dqreg.geometry.normals import PlaneFits, fit_planes_around
 from dqreg.geometry.voxels import VoxelCloud
 from dqreg.kernels.cells.cell_planes import MIN_CELLS
 
@@ -189,9 +195,31 @@ def test_planes_that_are_fitted_ahead_have_the_bits_of_those_fitted_where_they_a
     assert met is not None
     ahead.fit_cells()
     assert 0 < np.count_nonzero(ahead._known) < len(ahead._known)
-    ahead.fit_rest()
-    assert ahead._known.all()
+    ahead.begin_rest()
     asked = ahead._points + 0.01
     one, other = ahead.closest(asked), met.closest(asked)
+    assert ahead._known.all()
     np.testing.assert_array_equal(one.normals, other.normals)
     np.testing.assert_array_equal(one.variances, other.variances)
+
+
+def test_planes_that_are_being_fitted_beside_are_waited_for_and_fitted_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    few = np.random.default_rng(0).uniform([4.0, -2.5, -2.5], [9.0, 2.5, 2.5], size=(80, 3))
+    surface = VoxelCloud.of(PointCloud(np.vstack([sheet(3, 8_000), few])), 0.25).surface
+    assert surface is not None
+    surface.fit_cells()
+    missing, fitted, is_asked = np.count_nonzero(~surface._known), [], threading.Event()
+
+    def slow(tree: NeighbourTree, points: np.ndarray, rows: np.ndarray) -> PlaneFits:
+        fitted.append(len(rows))
+        is_asked.wait(10.0)
+        return fit_planes_around(tree, points, rows)
+
+    monkeypatch.setattr("dqreg.kernels.threads.thread_count", lambda: 2)
+    monkeypatch.setattr("dqreg.geometry.cells.fit_planes_around", slow)
+    surface.begin_rest()
+    while not fitted:
+        time.sleep(1e-3)
+    threading.Timer(0.1, is_asked.set).start()
+    surface.closest(surface._points + 0.01)
+    assert fitted == [missing]

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import gc
 import multiprocessing
 import os
 import signal
@@ -65,6 +66,20 @@ def test_helpers_are_asked_for_whole_ranges_alone(monkeypatch: pytest.MonkeyPatc
     assert seen == 2 * list(range(total))
 
 
+@pytest.mark.parametrize(("handed_over", "helpers"), [(np.inf, 0), (0.0, 3)])
+def test_what_is_quicker_than_handed_over_is_done_by_the_caller(
+    monkeypatch: pytest.MonkeyPatch, handed_over: float, helpers: int
+) -> None:
+    asked: list[object] = []
+    monkeypatch.setattr(threads, "thread_count", lambda: 4)
+    monkeypatch.setattr(threads, "_submit", asked.append)
+    monkeypatch.setattr(threads, "HANDED_OVER", handed_over)
+    rows = np.zeros(1_234, dtype=int)
+    threads.over_chunks(mark, 1_234, rows, chunk=100, may_be_quick=True)
+    assert (rows == 1).all()
+    assert len(asked) == helpers
+
+
 def test_a_helper_that_never_begins_holds_no_array(monkeypatch: pytest.MonkeyPatch) -> None:
     waiting: list[tuple[object, ...]] = []
 
@@ -81,6 +96,33 @@ def test_a_helper_that_never_begins_holds_no_array(monkeypatch: pytest.MonkeyPat
     assert len(waiting) == 1
     del rows
     assert held() is None
+
+
+def test_what_was_made_beside_does_not_hold_what_it_was_made_of(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Owner:
+        later: threads.Later[int]
+
+    monkeypatch.setattr(threads, "thread_count", lambda: 2)
+    owner = Owner()
+    owner.later = threads.Later(lambda owner=owner: 7 if owner else 0)
+    while not owner.later.is_begun:
+        time.sleep(1e-3)
+    assert owner.later.result() == 7
+    # As in a child of a fork, where the thread that was at it is none.
+    late = threads.Later(lambda: time.sleep(0.2))
+    while not late.is_begun:
+        time.sleep(1e-3)
+    late._process = -1
+    assert not late.is_begun
+    late.result()
+    assert late.is_begun
+    held = weakref.ref(owner)
+    gc.disable()
+    del owner
+    try:
+        assert held() is None
+    finally:
+        gc.enable()
 
 
 def test_an_error_is_raised_and_ends_the_rest(monkeypatch: pytest.MonkeyPatch) -> None:
