@@ -73,7 +73,7 @@ class ComparedFrame:
 def map_sample(surface: MapSurface) -> FloatArray:
     """Some points of the map, (n, 3)."""
     points = surface.points
-    return points[sample_rows(len(points), VIEWED_MAP_POINTS)]
+    return np.take(points, sample_rows(len(points), VIEWED_MAP_POINTS), axis=0)
 
 
 def looked_through(place: ComparedFrame, view: FrameView, standing: FloatArray) -> ComparedFrame:
