@@ -28,7 +28,10 @@ TWO = [[0.0, 0, 0], [1, 0, 0]]
         ({"points": None}, "points must be an array of real numbers; got NoneType"),
         ({"points": TWO, "normals": [[0.0, 0, 1]]}, "got 1 normals for 2 points"),
         ({"points": TWO, "normals": [0.0, 0, 1]}, r"normals must have shape \(n, 3\)"),
-        ({"points": TWO, "normals": np.zeros((2, 3))}, "normals of all 2 finite points are zero.*: leave the normals out"),
+        (
+            {"points": TWO, "normals": np.zeros((2, 3))},
+            "normals of all 2 finite points are zero.*: leave the normals out",
+        ),
         ({"points": TWO, "viewpoint": [0.0, 0]}, "viewpoint must be three finite numbers"),
         ({"points": TWO, "viewpoint": [0.0, NAN, 0]}, "viewpoint must be three finite numbers"),
     ],
