@@ -14,6 +14,7 @@ from dqreg.files.units import factor
 from dqreg.geometry import Mesh, PointCloud, sample_mesh
 from dqreg.geometry.opening import open_geometry
 from dqreg.geometry.sides import without_signs
+from dqreg.icp.loop import MIN_CORRESPONDENCES
 from dqreg.registration.strays import Strays, without_strays
 
 # Points drawn from a mesh that is the source.
@@ -121,10 +122,13 @@ def require_one_place(viewpoints: FloatArray, geometry: PointCloud | Mesh) -> No
 
 
 def require_spread(points: FloatArray, name: str) -> None:
-    """Raise unless the points are three at least and not on one line."""
-    if len(points) < 3:
+    """Raise unless the points are as many as a pose needs, and not on one line."""
+    if len(points) < MIN_CORRESPONDENCES:
         many = "" if len(points) == 1 else "s"
-        raise InputError(f"{name} has {len(points)} usable point{many}; at least three are needed to fix a pose")
+        raise InputError(
+            f"{name} has {len(points)} usable point{many}; at least six are needed, as none fixes more than one of a "
+            "pose's six degrees of freedom. Give more; the pose of three matched points or more is dqreg.solve's"
+        )
     # Some points that span an area settle it; only if they do not, all are looked at.
     if len(points) > 2 * SPREAD_SAMPLE:
         with contextlib.suppress(DegenerateGeometryError):
@@ -146,7 +150,7 @@ def require_spread(points: FloatArray, name: str) -> None:
 def _remedy(points: FloatArray) -> str:
     away = np.abs(points - np.median(points, axis=0)).max(axis=1)
     body = points[away <= np.quantile(away, BODY)]
-    if len(body) >= 3 and len(body) < len(points):
+    if MIN_CORRESPONDENCES <= len(body) < len(points):
         with contextlib.suppress(DegenerateGeometryError):
             require_spread(body, "points")
             strays = int(np.count_nonzero(away > 1e3 * np.quantile(away, BODY)))

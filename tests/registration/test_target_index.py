@@ -98,8 +98,8 @@ def test_points_on_a_line_are_refused_on_both_sides(origin: float, turn: FloatAr
 
 
 def test_points_at_one_place_are_on_a_line_too() -> None:
-    with pytest.raises(DegenerateGeometryError, match="all 5 points"):
-        index_target(np.ones((5, 3)))
+    with pytest.raises(DegenerateGeometryError, match="all 6 points"):
+        index_target(np.ones((6, 3)))
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
@@ -109,14 +109,14 @@ def test_a_narrow_strip_is_no_line(scale: float) -> None:
     with pytest.raises(DegenerateGeometryError):
         require_spread(scale * LINE, "line")
     require_spread(scale * strip, "strip")  # a ten-millionth as wide as long: no error
-    require_spread(scale * np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), "triangle")
+    require_spread(scale * np.repeat(np.eye(3), 2, axis=0), "triangle")
 
 
-@pytest.mark.parametrize("points", [np.zeros((1, 3)), np.eye(3)[:2], [[0.0, 0, 0], [1, 0, 0], [np.nan, 1, 0]]])
-def test_fewer_than_three_usable_points_are_refused(points: Any) -> None:
-    with pytest.raises(InputError, match=r"target has \d usable points?; at least three"):
+@pytest.mark.parametrize("points", [np.zeros((1, 3)), np.eye(3), np.eye(6)[:5, :3], [*np.eye(5, 3), [np.nan, 1, 0]]])
+def test_fewer_usable_points_than_a_pose_needs_are_refused(points: Any) -> None:
+    with pytest.raises(InputError, match=r"target has \d usable points?; at least six"):
         index_target(points)
-    with pytest.raises(InputError, match=r"source has \d usable points?; at least three"):
+    with pytest.raises(InputError, match=r"source has \d usable points?; at least six"):
         centred(points)
 
 
