@@ -57,7 +57,8 @@ SECTIONS = {
 @click.option("--effort", type=Choice(("fast", "normal", "best")), default="normal", show_default=True,
               help="Points used of each scan.")  # fmt: skip
 @click.option("--workers", type=int, metavar="N", help="Pairs registered at once  [default: one for each core].")
-@click.option("--time-limit", type=float, metavar="SECONDS", help="No pair is started after it.")
+@click.option("--time-limit", type=float, metavar="SECONDS", help="Time limit for all scans together; returns the best "
+              "poses so far, and a verdict that says so.")  # fmt: skip
 @click.option("--resume", is_flag=True, help="Take the pairs that an interrupted run with the same --out has finished.")
 @click.option("--seed", type=int, default=0, show_default=True, metavar="N", help="Seed of all random draws.")
 @as_json_option

@@ -91,6 +91,19 @@ def finite_rows(rows: FloatArray) -> BoolArray:
     return np.asarray(np.isfinite(rows).all(axis=1))
 
 
+def why_unusable(points: FloatArray) -> str:
+    """Why none of some points can be used, and what to do, in words."""
+    if not len(points):
+        return "it is empty"
+    finite = int(np.count_nonzero(finite_rows(points)))
+    if not finite:
+        return f"all {len(points)} rows hold NaN or infinity"
+    return (
+        f"the normals of all {finite} finite points are zero or not finite: leave the normals out, and they are "
+        "estimated from the points"
+    )
+
+
 def _is_direction(normals: FloatArray) -> BoolArray:
     usable: BoolArray = finite_rows(normals) & np.asarray((normals != 0.0).any(axis=1))
     return usable

@@ -19,7 +19,7 @@ from dqreg._arrays import (
 )
 from dqreg._records import one_line
 from dqreg.errors import InputError
-from dqreg.files.cloud_data import finite_rows
+from dqreg.files.cloud_data import finite_rows, why_unusable
 from dqreg.geometry import exports
 from dqreg.geometry.depth import depth_points
 from dqreg.geometry.moved_points import LatePoints
@@ -87,7 +87,7 @@ class PointCloud(LatePoints):
         times = None if self.times is None else _times(self.times, len(points))
         lost = int(len(points) - np.count_nonzero(keep))
         if lost == len(points):
-            raise InputError(f"a cloud needs at least one finite point; {_nothing_left(points)}")
+            raise InputError(f"a cloud needs at least one finite point; {why_unusable(points)}")
         if lost:
             points, normals = points[keep], None if normals is None else normals[keep]
             times = None if times is None else times[keep]
@@ -266,19 +266,6 @@ class PointCloud(LatePoints):
 def _freeze(cloud: PointCloud, **values: Any) -> None:
     for name, value in values.items():
         object.__setattr__(cloud, name, value)
-
-
-def _nothing_left(points: FloatArray) -> str:
-    """Why none of some points can be used, and what to do, in words."""
-    if not len(points):
-        return "it is empty"
-    finite = int(np.count_nonzero(finite_rows(points)))
-    if not finite:
-        return f"all {len(points)} rows hold NaN or infinity"
-    return (
-        f"the normals of all {finite} finite points are zero or not finite: leave the normals out, and they are "
-        "estimated from the points"
-    )
 
 
 def _unit_normals(value: Any, count: int) -> FloatArray:

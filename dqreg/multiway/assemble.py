@@ -54,8 +54,9 @@ def assembled(
     )
     blocks = np.einsum("kikj->kij", covariance.reshape(len(views), 6, len(views), 6))
     size = float(settings["size"])
+    joint_ended = {"converged": joint.converged, "is_late": joint.is_late}
     verdict = judge_scans(
-        views, selection, T, blocks, size, converged=joint.converged, stopped=stopped, against=against, turns=turns
+        views, selection, T, blocks, size, **joint_ended, stopped=stopped, against=against, turns=turns
     )
     return Multiway(
         T_world_scan=T,

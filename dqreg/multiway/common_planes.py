@@ -14,6 +14,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from dqreg._arrays import FloatArray, IntArray
+from dqreg.kernels.threads import ask_clock
 from dqreg.multiway import dual_poses
 from dqreg.multiway.bodies import Body
 from dqreg.multiway.graph import PoseGraph, factorised, normal_matrix
@@ -112,6 +113,7 @@ def _refined(
     begun, places = T, _Places.of(bodies, T, spacing / size, size, steps)
     scale, settled, rounds, moved = FIRST_SCALE_SPACINGS * spacing / size, 0, 0, np.inf
     while rounds < ROUNDS and settled < SETTLED_ROUNDS and not (settled and moved < STILL_SPACINGS * spacing / size):
+        ask_clock()
         pieces, rounds = pooled.pieces(T, scale, NEW_NEIGHBOURS_SPACINGS * spacing / size), rounds + 1
         lower = max(MIN_SCALE_FACTOR * scale, min(scale, LAST_SCALE_RESIDUALS * pieces.residual))
         settled = settled + 1 if lower > SETTLED_SCALE_FACTOR * scale else 0

@@ -13,6 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
+from dqreg.kernels.threads import ask_clock
 from dqreg.multiway import dual_poses
 from dqreg.multiway.acceleration import JointAnderson
 from dqreg.multiway.bodies import Body
@@ -89,6 +90,7 @@ def refine_jointly(
     motions: list[float] = []
     most = most or (MAX_STRICT_ROUNDS if strict else MAX_ROUNDS)
     while rounds < most and (coarse or soft > 0.0 or not _has_ended(motions)):
+        ask_clock()
         rounds, new = rounds + 1, rounds == 0
         if coarse and (moved < COARSE_STILL_SPACINGS or rounds >= MAX_COARSE_ROUNDS):
             # Pairs that met nowhere at first may do so from better poses.

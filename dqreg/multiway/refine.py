@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from contextlib import suppress
 
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
+from dqreg.kernels.threads import TimeUpError, ask_clock, until
 from dqreg.multiway.bodies import Body
 from dqreg.multiway.common_planes import PlacedBodies, refine_on_planes
 from dqreg.multiway.edges import PART
@@ -37,6 +39,7 @@ class Refined:
     converged: bool
     rounds: int
     by_steps: bool = False  # Whether equal steps of a table hold what faces do not
+    is_late: bool = False  # Whether there was no time for it: the poses are as the pairs put them
 
 
 def refined(
@@ -49,13 +52,36 @@ def refined(
     effort: Effort,
     *,
     on_table: bool = False,
+    deadline: float = np.inf,
 ) -> Refined:
     """Refine all placed scans, and whatever else overlaps, at once; there is a body for each usable scan.
 
-    The pose of the anchor, a scan or -1 for the part, is kept. Steps of a table hold what faces do not. Shapes:
-    T_world_scan (n, 4, 4), NaN where not placed.
+    The pose of the anchor, a scan or -1 for the part, is kept. Steps of a table hold what faces do not. After the
+    deadline, of `time.perf_counter`, the poses are given back. Shapes: T_world_scan (n, 4, 4), NaN where not placed.
     """
-    count, T = len(views), T_world_scan
+    with suppress(TimeUpError), until(deadline):
+        ask_clock()
+        return _refined(views, known, part, T_world_scan, anchor, size, effort, on_table=on_table)
+    return dataclasses.replace(_unrefined(T_world_scan), is_late=True)
+
+
+def _unrefined(T_world_scan: FloatArray) -> Refined:
+    unknown = np.full((6 * len(T_world_scan), 6 * len(T_world_scan)), np.nan)
+    return Refined(T_world_scan, unknown, np.zeros(3), converged=False, rounds=0)
+
+
+def _refined(
+    views: Sequence[View],
+    known: Sequence[Body | None],
+    part: Target | None,
+    T: FloatArray,
+    anchor: int,
+    size: float,
+    effort: Effort,
+    *,
+    on_table: bool,
+) -> Refined:
+    count = len(views)
     placed = [k for k in range(count) if views[k].usable and np.isfinite(T[k]).all()]
     bodies = [body for k in placed if (body := known[k]) is not None]
     poses = [T[k] @ _shift(body.origin) for k, body in zip(placed, bodies, strict=True)]
@@ -68,9 +94,8 @@ def refined(
         pairs += [(len(placed), k) for k in range(len(placed))]
         held = len(placed)
     free = np.array([k for k in range(len(bodies)) if k != held], dtype=np.int64)
-    covariance = np.full((6 * count, 6 * count), np.nan)
     if not pairs or len(placed) < 1:
-        return Refined(T, covariance, np.zeros(3), converged=False, rounds=0)
+        return _unrefined(T)
     spacing = typical_spacing([views[k] for k in placed])
     T_begun = np.array(poses)
     rough = refine_jointly(bodies, T_begun, pairs, free, ROUGH_POINTS, most=MAX_ROUGH_ROUNDS)
@@ -85,6 +110,7 @@ def refined(
         found[k] = T_world_body @ _shift(-body.origin)
     rows = np.concatenate([6 * placed[k] + np.arange(6) for k in free if k < len(placed)] or [np.zeros(0, int)])
     kept = np.concatenate([6 * n + np.arange(6) for n, k in enumerate(free) if k < len(placed)] or [np.zeros(0, int)])
+    covariance = np.full((6 * count, 6 * count), np.nan)
     for k in placed:
         covariance[6 * k : 6 * k + 6, [c for p in placed for c in range(6 * p, 6 * p + 6)]] = 0.0
     covariance[np.ix_(rows, rows)] = found_by.covariance[np.ix_(kept, kept)]

@@ -39,6 +39,7 @@ def judge_scans(
     *,
     converged: bool,
     stopped: str,
+    is_late: bool = False,
     against: Sequence[Contradiction] = (),
     turns: Sequence[UnobservableRotation] = (),
 ) -> Verdict:
@@ -49,14 +50,17 @@ def judge_scans(
     known = views, selection, placed
     doubts = [Reason(f"not all pairs were registered: {stopped} ended them", "search_time_limit")] if stopped else []
     doubts += [*unplaced(*known), *_weak(*known), *_unconfirmed(*known)]
-    doubts += _uncertain(views, placed, covariances, size) if joined else ()
+    doubts += _uncertain(views, placed, covariances, size) if joined and not is_late else ()
     doubts += _contradicted(views, against)
     doubts += _turned(views, turns)
     doubts += _viewpoints(views, selection)
     if not joined:
         nothing = Reason("no pose: no two scans could be joined", "no_pose")
         return Verdict("failed", (nothing, *doubts, *_notes(views, selection)))
-    if not converged:
+    if is_late:
+        late = "the time limit ended the joint refinement of all scans: their poses are those of the pairs"
+        doubts.append(Reason(late, "not_converged"))
+    elif not converged:
         doubts.append(Reason("the joint refinement of all scans did not converge", "not_converged"))
     level: Level = "suspect" if doubts else "accepted"
     summary = () if doubts else (_summary(selection, placed),)

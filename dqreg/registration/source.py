@@ -126,8 +126,8 @@ def require_spread(points: FloatArray, name: str) -> None:
     if len(points) < MIN_CORRESPONDENCES:
         many = "" if len(points) == 1 else "s"
         raise InputError(
-            f"{name} has {len(points)} usable point{many}; at least six are needed, as none fixes more than one of a "
-            "pose's six degrees of freedom. Give more; the pose of three matched points or more is dqreg.solve's"
+            f"{name} has {len(points)} usable point{many}; at least six are needed, one for each degree of freedom of "
+            "a pose. Give more; points that are matched already go to dqreg.solve"
         )
     # Some points that span an area settle it; only if they do not, all are looked at.
     if len(points) > 2 * SPREAD_SAMPLE:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib
 import json
 import re
 from collections.abc import Callable
@@ -22,6 +23,7 @@ from dqreg.rigid import pose
 from dqreg.synth.parts import bracket
 
 POINTS, STEP_RAD = 1500, 0.5
+SIX = np.eye(6, 3) + np.eye(6)[::-1, :3]
 Turned = tuple[list[np.ndarray], np.ndarray, dqreg.Multiway]
 
 
@@ -191,20 +193,20 @@ def test_the_report_names_the_scans_and_loads_nothing(turned: Turned, tmp_path: 
     ("scans", "options", "named"),
     [
         ([], {}, "two scans"),
-        ([np.eye(3)], {}, "two scans"),
+        ([SIX], {}, "two scans"),
         ("scans", {}, "list of paths"),
         ([np.zeros((0, 3)), np.zeros((0, 3))], {}, "scan 0: "),
-        ([np.eye(3), np.eye(3)], {}, "a copy of scan 0"),
-        ([Path("missing.ply"), np.eye(3)], {}, r"missing\.ply"),
-        ([np.eye(3), 2 * np.eye(3)], {"anchor": 2}, "anchor"),
-        ([np.eye(3), 2 * np.eye(3)], {"order": "round"}, "order"),
-        ([np.eye(3), 2 * np.eye(3)], {"edges": "star"}, "edges"),
-        ([np.eye(3), 2 * np.eye(3)], {"edges": [(0, 2)]}, r"\(0, 2\)"),
-        ([np.eye(3), 2 * np.eye(3)], {"starts": [np.eye(4)]}, "starts"),
-        ([np.eye(3), 2 * np.eye(3)], {"effort": "some"}, "effort"),
-        ([np.eye(3), 2 * np.eye(3)], {"workers": 0}, "workers"),
-        ([np.eye(3), 2 * np.eye(3)], {"time_limit": 0}, "time_limit"),
-        ([np.eye(3), 2 * np.eye(3)], {"seed": -1}, "seed"),
+        ([SIX, SIX], {}, "a copy of scan 0"),
+        ([Path("missing.ply"), SIX], {}, r"missing\.ply"),
+        ([SIX, 2 * SIX], {"anchor": 2}, "anchor"),
+        ([SIX, 2 * SIX], {"order": "round"}, "order"),
+        ([SIX, 2 * SIX], {"edges": "star"}, "edges"),
+        ([SIX, 2 * SIX], {"edges": [(0, 2)]}, r"\(0, 2\)"),
+        ([SIX, 2 * SIX], {"starts": [np.eye(4)]}, "starts"),
+        ([SIX, 2 * SIX], {"effort": "some"}, "effort"),
+        ([SIX, 2 * SIX], {"workers": 0}, "workers"),
+        ([SIX, 2 * SIX], {"time_limit": 0}, "time_limit"),
+        ([SIX, 2 * SIX], {"seed": -1}, "seed"),
     ],
 )
 def test_bad_input_is_named(scans: Any, options: dict[str, Any], named: str) -> None:
@@ -231,9 +233,9 @@ def test_bad_input_is_named(scans: Any, options: dict[str, Any], named: str) -> 
 def test_options_of_a_pair_are_read_as_by_register(option: dict[str, Any]) -> None:
     # One scan is too few, which is found after the options were looked at.
     with pytest.raises(InputError) as of_many:
-        dqreg.register_many([np.eye(3)], **option)
+        dqreg.register_many([SIX], **option)
     try:
-        dqreg.register(np.eye(3), np.eye(3), "identity", **option)
+        dqreg.register(SIX, SIX, "identity", **option)
         expected = "two scans"
     except InputError as error:
         expected = re.escape(str(error))
@@ -316,6 +318,18 @@ def test_a_limit_is_told_first_and_scans_that_it_left_are_no_other_objects() -> 
     words = " ".join(str(reason) for reason in verdict.reasons)
     assert "another object" not in words
     assert "not all of its pairs were registered" in words
+
+
+def test_a_limit_that_ends_the_joint_refinement_keeps_the_poses_of_the_pairs(monkeypatch: pytest.MonkeyPatch) -> None:
+    scans, truth = views_of_a_part(3)
+    # Of a limit that no pair notices, next to nothing is left.
+    monkeypatch.setattr(importlib.import_module("dqreg.multiway.register_many"), "JOINT_SHARE", 1e-12)
+    result = dqreg.register_many(scans, starts=truth, effort="fast", workers=1, time_limit=1e3)
+    assert (result.verdict.level, result.placed) == ("suspect", (0, 1, 2))
+    assert result.verdict.codes == ("not_converged",)
+    assert "the time limit ended the joint refinement" in str(result.verdict.reasons[0])
+    assert np.isnan(result.covariances).all()
+    assert np.abs(result.T_world_scan - truth)[:, :3, 3].max() < 0.01 * np.ptp(scans[0])
 
 
 @pytest.mark.parametrize(
