@@ -34,7 +34,8 @@ from dqreg.multiway.sides import Sides
 from dqreg.multiway.starts import contradicted_starts, read_starts
 from dqreg.multiway.turning import turnings
 from dqreg.registration.log import log_verdict
-from dqreg.registration.options import Effort, read_time_limit, require_observer, require_seed, require_word
+from dqreg.registration.option_checks import read_time_limit, require_observer, require_seed, require_word
+from dqreg.registration.options import Effort
 from dqreg.registration.target import Target, prepare_target
 
 # Poses of pairs need not agree to better than this fraction of the spacing of the points.

@@ -27,6 +27,7 @@ from dqreg.odometry.tracker import MIN_POINTS
 from dqreg.odometry.turned import equal_turns
 from dqreg.odometry.voxel_map import VoxelMap
 from dqreg.registration.log import logged
+from dqreg.registration.option_checks import require_flag
 from dqreg.registration.register import register
 from dqreg.registration.result import Registration
 from dqreg.rigid import Trajectory
@@ -175,9 +176,10 @@ class Odometry(ColdStartTracker):
         Raises
         ------
         InputError
-            If the shapes are wrong, or the stamp is no number.
+            If the shapes are wrong, the stamp is no number, or ``insert`` neither True nor False.
         """
         began = clock.perf_counter()
+        require_flag("insert", insert)
         raw = self._ahead(read_frame(points, timestamps))
         expected = Prediction.of(prediction, prediction_covariance)
         return self._registered(

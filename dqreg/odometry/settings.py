@@ -11,6 +11,7 @@ from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.geometry.beams import Beams, beams_of
 from dqreg.geometry.morton import morton_order
+from dqreg.registration.option_checks import require_flag
 
 # Voxel over the median range of the first frame: 0.4 m in halls and streets, 0.1 m on a desk.
 VOXEL_SHARE = 0.05
@@ -93,6 +94,7 @@ class OdometrySettings:
     history: int | None = None
 
     def __post_init__(self) -> None:
+        require_flag("deskew", self.deskew)
         for name in ("voxel_size", "max_range"):
             value = getattr(self, name)
             if value is not None and not 0.0 < value < np.inf:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 import numbers
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, Literal, TypedDict, get_args
 
 import numpy as np
@@ -23,6 +22,16 @@ from dqreg.icp.noise_by_face import (
     weights_by_orientation,
 )
 from dqreg.registration.constraints import PoseConstraints
+from dqreg.registration.option_checks import (
+    as_float,
+    is_number,
+    read_time_limit,
+    require_flag,
+    require_observer,
+    require_scale,
+    require_seed,
+    require_word,
+)
 from dqreg.search import Stage
 from dqreg.solvers import Freedom
 from dqreg.trust.evidence import Clutter
@@ -139,13 +148,12 @@ class Options:
                 'search="always" compares the pose with those of a global search, which know nothing of dof= and '
                 "prior=: leave search out, or those"
             )
-        for name in ("accelerate", "verdict"):
-            if not isinstance(getattr(self, name), (bool, np.bool_)):
-                raise InputError(f"{name} must be True or False; got {getattr(self, name)!r}")
+        for name in ("accelerate", "verdict", "keep_inputs"):
+            require_flag(name, getattr(self, name))
         if not self.verdict and (self.search == "always" or self.solves_scale):
             given = 'search="always"' if self.search == "always" else 'scale="solve"'
             raise InputError(f"{given} compares poses by their verdicts: leave it out, or verdict=False")
-        _require_scale(self.scale)
+        require_scale(self.scale)
         self._require_numbers()
         require_observer(self.observe, "observe")
         require_observer(self.observe_search, "observe_search")
@@ -153,7 +161,7 @@ class Options:
     def _require_numbers(self) -> None:
         for name in (*LENGTHS, "max_angle_deg", "max_iterations", "convergence"):
             value = getattr(self, name)
-            if not isinstance(value, numbers.Real) and not (value is None and name in LENGTHS):
+            if not is_number(value) and not (value is None and name in LENGTHS):
                 raise InputError(f"{name} must be a number; got {value!r}")
         count: object = self.max_iterations
         if not isinstance(count, numbers.Integral):
@@ -161,7 +169,7 @@ class Options:
         # A float32 would bring its short digits into all that is computed with it.
         for name in (*LENGTHS, "max_angle_deg", "convergence"):
             value = getattr(self, name)
-            object.__setattr__(self, name, None if value is None else _as_float(value))
+            object.__setattr__(self, name, None if value is None else as_float(value))
         object.__setattr__(self, "time_limit", read_time_limit(self.time_limit))
         for name in LENGTHS:
             if (value := getattr(self, name)) is not None and not 0.0 < value <= MAX_LENGTH:
@@ -245,52 +253,4 @@ class Options:
             max_angle_rad=float(np.deg2rad(self.max_angle_deg)),
             accelerate=self.accelerate,
             stopping=Stopping(convergence=self.convergence, iterations=self.max_iterations),
-        )
-
-
-def require_word(name: str, value: object, words: Sequence[str]) -> None:
-    """Raise unless an option is one of the words that it takes."""
-    # Only text is looked up: a list has no hash, and would end in an error without a name.
-    if not isinstance(value, str) or value not in words:
-        raise InputError(f"unknown {name} {value!r:.60}; known are {', '.join(words)}")
-
-
-def require_seed(seed: Any) -> None:
-    """Raise unless random numbers can begin there."""
-    if not isinstance(seed, numbers.Integral) or seed < 0:
-        raise InputError(f"seed must be a whole number, 0 or more; got {seed!r:.60}")
-
-
-def read_time_limit(seconds: Any) -> float | None:
-    """Seconds above 0, or None."""
-    if seconds is not None and not (isinstance(seconds, numbers.Real) and _as_float(seconds) > 0.0):
-        raise InputError(f"time_limit must be a number of seconds above 0; got {seconds!r:.60}")
-    return None if seconds is None else _as_float(seconds)
-
-
-def require_observer(observer: object, name: str) -> None:
-    """Raise unless it is a function, or None."""
-    if observer is not None and not callable(observer):
-        raise InputError(f"{name} must be a function of one record, or None; got {observer!r:.80}")
-
-
-def _as_float(number: Any) -> float:
-    """The number as Python's; infinite where it is beyond all of these."""
-    try:
-        return float(number)
-    except OverflowError:
-        return math.copysign(math.inf, 1 if number > 0 else -1)
-
-
-def _require_scale(scale: object) -> None:
-    # Only text is compared: an array would answer with an array.
-    if isinstance(scale, str) and scale == "solve":
-        return
-    if (
-        isinstance(scale, (bool, str))
-        or not isinstance(scale, numbers.Real)
-        or not 1.0 / MAX_LENGTH < float(scale) < MAX_LENGTH
-    ):
-        raise InputError(
-            f'scale must be a number above 0 that source lengths are multiplied with, or "solve"; got {scale!r:.60}'
         )

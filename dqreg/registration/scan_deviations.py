@@ -11,6 +11,7 @@ from dqreg.errors import InputError
 from dqreg.inspection import Deviations, measure_deviations
 from dqreg.inspection.facing import Facing
 from dqreg.registration.evidence import near_limit
+from dqreg.registration.option_checks import require_flag
 from dqreg.registration.problem import SourceAndTarget
 from dqreg.rigid import pose
 
@@ -26,6 +27,7 @@ def scan_deviations(
     **options: Any,
 ) -> Deviations:
     """Deviations of all points of the scan under a pose; see `Registration.deviations`."""
+    require_flag("keep", keep)
     if inputs is None:
         raise InputError(
             "this result does not hold its two sides (it was loaded, or made with keep_inputs=False); "

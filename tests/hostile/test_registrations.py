@@ -186,6 +186,11 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     "prior not symmetric": ({"prior": (np.eye(4), COVARIANCE + np.eye(6, k=1))}, ""),
     "prior not positive": ({"prior": (np.eye(4), -COVARIANCE)}, ""),
     "accelerate text": ({"accelerate": "no"}, "accelerate"),
+    "keep_inputs a number": ({"keep_inputs": 3}, "keep_inputs must be True or False; got 3"),
+    "distance of True": ({"max_distance": True}, "max_distance must be a number; got True"),
+    "iterations of True": ({"max_iterations": True}, "max_iterations must be a number; got True"),
+    "seed of True": ({"seed": True}, "seed must be a whole number"),
+    "time_limit of True": ({"time_limit": True}, "time_limit must be a number"),
     "observe a number": ({"observe": 3}, "observe"),
     "observe_search text": ({"observe_search": "x"}, "observe_search"),
 }

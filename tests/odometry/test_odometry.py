@@ -211,6 +211,10 @@ def test_input_that_is_a_mistake_of_the_caller_raises(jerky):
         odometry.register_frame(jerky.frames[0], np.zeros(3))
     with pytest.raises(InputError, match="voxel_size"):
         Odometry(voxel_size=-1.0)
+    with pytest.raises(InputError, match="deskew must be True or False; got 'no'"):
+        Odometry(deskew="no")
+    with pytest.raises(InputError, match="insert must be True or False; got 0"):
+        odometry.register_frame(jerky.frames[0], insert=0)
     with pytest.raises(InputError, match="unknown setting voxel"):
         Odometry(voxel=1.0)
     assert len(odometry.poses) == 0

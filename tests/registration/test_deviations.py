@@ -55,6 +55,8 @@ def test_a_loaded_result_says_how_to_bring_its_sides_back(far_result, tmp_path: 
     loaded = Registration.load(tmp_path / "result.json")
     with pytest.raises(InputError, match=r"attached\(source, target\)"):
         loaded.deviations()
+    with pytest.raises(InputError, match="keep must be True or False; got 'no'"):
+        result.deviations(keep="no")
 
 
 def test_points_beyond_reach_are_measured_but_not_counted() -> None:
