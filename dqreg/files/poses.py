@@ -91,6 +91,8 @@ def _read_table(path: Path) -> FloatArray:
         if not lines:
             raise ValueError("it is empty")
         return np.loadtxt(lines, ndmin=2)
+    except InputError as error:
+        raise unreadable(path, "binary data", "a 4x4 pose of plain numbers, or a result.json") from error
     except ValueError as error:
         raise InputError(f"cannot read {path}: not a 4x4 pose of plain numbers ({error})") from error
 

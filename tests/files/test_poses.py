@@ -67,6 +67,7 @@ def test_a_result_is_a_start_and_one_without_a_pose_is_not(tmp_path):
     [
         ("a.txt", b"# nothing but words\n", "empty"),
         ("a.txt", b"1 2\n3\n", "plain numbers"),
+        ("a.txt", b"%PDF\0", "found binary data; expected a 4x4 pose of plain numbers"),
         ("a.txt", b"\0\0\0\0", "binary"),
         ("a.npy", b"\x93NUMPY\x01\x00", "no plain array"),
         ("a.npy", b"not an array", "no plain array"),

@@ -31,6 +31,7 @@ AlignmentKind = Literal["best-fit", "datums", "steps"]
 # Fields of the report's head that batches and the studio ask for; a plan may have others.
 HEAD = ("part", "drawing", "serial", "order", "operator", "device", "note")
 TABLES = ("head", "alignment", "datum", "characteristic", "section", "face", "report")
+FIRST_PLAN = "dqreg inspect --suggest PART > plan.toml writes a first one"
 KEYS = ("units", *TABLES, *SIDES, "required", "expected_deviation")
 
 
@@ -131,12 +132,14 @@ def read_plan(path: str | os.PathLike[str]) -> Plan:
     ('mm', 0.15, 0.3)
     """
     try:
-        values = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        values = tomllib.loads(Path(path).read_bytes().decode("utf-8-sig"))
     except OSError as error:
-        raise InputError(f"cannot read the plan {path}: {error.strerror or error}") from error
+        raise InputError(f"cannot read the plan {path}: {error.strerror or error}; {FIRST_PLAN}") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"the plan {path} is no TOML: it holds bytes that are no UTF-8 text; {FIRST_PLAN}") from error
     except (ValueError, RecursionError) as error:
         # TOML's own errors are of values; numbers of too many digits and arrays in arrays in arrays have none.
-        raise InputError(f"the plan {path} is no TOML: {error}") from error
+        raise InputError(f"the plan {path} is no TOML: {error}; {FIRST_PLAN}") from error
     return plan_of(values, str(path))
 
 

@@ -61,7 +61,8 @@ def require_known(entry: Any, known: tuple[str, ...], where: str) -> None:
         raise InputError(f"{where} must be a table; got {entry!r:.60}")
     for key in entry:
         if key not in known:
-            raise InputError(f"{where}: {key!r:.60} is not known{did_you_mean(key[:60], known)}")
+            meant = did_you_mean(key[:60], known) or f"; known are {', '.join(known)}"
+            raise InputError(f"{where}: {key!r:.60} is not known{meant}")
 
 
 def require_one_of(value: Any, known: tuple[str, ...] | list[str], where: str) -> None:

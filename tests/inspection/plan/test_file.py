@@ -287,8 +287,16 @@ def test_what_the_part_cannot_answer_is_named(tmp_path: Path) -> None:
         read_plan(tmp_path / "none.toml")
     for text in ("a = [", "a = " + "[" * 5000, "a = " + "9" * 5000, "a = \0"):
         (tmp_path / "bad.toml").write_text(text, encoding="utf-8")
-        with pytest.raises(InputError, match="is no TOML"):
+        with pytest.raises(InputError, match=r"is no TOML.*dqreg inspect --suggest PART"):
             read_plan(tmp_path / "bad.toml")
+    (tmp_path / "bad.toml").write_bytes(b"%PDF-1.4 \xff\xfe")
+    with pytest.raises(InputError, match="is no TOML: it holds bytes that are no UTF-8 text"):
+        read_plan(tmp_path / "bad.toml")
+    with pytest.raises(InputError, match="'foo' is not known; known are units, head, "):
+        plan_of({"foo": 1})
+    # As editors of Windows save it.
+    (tmp_path / "marked.toml").write_bytes(b"\xef\xbb\xbftolerance = 0.1")
+    assert read_plan(tmp_path / "marked.toml").tolerance == plan_of({"tolerance": 0.1}).tolerance
 
 
 def test_facets_of_a_hole_are_no_deviation() -> None:
