@@ -11,30 +11,24 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
-from dqreg.geometry import PointCloud
 from dqreg.geometry.fields import stamp_of
-from dqreg.odometry.align import FrameSearch
-from dqreg.odometry.assess import MapLink
 from dqreg.odometry.clock import stamp_given
-from dqreg.odometry.cold_start import ColdStartTracker
-from dqreg.odometry.frame import DownsampledFrame, RawFrame, downsample_frame, read_frame
-from dqreg.odometry.kiss import KissParts, load_kiss, rigid
+from dqreg.odometry.frame import RawFrame, downsample_frame, read_frame
+from dqreg.odometry.kiss import KissParts, load_kiss
 from dqreg.odometry.map_file import SavedMap, load_map, save_map
 from dqreg.odometry.prediction import Prediction
-from dqreg.odometry.settings import OdometryOptions, OdometrySettings, Resolved, with_options
+from dqreg.odometry.settings import OdometryOptions, OdometrySettings, with_options
+from dqreg.odometry.sought_frames import SeekingTracker, sought_in_map
 from dqreg.odometry.standing import Standing
 from dqreg.odometry.tracker import MIN_POINTS
-from dqreg.odometry.turned import equal_turns
 from dqreg.odometry.voxel_map import VoxelMap
 from dqreg.registration.log import logged
 from dqreg.registration.option_checks import require_flag
-from dqreg.registration.register import register
 from dqreg.registration.result import Registration
 from dqreg.rigid import Trajectory
-from dqreg.trust.records import Reason
 
 
-class Odometry(ColdStartTracker):
+class Odometry(SeekingTracker):
     """LiDAR odometry with a verdict and a covariance for every frame.
 
     Parameters
@@ -227,30 +221,10 @@ class Odometry(ColdStartTracker):
         frame = downsample_frame(raw, self._lengths)
         if frame is None or len(frame.scan) < MIN_POINTS:
             raise InputError(f"downsampling leaves too few of {len(raw.points)} points; {MIN_POINTS} are needed")
-        found = register(PointCloud(frame.dense, viewpoint=np.zeros(3)), self._at.world.points, start)
-        if found.verdict.level == "accepted" and start is None:
-            found = self._without_equal_turn(found, frame, self._at.world, self._lengths)
+        found = sought_in_map(self._at.world, frame, self._lengths, self.settings, start)
         if found.verdict.level == "accepted":
-            self._at = Standing(rigid(found.T_target_source), world=self._at.world, link=MapLink(is_held=True))
-            self._timeline.missed, self._timeline.slid, self._first = 0, 0, None
-            self._unlike = self._suspect = None
+            self._go_on_from(found, self._at.world)
         return found
-
-    def _without_equal_turn(
-        self, found: Registration, frame: DownsampledFrame, world: VoxelMap, lengths: Resolved
-    ) -> Registration:
-        """The same, in doubt where all walls fit as well after another turn: of a hall whose furniture was replaced."""
-        T = rigid(found.T_target_source)
-        search = FrameSearch(world.surface, lengths, self.settings, np.nan, [(T, T)])
-        search.surface.about(T[:3, 3], frame.reach + lengths.reach)
-        if not (equal := equal_turns(search, frame)):
-            return found
-        words = (
-            f"another pose is equally likely: see alternatives; the frame fits as well {equal[0].words}: give start= "
-            "where it is known"
-        )
-        verdict = found.verdict.doubted(Reason(words, "alternative_poses"))
-        return dataclasses.replace(found, verdict=verdict, alternatives=(*found.alternatives, *equal))
 
     def save(self, path: str | Path) -> None:
         """Write the map with its settings, to be read by `load`: arrays and a JSON header in an NPZ archive, no pickle.

@@ -25,6 +25,7 @@ class Prediction:
 
     T_map_frame: FloatArray  # (4, 4)
     information: FloatArray | None = None  # (6, 6): of a left increment about the sensor; None weighs nothing
+    doubts: tuple[Reason, ...] = ()  # What speaks against it
 
     @staticmethod
     def of(prediction: Any, covariance: Any) -> Prediction | None:

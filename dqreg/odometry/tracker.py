@@ -196,7 +196,7 @@ class Tracker:
     ) -> TurnedFrame:
         """A frame after all turns that may have happened since the last trusted one, unless others tell the motion."""
         if expected is not None or self._slides_on(deskewed.aligned):
-            return TurnedFrame(deskewed)
+            return TurnedFrame(deskewed, doubts=() if expected is None else expected.doubts)
         steps = self._timeline.span
         since = Since(steps, rigid(predict(self._at.T_last, self._at.motion, steps)))
         # Rarely asked for.

@@ -85,10 +85,12 @@ class TurnedFrame:
     deskewed: Deskewed
     since: Since | None = None  # None where others tell the motion
     others: tuple[Alignment, ...] = ()  # Where it ends after other turns
+    doubts: tuple[Reason, ...] = ()  # What speaks against where others expect it
 
     def told(self, place: ComparedFrame, search: FrameSearch) -> ComparedFrame:
         """The place of the frame with what speaks against it after a gap."""
         run, since = place.aligned, self.since
+        place = dataclasses.replace(place, doubts=self.doubts) if self.doubts else place
         if since is None or not since.is_gap or not run.found:
             return place
         share, frame = run.inlier_fraction, self.deskewed.frame

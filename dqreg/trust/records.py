@@ -85,6 +85,7 @@ Code = Literal[
     "not_deskewed",
     "held_by_prediction",
     "new_clock",
+    "sought_in_map",
 ]
 
 
