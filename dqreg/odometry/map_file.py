@@ -18,7 +18,8 @@ from dqreg.files.strict_json import plain
 from dqreg.files.untrusted import require_readable
 from dqreg.odometry.settings import OdometrySettings, Resolved
 
-FORMAT, VERSION = "dqreg map", 1
+# Since version 2 the lengths hold the noise of the first frame; files of version 1 may.
+FORMAT, VERSION = "dqreg map", 2
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,8 +52,13 @@ def load_map(path: str | Path) -> SavedMap:
     arrays = read_arrays(place, ("header", "points", "T_map_frame"))
     try:
         header: dict[str, Any] = json.loads(arrays["header"].tobytes())
-        if (header["format"], header["version"]) != (FORMAT, VERSION):
-            raise ValueError(f"it is {header['format']!r:.60} of version {header['version']!r:.20}")
+        if header["format"] != FORMAT:
+            raise ValueError(f"it is {header['format']!r:.60}")
+        if (version := header["version"]) not in range(1, VERSION + 1):
+            raise ValueError(
+                f"it is a map of version {version!r:.20}, and versions 1 to {VERSION} are read; for a newer one update "
+                "dqreg, or map the place again with this one"
+            )
         settings, lengths = OdometrySettings(**header["settings"]), Resolved(**header["lengths"])
         usable = all(
             0.0 < float(getattr(lengths, name)) < np.inf for name in ("voxel_size", "max_range", "reach", "near")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import json
 import pickle
 
 import numpy as np
@@ -143,6 +144,29 @@ def test_what_is_no_map_is_refused(tmp_path, content):
         Odometry.load(tmp_path / "a.npz")
     with pytest.raises(InputError, match="no map to save"):
         Odometry().save(tmp_path / "b.npz")
+
+
+def test_a_map_of_a_newer_program_is_named_with_what_to_do(jerky, tmp_path):
+    odometry = Odometry()
+    odometry.register_frame(jerky.frames[0])
+    odometry.save(tmp_path / "map.npz")
+    with np.load(tmp_path / "map.npz") as held:
+        arrays = dict(held)
+    header = json.loads(arrays["header"].tobytes())
+
+    def written(**changes):
+        arrays["header"] = np.frombuffer(json.dumps({**header, **changes}).encode(), dtype=np.uint8)
+        np.savez(tmp_path / "other.npz", **arrays)
+        return tmp_path / "other.npz"
+
+    with pytest.raises(
+        InputError, match=r"other\.npz is no map.* version 7, and versions 1 to 2 are read.*update dqreg"
+    ):
+        Odometry.load(written(version=7, lengths={**header["lengths"], "unheard_of": 1.0}))
+    # Of old, with noise or without.
+    lengths = {name: value for name, value in header["lengths"].items() if name != "noise"}
+    for old in (written(version=1), written(version=1, lengths=lengths)):
+        np.testing.assert_array_equal(Odometry.load(old).local_map, odometry.local_map)
 
 
 def test_history_is_bounded_and_a_reset_begins_anew(jerky):
