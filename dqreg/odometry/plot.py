@@ -79,7 +79,8 @@ def _draw_errors(axes: Any, poses: FloatArray, truth: FloatArray | None) -> None
         steps = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
         axes.plot(frames, steps, color=BLUE, marker=".", linewidth=0.8, label="length of the step")
         axes.set_ylabel("step")
-    axes.legend(loc="upper right", frameon=False)
+    # Above: the curves fill what is below.
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.0, frameon=False)
     axes.grid(alpha=0.3)
 
 

@@ -33,7 +33,7 @@ from dqreg.trust.code_sets import Codes
 from dqreg.trust.records import Reason
 
 # What is said of frames that may lie elsewhere.
-ASKING: Codes = frozenset({"lost", "low_inlier_fraction", "falling_inlier_fraction"})
+ASKING: Codes = frozenset({"lost", "low_inlier_fraction", "falling_inlier_fraction", "looked_through"})
 # Frames that wait after a search that told nothing new: so many times those after the one before and one, and at most.
 LONGER, LONGEST = 2, 64
 

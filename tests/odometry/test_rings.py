@@ -36,6 +36,21 @@ def test_noise_along_the_beams_makes_no_plane_of_a_ring():
     assert np.abs(normals[normals.any(axis=1), 1]).min() > 0.9
 
 
+def test_a_plane_through_two_rings_counts_little_and_one_of_a_face_all():
+    rng, size = np.random.default_rng(20_812), 0.4
+    along, noise = rng.uniform(-3.0, 3.0, (2, 600)), 0.002 * rng.normal(size=(2, 600))
+    # One on the ground, one on a wall: the plane through both is of neither.
+    rings = np.concatenate([np.column_stack([along[0], noise[0] + 0.1, 0.0 * noise[0]]),
+                            np.column_stack([along[1], noise[1] + 0.3, 0.2 + 0.0 * noise[1]])])  # fmt: skip
+    face = np.column_stack([along[0], rng.uniform(-0.4, 0.8, 600), noise[0]])
+    for points, least, most in ((rings, 0.19, 0.21), (face, 0.0, 0.05)):
+        found = MapSurface(size, 12, 2.0, points).planes_at(points[:100])
+        rough = np.sqrt(found.roughness[found.normals.any(axis=1)]) / (0.5 * size)
+        assert len(rough) > 50
+        assert least <= rough.min()
+        assert np.median(rough) <= most
+
+
 def test_covariances_of_few_rings_without_ground_are_of_the_size_of_the_errors():
     drive = street_drive(12, rings=16, rng=np.random.default_rng(20_800))
     odometry = Odometry()

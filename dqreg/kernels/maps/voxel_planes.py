@@ -7,6 +7,7 @@ import numpy as np
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.kernels.compiling.compiled import compiled, inside_kernels
 from dqreg.kernels.maps.cells_around import COLUMNS, ROOM, WIDEST, cells_around
+from dqreg.kernels.maps.two_lines import GRADES, least_spread
 from dqreg.kernels.maps.voxel_blocks import Voxels
 from dqreg.kernels.maps.voxel_nearest import nearest_in_voxels
 from dqreg.kernels.maps.voxel_points import CELLS, Slots
@@ -15,8 +16,9 @@ from dqreg.kernels.maps.voxel_points import CELLS, Slots
 FEWEST, LINE = 5.0, 0.02
 # Points from which on no more are looked for.
 ENOUGH = 12.0
-# What points of a cell count, by how many cells around one are looked through and how many steps it is from that.
-GRADES = 0.5 ** (np.arange(3 * WIDEST + 1) / np.maximum(np.arange(WIDEST + 1), 1)[:, None])
+# Least spread below which points lie on two lines: of two rings that lie on two faces the plane is of neither, and they
+# lie on it all the same. It is taken to be so rough, in cells squared.
+TWO_LINES, BETWEEN_LINES = 0.1, 0.04
 # Steps of Newton's method at most, and the step over the trace that is the last.
 ROUNDS, STILL = 20, 1e-14
 # A plane stands one state more for each so many points, and so many at most: the last frames, which were placed by it,
@@ -100,7 +102,10 @@ def _plane_of(
     xx, yy, zz = xx / n - sx * sx, yy / n - sy * sy, zz / n - sz * sz
     xy, xz, yz = xy / n - sx * sy, xz / n - sx * sz, yz / n - sy * sz
     # As many points of equal weight would tell as much.
-    return _thinnest(xx, yy, zz, xy, xz, yz, n * n / square, thin, normal)
+    variance = _thinnest(xx, yy, zz, xy, xz, yz, n * n / square, thin, normal)
+    if variance < np.inf and least_spread(count, around, reach, half, sums, normal) < TWO_LINES:
+        normal[6] = max(normal[6], BETWEEN_LINES * half * half)
+    return variance
 
 
 @inside_kernels
