@@ -165,7 +165,8 @@ class Odometry(SeekingTracker):
             ``T_target_source`` is T_map_frame; the covariance is about the sensor (``settings["centre"]``): how well
             the frame is known to lie in the map around it, and so a step between neighbouring frames (see `nees`). How
             far that part of the map lies off the first frame, which grows on the way, is not in it. A frame that cannot
-            be placed has NaN and "failed"; the next one goes on.
+            be placed has NaN and "failed"; the next one goes on. One that is lost, or fits badly, where it is expected
+            is sought in all of the map, which takes as long as many frames, and seldom where that is in vain.
 
         Raises
         ------

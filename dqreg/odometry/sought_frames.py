@@ -35,7 +35,7 @@ from dqreg.trust.records import Reason
 # What is said of frames that may lie elsewhere.
 ASKING: Codes = frozenset({"lost", "low_inlier_fraction", "falling_inlier_fraction", "looked_through"})
 # Frames that wait after a search that told nothing new: so many times those after the one before and one, and at most.
-LONGER, LONGEST = 2, 64
+LONGER_PAUSES, LONGEST_PAUSE = 2, 64
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ class SeekingTracker(ColdStartTracker):
         if is_settled or waiting or not is_asked:
             return found
         sought = sought_in_map(world, frame.without(before.at.motion), lengths, self.settings)
-        self._waiting, self._pause = self._pause, min(LONGER * self._pause + 1, LONGEST)
+        self._waiting, self._pause = self._pause, min(LONGER_PAUSES * self._pause + 1, LONGEST_PAUSE)
         if sought.verdict.level == "failed":
             return found
         after, T = self._kept(), rigid(sought.T_target_source)
