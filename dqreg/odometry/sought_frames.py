@@ -89,15 +89,16 @@ class SeekingTracker(ColdStartTracker):
         is_sure = sought.verdict.level == "accepted"
         there = Prediction(T, doubts=() if is_sure else (_doubt(found, sought),))
         again = super()._register(kiss, world, lengths, frame, raw, ratio, there, insert=insert)
-        is_better = is_sure or not again.inlier_fraction <= found.inlier_fraction
-        if again.verdict.level == "failed" or not is_better:
+        apart = float(frame.scan._spread.motion(found.T_target_source, again.T_target_source))
+        is_elsewhere = not apart <= lengths.near
+        if self._timeline.missed and not _tells_more(again, found, is_sure=is_sure, is_elsewhere=is_elsewhere):
             self._put_back(after)
             return found
         if self._timeline.missed:
             self._at = dataclasses.replace(self._at, motion=before.at.motion)
         else:
             self._pause, self._waiting = 0, 0
-        words = "it was not found where it was expected, but by a global search in the map"
+        words = "its place was told by a global search in the map: near the expected one it was lost or in doubt"
         return dataclasses.replace(again, verdict=again.verdict._remarked(Reason(words, "sought_in_map")))
 
     def _kept(self) -> _Before:
@@ -115,6 +116,14 @@ class SeekingTracker(ColdStartTracker):
         self._timeline.missed, self._timeline.slid, self._first = 0, 0, None
         self._unlike = self._suspect = None
         self._pause, self._waiting = 0, 0
+
+
+def _tells_more(again: Registration, found: Registration, *, is_sure: bool, is_elsewhere: bool) -> bool:
+    """Whether a frame that was placed by a search is better off than before: there, or for what is known of it."""
+    if again.verdict.level == "failed" or "unconstrained" in again.verdict.codes:
+        return False
+    is_new = is_elsewhere or again.verdict.level == "accepted"
+    return is_new and (is_sure or not again.inlier_fraction <= found.inlier_fraction)
 
 
 def _doubt(found: Registration, sought: Registration) -> Reason:

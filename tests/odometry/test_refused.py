@@ -79,7 +79,7 @@ def test_a_frame_of_the_floor_alone_stays_out_of_the_map_and_nothing_hangs_on_it
         assert result.verdict.codes[0] == "unconstrained"
         assert len(odometry.local_map) == before
         # Nothing but the motion tells its place: constant velocity, within a fraction of a voxel.
-        np.testing.assert_allclose(result.T_target_source[:3, 3], [0.05 * k, 0.0, 0.0], atol=0.1)
+        np.testing.assert_allclose(result.T_target_source[:3, 3], [0.05 * k, 0.0, 0.0], atol=0.15)
     for k in (5, 6):
         result = odometry.register_frame(seen("with", k))
         assert result.verdict.level == "accepted"
