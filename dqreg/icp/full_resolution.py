@@ -231,7 +231,11 @@ def with_last_step(level: Level, plan: IcpSettings, run: Alignment, observe: Obs
     held = level.once(run.mixture, FINE_SCHEDULE, observe, run.next_number, run.pairs)
     if held.found:
         run = replaced(held.after(run), earlier=run.earlier)
-    weights = weights_by_face(run.pairs, run.weights, run.mixture.scale)
+    if motions_of_creases(run.pairs, run.weights, run.mixture.scale) is not None:
+        # What these and the other points hold leaves out what nothing does.
+        along, weights = plan.last, run.weights
+    else:
+        weights = weights_by_face(run.pairs, run.weights, run.mixture.scale)
     return replaced(run, T_target_source=along(run.pairs, weights, run.mixture.scale).T_target_source)
 
 
@@ -239,7 +243,7 @@ def settled_on_rims(level: Level, run: Alignment, observe: Observer | None) -> A
     """The run gone on with: what points near edges alone hold is few of them, and each step leaves half of the way."""
     if not _is_settled_on_part(level.plan, run) or len(run.pairs.scan) <= SAMPLING_LIMITED_POINTS:
         return run
-    if not motions_of_creases(run.pairs, run.weights, run.mixture.scale)[0].size:
+    if motions_of_creases(run.pairs, run.weights, run.mixture.scale) is None:
         return run
     level = replaced(level, scan=run.pairs.scan, last=True, patient=True, contraction=1.0)
     finer = level.once(run.mixture, RIM_SCHEDULE, observe, run.next_number, run.pairs)

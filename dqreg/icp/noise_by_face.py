@@ -30,7 +30,8 @@ from dqreg.geometry.mesh_surface import MeshSurface
 from dqreg.geometry.scan_measures import CLOUD_PARTS
 from dqreg.icp.correspondences import Correspondences
 from dqreg.icp.estimators import points_to_planes
-from dqreg.icp.held_steps import motions_of_smooth_surface
+from dqreg.icp.held_steps import motions_of_smooth_surface, planes_along
+from dqreg.rigid import pose
 from dqreg.solvers import Fit
 from dqreg.solvers.row_sums import squared
 
@@ -57,13 +58,9 @@ ONE_PART = np.zeros(0, dtype=np.uint8)
 MAX_FACES, MIN_POINTS_PER_FACE = 100_000, 4
 # Faces that turn by more than that have a crease between them; kernel scales within which a place is near it.
 CREASE_COS, CREASE_SCALES = np.cos(np.deg2rad(20.0)), 3.0
-# Share of the weights beyond which the part has creases everywhere, at the scale of the noise.
-MAX_CREASE_SHARE = 0.3
-# Share of the information about a motion that may go with these points: small walls and rims hold some alone. What is
-# below that share of the largest information is rounding.
-MAX_INFORMATION_SHARE, RELATIVE_ROUNDING = 0.1, 1e-12
-# The share of it beyond which these hold it alone.
-ALONE_SHARE = 0.5
+# Share of the information about a motion that may go with these points: small walls and rims hold some alone, as where
+# creases are everywhere at the scale of the noise. What is below that share of the largest information is rounding.
+ALONE_SHARE, RELATIVE_ROUNDING = 0.5, 1e-12
 # Points that are looked at in one go.
 CHUNK_POINTS = 4_096
 
@@ -143,8 +140,17 @@ def points_to_weighted_planes(pairs: Correspondences, weights: FloatArray, noise
 
 
 def points_to_weighted_faces(pairs: Correspondences, weights: FloatArray, noise: float) -> Fit:
-    """Point-to-plane, each face weighted by its own scatter; for one last step."""
-    return points_to_planes(pairs, weights_by_face(pairs, weights, noise), noise)
+    """Point-to-plane, each face weighted by its own scatter; for one last step.
+
+    Where points near creases hold some motions alone, they have no say in the others.
+    """
+    weighed, held = weights_by_face(pairs, weights, noise), motions_of_creases(pairs, weights, noise)
+    if held is None or not held.beside.size:
+        return points_to_planes(pairs, weighed, noise)
+    by_all = planes_along(held.alone)(pairs, weighed, noise)
+    by_others = planes_along(held.beside)(pairs, np.where(held.others, weighed, 0.0), noise)
+    both = by_all.T_target_source @ pose.inverse(pairs.T_target_source) @ by_others.T_target_source
+    return dataclasses.replace(by_all, T_target_source=both)
 
 
 def without_creases(pairs: Correspondences, weights: FloatArray, width: float) -> FloatArray:
@@ -157,20 +163,34 @@ def without_creases(pairs: Correspondences, weights: FloatArray, width: float) -
     return kept
 
 
-def motions_of_creases(pairs: Correspondences, weights: FloatArray, width: float) -> tuple[FloatArray, FloatArray]:
-    """Motions that points near creases hold and the others hardly do, (6, m), and the information of all, (6, 6).
+@dataclasses.dataclass(frozen=True, eq=False)
+class HeldByCreases:
+    """Motions of a part of which points near creases hold some and the others hardly do; of information one each.
 
-    Twists about the middle of the part with rotations as displacements at half its diagonal, each of information one.
+    Twists about the middle of the part with rotations as displacements at half its diagonal.
     """
+
+    alone: FloatArray  # (6, m): Those that these hold
+    beside: FloatArray  # (6, k): Those that the others hold as well
+    left: FloatArray  # (k,): What the others have of the information of these
+    whole: FloatArray  # (6, 6): The information of all
+    others: BoolArray  # (n,): Which points are not near creases
+
+
+def motions_of_creases(pairs: Correspondences, weights: FloatArray, width: float) -> HeldByCreases | None:
+    """Motions that points near creases hold and the others hardly do; None where there are none."""
     found = _creases(pairs, weights, width)
     if found is None or not _constrain(found.own, found.others):
-        return np.zeros((6, 0)), np.zeros((6, 6))
+        return None
     axes, whole = motions_of_smooth_surface(pairs, found.surface, weights), found.own + found.others
     values, turned = np.linalg.eigh(axes.T @ whole @ axes)
     known = values > RELATIVE_ROUNDING * values.sum()
     unit = axes @ turned[:, known] / np.sqrt(values[known])
     shares, mixtures = np.linalg.eigh(unit.T @ found.own @ unit)
-    return unit @ mixtures[:, shares > ALONE_SHARE], whole
+    unit, alone = unit @ mixtures, shares > ALONE_SHARE
+    if not alone.any():
+        return None
+    return HeldByCreases(unit[:, alone], unit[:, ~alone], 1.0 - shares[~alone], whole, ~found.near)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -190,7 +210,7 @@ def _creases(pairs: Correspondences, weights: FloatArray, width: float) -> _Crea
         found, surface = None, pairs.surface
         if isinstance(surface, MeshSurface):
             near, ((own_weight, *own), (other_weight, *others)) = _near(pairs, surface, weights, CREASE_SCALES * width)
-            if 0.0 < own_weight <= MAX_CREASE_SHARE * (own_weight + other_weight):
+            if own_weight > 0.0:
                 found = _Creases(surface, near, squared(np.array(own)), squared(np.array(others)))
         known = weights, width, found
         vars(pairs)["_creases"] = known
@@ -216,4 +236,4 @@ def _near(
 def _constrain(own: FloatArray, others: FloatArray) -> bool:
     """Whether some points hold a motion that the others hardly do, given the information, (6, 6), of each."""
     whole = own + others
-    return bool(np.linalg.eigvalsh(own - MAX_INFORMATION_SHARE * whole)[-1] > RELATIVE_ROUNDING * np.trace(whole))
+    return bool(np.linalg.eigvalsh(own - ALONE_SHARE * whole)[-1] > RELATIVE_ROUNDING * np.trace(whole))

@@ -55,9 +55,10 @@ def inflation_of(run: Alignment, lever: float, beside: Callable[[FloatArray], Al
     the faces hold all.
     """
     width = run.mixture.scale
-    motions, whole = motions_of_creases(run.pairs, run.weights, width)
-    if not motions.shape[1]:
+    held = motions_of_creases(run.pairs, run.weights, width)
+    if held is None:
         return None
+    motions = held.alone
 
     def pull(at: Alignment) -> tuple[FloatArray, FloatArray]:
         pairs = at.pairs
@@ -79,7 +80,9 @@ def inflation_of(run: Alignment, lever: float, beside: Callable[[FloatArray], Al
     shares, mixtures = np.linalg.eigh(0.5 * unit.T @ (response + response.T) @ unit)
     more = 1.0 / np.clip(shares, LEAST_RESPONSE, 1.0) - 1.0
     unit = unit @ mixtures
-    return np.asarray(np.eye(6) + motions @ (unit * more) @ np.linalg.inv(unit) @ motions.T @ whole)
+    # The others have less to go by than all points together.
+    further = held.beside * (1.0 / np.sqrt(held.left) - 1.0) @ held.beside.T
+    return np.asarray(np.eye(6) + (motions @ (unit * more) @ np.linalg.inv(unit) @ motions.T + further) @ held.whole)
 
 
 def followed_by(run: Alignment, surface: Surface) -> float:

@@ -8,7 +8,6 @@ from dqreg.icp import noise_by_face
 from dqreg.icp.correspondences import Correspondences, find_correspondences
 from dqreg.icp.noise_by_face import (
     CREASE_SCALES,
-    MAX_CREASE_SHARE,
     _constrain,
     _near,
     points_to_weighted_faces,
@@ -44,6 +43,21 @@ def test_places_near_a_crease_are_left_out_and_none_else(unit: float) -> None:
     left_out, near = kept(pairs, width) == 0.0, crease < CREASE_SCALES * width
     assert not left_out[~near].any()
     assert left_out[near].mean() > 0.99
+
+
+def test_beside_a_blade_are_as_many_more_as_the_noise_carries_to_its_other_side() -> None:
+    # A wedge of 20 degrees whose edge is the y axis: its upper face is as near as ten degrees' tangent of the distance.
+    slope, margin = np.tan(np.deg2rad(20.0)), 0.012
+    corners = np.array([[0.0, 0, 0], [3, 0, 0], [3, 0, 3 * slope], [0, 2, 0], [3, 2, 0], [3, 2, 3 * slope]])
+    sides = [[0, 1, 2], [3, 5, 4], [0, 3, 4], [0, 4, 1], [0, 2, 5], [0, 5, 3], [1, 4, 5], [1, 5, 2]]
+    wedge, rng = Mesh(corners, np.array(sides)), np.random.default_rng(0)
+    x, y = 2.8 * rng.uniform(size=4_000) ** 3, rng.uniform(0.2, 1.8, 4_000)
+    pairs = pairs_of(np.column_stack([x, y, np.zeros(4_000)]), wedge)
+    places, surface = pairs.closest.points, pairs.surface
+    assert isinstance(surface, MeshSurface)
+    inside = (places[:, 0] < 2.5) & (places[:, 2] == 0.0)
+    near = _near(pairs, surface, np.ones(len(places)), margin)[0]
+    np.testing.assert_array_equal(near[inside], places[inside, 0] < margin / np.tan(np.deg2rad(10.0)))
 
 
 def test_a_pose_of_range_data_is_more_accurate_without_them(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -83,7 +97,7 @@ def test_where_creases_are_everywhere_all_points_count() -> None:
     for width, is_fine in ((0.25, True), (0.01, False)):
         pairs = pairs_of(sample_mesh(roofs, 5_000, rng).points + width * rng.normal(size=(5_000, 3)), roofs)
         left_out = np.mean(kept(pairs, width) == 0.0)
-        assert left_out == 0.0 if is_fine else 0.01 < left_out < MAX_CREASE_SHARE
+        assert left_out == 0.0 if is_fine else 0.01 < left_out < 0.3
 
 
 def test_a_cloud_has_none() -> None:
@@ -111,6 +125,6 @@ def test_a_motion_is_held_by_some_points_where_they_tell_more_than_a_share_of_it
     # Whatever the units of the motions, and where nothing holds one of them.
     rng = np.random.default_rng(6)
     mix = rng.normal(size=(6, 6)) * [1e3, 1e3, 1e3, 1.0, 1.0, 1.0]
-    for shares, holds in (([0.05] * 5, False), ([0.05, 0.05, 0.11, 0.0, 0.0], True)):
+    for shares, holds in (([0.45] * 5, False), ([0.05, 0.05, 0.55, 0.0, 0.0], True)):
         own, whole = (mix @ np.diag([*values, 0.0]) @ mix.T for values in (shares, [1.0] * 5))
         assert _constrain(own, whole - own) == holds

@@ -37,9 +37,10 @@ from dqreg.registration.other_poses.slides import without_slide
 from dqreg.rigid import pose
 from dqreg.search.scoring import EQUAL_LOG_LIKELIHOOD
 from dqreg.solvers.status import INTERRUPTED
-from dqreg.trust.code_sets import REASONS_OF_SCAN, REASONS_OF_SCAN_BETWEEN_CLOUDS
+from dqreg.trust.code_sets import REASONS_OF_SCAN, REASONS_OF_SCAN_BETWEEN_CLOUDS, TOO_LITTLE
 from dqreg.trust.evidence import Evidence
 from dqreg.trust.limits import RIM_GAIN_SHARE, own_noise
+from dqreg.trust.records import Verdict
 
 # Fraction of the points near a part that lie off it beyond which the same is done: right poses leave 0.002, and half
 # of the strays. Fewer than the verdict allows are evidence where they are no strays.
@@ -170,11 +171,19 @@ def _is_beside(fit: Fit) -> bool:
 
 def is_sound(fit: Fit, *, ask_mirror: bool = False) -> bool:
     """Whether the verdict has nothing against a pose that another one might mend."""
-    gain = mirror_gain(fit, always=ask_mirror)
-    evidence = evidence_of(fit, uncertainty_of(fit), mirror_gain=gain)
-    verdict = verdict_on(fit, evidence)
+    verdict = _verdict_beside_mirror(fit, ask_mirror)
     of_scan = REASONS_OF_SCAN_BETWEEN_CLOUDS if fit.between_clouds else REASONS_OF_SCAN
     return verdict.level == "accepted" or of_scan.issuperset(verdict.codes)
+
+
+def _verdict_beside_mirror(fit: Fit, ask_mirror: bool) -> Verdict:
+    gain = mirror_gain(fit, always=ask_mirror)
+    return verdict_on(fit, evidence_of(fit, uncertainty_of(fit), mirror_gain=gain))
+
+
+def _is_hardly_held(fit: Fit) -> bool:
+    """Whether too little speaks for a pose on a part, and nothing against it: it may be the right one all the same."""
+    return not fit.between_clouds and TOO_LITTLE.issuperset(_verdict_beside_mirror(fit, ask_mirror=True).codes)
 
 
 def _may_be_elsewhere(fit: Fit) -> bool:
@@ -228,10 +237,10 @@ class _Candidates:
         return self._likeliest()
 
     def equals_of(self, best: int) -> list[int]:
-        """Others that explain the scan about as well, without those that the verdict refuses where the best passes."""
+        """Others that explain the scan about as well, without those that something speaks against where the best passes."""
         apart = self._scores.distinguishable(best) | (self._scores.deficit(best)[0] > EQUAL_LOG_LIKELIHOOD)
         others = [k for k in range(len(self._fits)) if k != best and not apart[k]]
-        return [k for k in others if self._is_sound(k) or not self._is_sound(best)]
+        return [k for k in others if self._is_sound(k) or not self._is_sound(best) or _is_hardly_held(self._fits[k])]
 
     def _undoubted(self) -> int | None:
         best = next((k for k in self._likely if self._is_sound(k) and not self._is_doubtful(k)), None)
