@@ -14,7 +14,7 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray
 from dqreg.registration.fit import Fit
 from dqreg.registration.other_poses.rivals import JUDGING_POINTS
-from dqreg.registration.other_poses.slides import losses_at
+from dqreg.registration.other_poses.slides import CHANCE_SIGMAS, losses_and_scatter
 from dqreg.rigid import twist
 from dqreg.rigid.twist import scaling_by
 from dqreg.trust import Information
@@ -58,7 +58,9 @@ def _reach(fit: Fit, known: Information, k: int, sigma: float) -> float:
     def losses(steps: FloatArray) -> FloatArray:
         # Of either way, (2, m).
         ways = [twist.exp(way * step * motion) @ fit.T_target_source for way in (1.0, -1.0) for step in steps]
-        return losses_at(fit, np.stack([fit.T_target_source, *ways])).reshape(2, -1)
+        lost, scatter = losses_and_scatter(fit, np.stack([fit.T_target_source, *ways]))
+        # Of all displacements the steps have found the one that most outliers lie on by chance.
+        return (lost - CHANCE_SIGMAS * scatter).reshape(2, -1)
 
     first, farthest = ASKED_SIGMAS * least, FARTHEST_DIAGONALS * size
     if first >= farthest or losses(np.array([first])).min() >= CONSTRAINT_LOG_LIKELIHOOD:

@@ -264,3 +264,15 @@ def test_of_poses_that_a_near_symmetry_exchanges_the_one_by_the_start_is_kept(de
     assert worst_vertex_displacement(problem.to_caller(found.T_target_source), np.eye(4), block.vertices) <= 0.2
     # The block looks the same from both.
     assert not len(others)
+
+
+@pytest.mark.parametrize("seed", [13, 16])
+def test_what_too_little_speaks_for_is_named_beside_a_pose_that_happens_to_pass(seed: int) -> None:
+    # A scan within one face of a plate: turned by a quarter it reaches the rims, which then hold it.
+    sides, rng = np.array([15.1, 22.0, 1.4]), np.random.default_rng(seed)
+    plate = dqreg.Mesh(*box(tuple(sides)))
+    points = np.column_stack([0.677 * sides[:2] * rng.uniform(-0.5, 0.5, (4_800, 2)), np.full(4_800, 0.5 * sides[2])])
+    points += rng.normal(scale=5e-3 * plate.diagonal, size=points.shape)
+    tilts, turn = 0.02 * rng.normal(size=2), rng.uniform(-0.15, 0.15)
+    near = pose.exp([*tilts, turn, *rng.uniform(-1.0, 1.0, 2), 0.1 * rng.normal()])
+    assert "alternative_poses" in dqreg.register(points, plate, near).verdict.codes
