@@ -209,7 +209,7 @@ def _creases(pairs: Correspondences, weights: FloatArray, width: float) -> _Crea
     if known is None or known[0] is not weights or known[1] != width:
         found, surface = None, pairs.surface
         if isinstance(surface, MeshSurface):
-            near, ((own_weight, *own), (other_weight, *others)) = _near(pairs, surface, weights, CREASE_SCALES * width)
+            near, ((own_weight, *own), (_, *others)) = _near(pairs, surface, weights, CREASE_SCALES * width)
             if own_weight > 0.0:
                 found = _Creases(surface, near, squared(np.array(own)), squared(np.array(others)))
         known = weights, width, found

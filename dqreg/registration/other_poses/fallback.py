@@ -237,7 +237,7 @@ class _Candidates:
         return self._likeliest()
 
     def equals_of(self, best: int) -> list[int]:
-        """Others that explain the scan about as well, without those that something speaks against where the best passes."""
+        """Others that explain the scan about as well; where the best passes, without what something speaks against."""
         apart = self._scores.distinguishable(best) | (self._scores.deficit(best)[0] > EQUAL_LOG_LIKELIHOOD)
         others = [k for k in range(len(self._fits)) if k != best and not apart[k]]
         return [k for k in others if self._is_sound(k) or not self._is_sound(best) or _is_hardly_held(self._fits[k])]
