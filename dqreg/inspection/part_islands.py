@@ -117,7 +117,10 @@ def _islands(scene: Scene, asked: BoolArray) -> BoolArray:
     of = np.where(mine, island[scene.cells.cell], count)
     sizes = np.bincount(of, minlength=count + 1)[:count]
     rows = scene.off[mine]
-    small = _extents(scene.points[rows], of[mine], count) <= MAX_ISLAND_LIMITS * scene.limit
+    # As far off where its sides were not seen as where they were.
+    going, farthest = _extents(scene.points[rows], of[mine], count), np.zeros(count)
+    np.maximum.at(farthest, of[mine], scene.distances[rows])
+    small = np.maximum(going, farthest) <= MAX_ISLAND_LIMITS * scene.limit
     found = (sizes >= MIN_ISLAND_POINTS) & small
     touching = np.bincount(island, weights=marked & scene.beside_part, minlength=count) > 0
     for number in np.flatnonzero(found):
