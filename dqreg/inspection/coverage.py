@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, IntArray
+from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry import Mesh
 from dqreg.geometry.mesh_faces import areas_of, triangle_areas
 
@@ -55,21 +55,29 @@ def covered(mesh: Mesh, of_triangle: IntArray, points: FloatArray, on: IntArray,
 
     ``on`` is the face of each point; ``density`` is the usual number of points for an area.
     """
-    from scipy.spatial import cKDTree
-
     count = int(of_triangle.max()) + 1 if len(of_triangle) else 0
     if not len(points) or not density > 0.0:
         return np.zeros(count)
-    each = max(1, min(PLACES_PER_FACE, MAX_PLACES // max(count, 1)))
-    places = _places(mesh, of_triangle, count, each)
+    shares: FloatArray = covered_places(mesh, of_triangle, points, on, density)[2].reshape(count, -1).mean(axis=1)
+    return shares
+
+
+def covered_places(
+    mesh: Mesh, of_triangle: IntArray, points: FloatArray, on: IntArray, density: float
+) -> tuple[FloatArray, IntArray, BoolArray]:
+    """Places spread evenly over every face, as many on each; their triangles; whether scan points cover them."""
+    from scipy.spatial import cKDTree
+
+    count = int(of_triangle.max()) + 1
+    each = max(1, min(PLACES_PER_FACE, MAX_PLACES // count))
+    places, triangles = _places(mesh, of_triangle, count, each)
     reach = COVERING_SPACINGS / math.sqrt(density)
     # Faces lie apart in a fourth direction: a point on the other side of a thin sheet covers nothing here.
     apart = 2.0 * reach
     tree = cKDTree(np.column_stack([points, apart * on]))
     asked = np.column_stack([places, apart * np.repeat(np.arange(count), each)])
     gaps = tree.query(asked, distance_upper_bound=reach)[0]
-    shares: FloatArray = np.isfinite(gaps).reshape(count, each).mean(axis=1)
-    return shares
+    return places, triangles, np.isfinite(gaps)
 
 
 def scanned_share(mesh: Mesh, of_triangle: IntArray, points: FloatArray, on: IntArray) -> float:
@@ -96,8 +104,8 @@ def weighted_median(values: FloatArray, weights: IntArray) -> float:
     return float(values[order][np.searchsorted(reached, 0.5 * reached[-1])])
 
 
-def _places(mesh: Mesh, of_triangle: IntArray, count: int, each: int) -> FloatArray:
-    """Places spread evenly over every face, the same for the same mesh: (count * each, 3)."""
+def _places(mesh: Mesh, of_triangle: IntArray, count: int, each: int) -> tuple[FloatArray, IntArray]:
+    """Places spread evenly over every face, the same for the same mesh, (count * each, 3), and their triangles."""
     order = np.argsort(of_triangle, kind="stable")
     areas = triangle_areas(mesh)[order]
     ends = np.cumsum(areas)
@@ -106,8 +114,9 @@ def _places(mesh: Mesh, of_triangle: IntArray, count: int, each: int) -> FloatAr
     low = np.concatenate([[0.0], high[:-1]])
     at = low[:, None] + (high - low)[:, None] * (np.arange(each) + 0.5) / each
     rows = np.clip(np.searchsorted(ends, at), first[:, None], last[:, None] - 1)
-    a, b, c = np.moveaxis(mesh.corners[order[rows.ravel()]], 1, 0)
+    triangles = order[rows.ravel()]
+    a, b, c = np.moveaxis(mesh.corners[triangles], 1, 0)
     u, v = (((0.5 + np.arange(count * each)[:, None] * STEPS) % 1.0).T)[:, :, None]
     root = np.sqrt(u)
     found: FloatArray = (1.0 - root) * a + root * (1.0 - v) * b + root * v * c
-    return found
+    return found, triangles

@@ -7,7 +7,7 @@ import numpy as np
 from dqreg._arrays import FloatArray, IntArray, dot
 from dqreg.inspection.alignment.surface_goals import as_small, least_largest
 from dqreg.inspection.alignment.surface_rows import SurfaceRows
-from dqreg.inspection.features.spread import DRAW_SEED
+from dqreg.inspection.features.spread import DRAW_SEED, MIN_RESIDUAL_SHARE, without_form
 from dqreg.inspection.places import PLACE_POINTS
 from dqreg.solvers import Freedom
 from dqreg.solvers.sandwich import scatter_of
@@ -40,14 +40,22 @@ def _least_squares(rows: SurfaceRows, T: FloatArray, basis: FloatArray, known: F
     # A tolerance fit centres what is within the bands; what is far out has no pull.
     banded = np.isfinite(rows.low) & np.isfinite(rows.high)
     middle = np.where(banded, 0.5 * (np.where(banded, rows.low, 0.0) + np.where(banded, rows.high, 0.0)), 0.0)
-    residuals = values - middle
-    freedom = max(len(values) - basis.shape[1], 1)
-    variance = dot(rows.weights, residuals**2) / freedom
-    spread = scatter_of(slopes.T, moved, normals, residuals, rows.weights, known, 1.0)
-    if spread is None:
-        information = (slopes * rows.weights[:, None]).T @ slopes / max(variance, 1e-300) + known
-        spread = np.linalg.pinv(information, rcond=1e-13, hermitian=True)
-    return np.asarray(spread, dtype=np.float64)
+    residuals, pulls = values - middle, slopes * rows.weights[:, None]
+    bread = np.linalg.pinv(pulls.T @ slopes + known, rcond=1e-13, hermitian=True)
+    white = _independent(pulls, slopes, residuals, bread, known)
+    # Beside a prior the weights are inverse variances already.
+    variance = 1.0 if known.any() else dot(rows.weights, residuals**2) / max(len(values) - basis.shape[1], 1)
+    spread = scatter_of(slopes.T, moved, normals, residuals, rows.weights, known, variance)
+    return white if spread is None else without_form(spread, white, rows.scanned(basis))
+
+
+def _independent(
+    pulls: FloatArray, slopes: FloatArray, residuals: FloatArray, bread: FloatArray, known: FloatArray
+) -> FloatArray:
+    """Of points with independent errors, each as large as its residual (HC3). Shapes: (n, k), (n, k), (n,), (k, k)."""
+    left = 1.0 - np.einsum("ni,ij,nj->n", pulls, bread, slopes)
+    each = (residuals / np.maximum(left, MIN_RESIDUAL_SHARE))[:, None] * pulls
+    return np.asarray(bread @ (each.T @ each + known) @ bread)
 
 
 def _of_largest(rows: SurfaceRows, T: FloatArray, basis: FloatArray, least: FloatArray) -> FloatArray:

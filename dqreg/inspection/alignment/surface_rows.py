@@ -11,13 +11,15 @@ import numpy as np
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.geometry import Mesh, MeshSurface
-from dqreg.geometry.mesh_faces import faces_of
+from dqreg.geometry.mesh_faces import areas_of, faces_of
 from dqreg.geometry.morton import morton_order
 from dqreg.inspection.alignment.earlier_steps import left_of
+from dqreg.inspection.coverage import covered_places, usual_density
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.medians import smoothed
 from dqreg.inspection.outside import require_sides
 from dqreg.inspection.places import PLACE_POINTS
+from dqreg.inspection.regions import MIN_DENSITY_RATIO
 from dqreg.rigid import pose, twist
 from dqreg.solvers import Freedom, PoseCost
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
@@ -75,6 +77,8 @@ class SurfaceRows:
     origin: FloatArray  # (3,): Of the caller's frame
     centre: FloatArray  # (3,): Middle of the part, about the origin
     size: float  # Diagonal of the part
+    whole: FloatArray  # (6, 6): Information of the area of those that were scanned
+    seen: FloatArray  # (6, 6): And of what of it was scanned
 
     def at(self, T: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Points under a pose, signed distances, derivatives by a twist about the centre, normals of the faces."""
@@ -169,6 +173,16 @@ class SurfaceRows:
         information = self.cost(T).information(T, self.centre)
         return left_of(information if prior is None else information + prior, self.basis(T, free))
 
+    def scanned(self, basis: FloatArray) -> float:
+        """Share of the faces' information that lies where they were scanned, along the least of some twists, (6, k).
+
+        Of half a face much less than half is left of the information on its tilt.
+        """
+        values, axes = np.linalg.eigh(basis.T @ self.whole @ basis)
+        held = values > 1e-9 * values[-1]
+        along = basis @ axes[:, held] / np.sqrt(values[held])
+        return float(np.clip(np.linalg.eigvalsh(along.T @ self.seen @ along)[0], 0.0, 1.0)) if held.any() else 0.0
+
     def stepped(self, T: FloatArray, step: FloatArray, free: Freedom) -> FloatArray:
         """The pose after a twist about the centre; what is locked keeps every digit."""
         moved = pose.about(twist.exp(step), self.centre) @ T
@@ -185,23 +199,25 @@ def rows_of(deviations: Deviations, faces: Mapping[int, FaceTerms] | None) -> Su
     mesh = deviations.target
     if not isinstance(mesh, Mesh):
         raise InputError("an alignment to faces needs a mesh as its target: a cloud has no faces")
-    count, labels = faces_of(mesh)
+    count, of_triangle = faces_of(mesh)
     chosen = {number: FaceTerms() for number in range(count)} if faces is None else dict(faces)
     for number, terms in chosen.items():
         if not 0 <= number < count:
             raise InputError(f"the part has no face {number}; its faces are 0 to {count - 1}")
         if terms.low != -terms.high:
             require_sides(mesh, "unequal sides of a band")
-    of_point = labels[deviations.faces]
+    of_point = of_triangle[deviations.faces]
     on = np.flatnonzero(deviations.counted & np.isin(of_point, list(chosen)))
     if len(on) < MIN_POINTS:
         raise DegenerateGeometryError(f"{len(on)} points lie on the chosen faces: choose faces that were scanned")
     points = deviations.points[on] - deviations.origin
-    part = mesh if faces is None else _without_others(mesh, labels, chosen)
+    part = mesh if faces is None else _without_others(mesh, of_triangle, chosen)
     surface = MeshSurface(part)
     kept = np.arange(len(on))[:: -(-len(on) // MAX_POINTS)]
     kept = kept[morton_order(points[kept])]
     labels = of_point[on[kept]]
+    pull = np.array([chosen[k].weight if k in chosen else 0.0 for k in range(count)])
+    whole, seen = _information(mesh, of_triangle, points[kept], labels, pull)
     weights, low, high = np.array([[chosen[k].weight, chosen[k].low, chosen[k].high] for k in labels.tolist()]).T
     return SurfaceRows(
         points=points[kept],
@@ -215,7 +231,22 @@ def rows_of(deviations: Deviations, faces: Mapping[int, FaceTerms] | None) -> Su
         origin=deviations.origin,
         centre=mesh.centre,
         size=mesh.diagonal,
+        whole=whole,
+        seen=seen,
     )
+
+
+def _information(
+    mesh: Mesh, of_triangle: IntArray, points: FloatArray, labels: IntArray, pull: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Of a twist about the middle by the area of the faces that were scanned, and by what of it was. Shapes: (6, 6)."""
+    areas = areas_of(mesh, of_triangle)
+    density = usual_density(labels, areas)
+    places, triangles, seen = covered_places(mesh, of_triangle, points, labels, density)
+    scanned = np.bincount(labels, minlength=len(areas)) >= MIN_DENSITY_RATIO * density * areas
+    normals, weights = mesh.face_normals[triangles], (pull * areas * scanned)[of_triangle[triangles]]
+    slopes = np.hstack([np.cross(places - mesh.centre, normals), normals])
+    return (slopes.T * weights) @ slopes, (slopes.T * (weights * seen)) @ slopes
 
 
 def _without_others(mesh: Mesh, labels: IntArray, chosen: Mapping[int, FaceTerms]) -> Mesh:

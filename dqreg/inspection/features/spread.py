@@ -77,9 +77,15 @@ def covariance_on(
     share of it stays for the scanner.
     """
     rows, slopes = distances(kind, shape, points)
-    white = np.linalg.pinv(slopes.T @ slopes) * rms**2
+    if len(rows) != len(points) or len(points) < MIN_PATCHED_POINTS:
+        return covariance
+    return without_form(covariance, np.linalg.pinv(slopes.T @ slopes) * rms**2, scanned)
+
+
+def without_form(covariance: FloatArray, white: FloatArray, scanned: float) -> FloatArray:
+    """A covariance, (k, k), less what form of surface that was scanned adds to that of independent noise, (k, k)."""
     lengths = np.sqrt(np.diag(white))
-    if len(rows) != len(points) or len(points) < MIN_PATCHED_POINTS or not lengths.all():
+    if not lengths.all():
         return covariance
     scale = lengths[:, None] * lengths
     values, axes = np.linalg.eigh(white / scale)

@@ -185,6 +185,33 @@ def test_the_covariance_is_that_of_repeated_scans() -> None:
     assert np.mean(squares) == pytest.approx(6.0, abs=2.0)
 
 
+@pytest.mark.parametrize(("step", "waves", "least"), [(2.0, 0.0, 4.0), (2.0, 0.06, 0.7), (1.0, 0.06, 0.2)])
+def test_few_points_and_form_do_not_make_the_pose_uncertain(step: float, waves: float, least: float) -> None:
+    # The form of faces that were scanned is a part of what is measured: the best fit to it is the same in each scan.
+    points, normals = grid(step)
+    form, squares = waves * np.sin(points @ [0.3, 0.5, 0.7]), []
+    truth = align_surface(measure_deviations(points + form[:, None] * normals, PART, SURFACE, reach=3.0))
+    for seed in range(24):
+        noise = 0.02 * np.random.default_rng(seed).normal(size=len(points))
+        found = align_surface(measure_deviations(points + (form + noise)[:, None] * normals, PART, SURFACE, reach=3.0))
+        error = error_of(found, truth.T_target_source)
+        squares.append(error @ np.linalg.solve(found.covariance, error))
+    # Six degrees of freedom, 24 runs; a share of what neighbours have in common stays for the scanner.
+    assert least < np.mean(squares) < 8.0
+
+
+def test_the_form_of_half_faces_counts_by_what_they_leave_open() -> None:
+    half = POINTS[POINTS[:, 0] < 0.0]
+    rows = rows_of(measure_deviations(half, PART, SURFACE, reach=3.0), {TOP: FaceTerms()})
+    # Points cover two spacings more. Half a beam has half of what holds its tilt about the middle, and little where
+    # the height is open as well.
+    seen = 0.5 + 2.0 / 30.0
+    assert rows.scanned(np.eye(6)[:, [5]]) == pytest.approx(seen, abs=0.02)
+    assert rows.scanned(np.eye(6)[:, [1]]) == pytest.approx(0.5 * (1.0 + (4.0 / 30.0) ** 3), abs=0.03)
+    assert rows.scanned(np.eye(6)[:, [1, 5]]) < 0.25
+    assert rows_of(measure_deviations(POINTS, PART, SURFACE, reach=3.0), None).scanned(np.eye(6)) > 0.999
+
+
 def test_the_covariance_of_the_smallest_largest_deviation_is_that_of_repeated_scans() -> None:
     # 40 probed points of noise alone; only the height is free: the answer is the middle of the extremes, by hand.
     rng = np.random.default_rng(5)
