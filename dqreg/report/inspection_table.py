@@ -75,7 +75,7 @@ def sheet_csv(found: Inspection | None, decision: Decision | None, unit: str) ->
         of = "degree" if row.kind == "angle" else unit
         outcome = row.outcome if row.measured else "not measured"
         cells = _cells(row.nominal, row.low, row.high, row.value, row.uncertainty)
-        scanned_share = f"{100.0 * row.coverage:.3g}"
+        scanned_share = "" if math.isnan(row.coverage) else f"{100.0 * row.coverage:.3g}"
         rows.append((k + 1, row.name, kind_words(row), of, *cells, outcome, row.points, scanned_share, row.remark))
     for name, cut in [] if found is None else found.sections:
         scanned = np.flatnonzero(np.isfinite(cut.values))

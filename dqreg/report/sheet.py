@@ -69,7 +69,7 @@ def sheet_of(found: Inspection | None, unit: str, *, trusted: bool) -> dict[str,
         said = shown_outcome(found.decision.outcome, trusted=trusted)["said"]
         words.append(f"The deviations against their tolerance: {said}.")
     if missing:
-        words.append(f"{missing} could not be measured: their faces were not scanned.")
+        words.append(f"{missing} could not be measured, for the reasons named below.")
     return {
         **shown_outcome(found.outcome, trusted=trusted),
         "words": words,
@@ -190,7 +190,9 @@ def labels_of(inspection: Inspection | None, worst: Sequence[Place], unit: str) 
         )
     rows: dict[tuple[float, float, float], list[int]] = {}
     for number, row in enumerate(inspection.characteristics):
-        rows.setdefault(row.position, []).append(number)
+        # One that is not of this part is nowhere on it.
+        if not math.isnan(row.position[0]):
+            rows.setdefault(row.position, []).append(number)
     found = []
     for position, numbers in rows.items():
         own = [inspection.characteristics[k] for k in numbers]

@@ -26,7 +26,7 @@ def test_the_sheet_says_what_passes_what_is_missing_and_how_much_was_seen() -> N
     sheet = sheet_of(FOUND, "mm", trusted=True)
     assert sheet is not None
     assert sheet["words"] == ["Aligned to best fit of the scan.", "1 of 3 characteristics pass.",
-                              "1 could not be measured: their faces were not scanned."]  # fmt: skip
+                              "1 could not be measured, for the reasons named below."]  # fmt: skip
     # A value has the digits of its uncertainty, down to the second.
     assert [row["numbers"][3:5] for row in sheet["rows"]] == [["10.012", "0.012"]] * 2 + [["not measured", "–"]]
     # Three quarters of the area, by hand; the face of the plan stands first.

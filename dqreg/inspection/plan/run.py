@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from dqreg.errors import DegenerateGeometryError
+from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.inspection.aligned_part import AlignedPart, AlignedStep, Alignment, aligned_part, entry
 from dqreg.inspection.characteristics import KnownFrame, Measured
 from dqreg.inspection.coverage import FaceCoverage
@@ -44,7 +44,7 @@ class Characteristic:
     points : int
         Scan points that it rests on.
     coverage : float
-        Share of its faces' area that was scanned, in the least of them.
+        Share of its faces' area that was scanned, in the least of them; NaN where it is not of this part.
     position : tuple of three float
         Where it is on the part, in the caller's target frame: for a label.
     remark : str
@@ -124,12 +124,14 @@ def inspect(deviations: Deviations, plan: Plan) -> Inspection:
     Returns
     -------
     Inspection
-        A value, an uncertainty and a decision for every characteristic; one whose faces were not scanned says so.
+        A value, an uncertainty and a decision for every characteristic; one that could not be measured, or is not of
+        this part, is undecided and says why.
 
     Raises
     ------
     InputError
-        If the target is no mesh, or an entry names a face that the part has not or that has no such characteristic.
+        If the target is no mesh, an entry beside the characteristics names a face that the part has not, or nothing
+        that the plan asks for is of this part.
     DegenerateGeometryError
         If a datum has too few scan points, or the datums leave a degree of freedom unconstrained.
 
@@ -152,8 +154,8 @@ def inspect(deviations: Deviations, plan: Plan) -> Inspection:
     """
     aligned = aligned_part(deviations, plan)
     part = aligned.part
-    rows = tuple(_measured(part, plan, row, aligned.frame) for row in plan.characteristics)
     laid, decision = _judged(deviations, plan, aligned)
+    rows = _characteristics(part, plan, aligned.frame, alone=decision is None)
     return Inspection(
         outcome=worst_of([*(row.outcome for row in rows), *([decision.outcome] if decision else [])]),
         characteristics=rows,
@@ -165,6 +167,36 @@ def inspect(deviations: Deviations, plan: Plan) -> Inspection:
         decision=decision,
         deviations=laid,
     )
+
+
+def _characteristics(part: ScannedPart, plan: Plan, frame: KnownFrame, *, alone: bool) -> tuple[Characteristic, ...]:
+    """All that a plan asks for; where nothing else is, one of them must be of this part."""
+    rows: list[Characteristic] = []
+    refused: list[InputError] = []
+    for row in plan.characteristics:
+        try:
+            rows.append(_measured(part, plan, row, frame))
+        except InputError as error:
+            refused.append(error)
+            rows.append(_refused(row, error))
+    if alone and refused and len(refused) == len(rows):
+        raise refused[0]
+    return tuple(rows)
+
+
+def _refused(row: PlannedCharacteristic, error: InputError) -> Characteristic:
+    """A characteristic that is not of this part, which costs no other line of the sheet."""
+    nominal = math.nan if row.nominal is None else row.nominal
+    low, high = _limits(row, nominal)
+    of = {"faces": (), "nominal": nominal, "low": low, "high": high, "points": 0, "coverage": math.nan, "fit": row.fit}
+    remark = str(error.__cause__ or error)
+    return Characteristic(
+        row.name, row.kind, value=math.nan, uncertainty=math.nan, outcome="undecided", remark=remark, **of
+    )
+
+
+def _limits(row: PlannedCharacteristic, nominal: float) -> tuple[float, float]:
+    return (0.0, row.plus) if row.kind in ZONES else (nominal - row.minus, nominal + row.plus)
 
 
 def _judged(deviations: Deviations, plan: Plan, aligned: AlignedPart) -> tuple[Deviations, Decision | None]:
@@ -212,7 +244,7 @@ def _measured(part: ScannedPart, plan: Plan, row: PlannedCharacteristic, frame: 
         except DegenerateGeometryError as error:
             # A face that the scanner did not see costs its own lines of the sheet only.
             found, remark = Measured(math.nan, math.nan), str(error)
-    low, high = (0.0, row.plus) if row.kind in ZONES else (nominal - row.minus, nominal + row.plus)
+    low, high = _limits(row, nominal)
     # A zone's width is never below zero: its lower limit cannot be violated.
     outcome: Outcome = "undecided" if remark else found.decide(-math.inf if row.kind in ZONES else low, high)
     shares = part.coverage()

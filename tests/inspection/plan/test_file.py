@@ -273,10 +273,20 @@ def test_coverage_is_the_share_of_the_area() -> None:
 
 def test_what_the_part_cannot_answer_is_named(tmp_path: Path) -> None:
     found = scanned(4, count=2_000)
-    with pytest.raises(InputError, match="the part has no face 99; its faces are 0 to"):
-        inspect(found, plan_of(changed(["characteristic", 1, "face"], 99)))
-    with pytest.raises(InputError, match="characteristic 'hole': a plane has no diameter"):
-        inspect(found, plan_of(changed(["characteristic", 1, "face"], TOP)))
+    for wrong, words in ((99, "the part has no face 99; its faces are 0 to"), (TOP, "a plane has no diameter")):
+        plan = changed(["characteristic", 1, "face"], wrong)
+        hole = plan["characteristic"][1]
+        with pytest.raises(InputError, match=f"characteristic 'hole': {words}"):
+            inspect(found, plan_of({"characteristic": [hole]}))
+        # Beside others it costs no line of theirs, and nothing passes.
+        whole, part = (inspect(found, plan_of(each)) for each in (PLAN, plan))
+        assert part.characteristics[1].remark.startswith(words)
+        assert part.characteristics[1].outcome == "undecided"
+        left = [0, *range(2, len(part.characteristics))]
+        assert [part.characteristics[k] for k in left] == [whole.characteristics[k] for k in left]
+        held = inspect(found, plan_of({"tolerance": 1.0, "characteristic": [hole]}))
+        assert held.decision is not None
+        assert (held.decision.outcome, held.outcome) == ("pass", "undecided")
     with pytest.raises(DegenerateGeometryError, match="datums constrain 5 of six"):
         inspect(found, plan_of(changed(["datum", 2, "face"], TOP)))
     rows = found.points[:, 2] < 9.0
