@@ -162,7 +162,7 @@ def inspect_command(
     options["expected_deviation"] = expected_deviation_of(planned, allowed, unit.units, options["expected_deviation"])
     to_screen = goals["as_json"] == Path("-")
     console, shown = consoles(quiet=quiet, as_json=to_screen, apart=True, width=PIPE_COLUMNS)
-    result = unit.named(_registered(scan, unit, shown, options), part, goals["out"])
+    result = _registered(scan, part, unit, shown, options)
     refuse_swapped(result, scan, part)
     if result.verdict.level == "failed":
         head = {**({} if asked is None else asked.head), **head}
@@ -182,12 +182,14 @@ def inspect_command(
     return 0 if record["outcome"] == "pass" else 3
 
 
-def _registered(scan: Path, unit: ShownTarget, shown: Console, options: dict[str, Any]) -> Registration:
-    """The scan on the part, in the unit that was asked for."""
+def _registered(scan: Path, part: Path, unit: ShownTarget, shown: Console, options: dict[str, Any]) -> Registration:
+    """The scan on the part, in the unit that was asked for, with the digests of both files as they are read."""
     from dqreg._open3d import load_open3d
     from dqreg.files.poses import read_start
+    from dqreg.registration.side_digests import digests_of_sides
     from dqreg.report import make_progress
 
+    digests = digests_of_sides({"source": scan, "target": part})
     began = unit.start(read_start(options.pop("start")))
     options["viewpoint"] = places_of(options["viewpoint"])
     options["target_units"] = unit.units
@@ -197,7 +199,7 @@ def _registered(scan: Path, unit: ShownTarget, shown: Console, options: dict[str
             load_open3d()
         options |= {"observe": progress, "observe_search": progress.search}
         with unit.source_units(scan, options["source_units"]) as options["source_units"]:
-            return register_files(scan, unit.geometry, began, shown, **options)
+            return unit.named(register_files(scan, unit.geometry, began, shown, **options), part, digests)
 
 
 def _suggest(part: Path, scan: Path | None, options: dict[str, Any]) -> int:
@@ -212,7 +214,7 @@ def _suggest(part: Path, scan: Path | None, options: dict[str, Any]) -> int:
     from dqreg.inspection.scanned_part import ScannedPart
 
     unit = shown_target(part, options["target_units"], wanted)
-    result = _registered(scan, unit, consoles(quiet=True, as_json=True)[1], options)
+    result = _registered(scan, part, unit, consoles(quiet=True, as_json=True)[1], options)
     scanned = ScannedPart.of(result.deviations())
     shares = dict(enumerate(scanned.coverage().tolist()))
     click.echo(suggested_plan(mesh, shares, units=mesh.units, noise=scanned.noise))

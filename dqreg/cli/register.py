@@ -138,10 +138,11 @@ def register_command(
         start_where_nothing_is_kept()
     from dqreg._open3d import load_open3d
     from dqreg.files.poses import read_start
-    from dqreg.inspection import decide
+    from dqreg.inspection.decision import decide, of_shape
     from dqreg.inspection.tolerances import share_of_percent, tolerance_of
     from dqreg.registration.display_unit import shown_target
     from dqreg.registration.inspected import expected_deviation_of
+    from dqreg.registration.side_digests import digests_of_sides
     from dqreg.report import make_progress
 
     # Asked before the work starts, so that no result is lost after it.
@@ -152,6 +153,7 @@ def register_command(
     share = share_of_percent(required, "--required")
     options["expected_deviation"] = expected_deviation_of(None, allowed, None, options["expected_deviation"])
     console, shown = consoles(quiet=quiet, as_json=as_json, apart=True)
+    digests = digests_of_sides({"source": scan, "target": target}) if out or report else None
     unit = shown_target(target, options["target_units"], options.pop("display_units"))
     options["target_units"], began = unit.units, unit.start(read_start(start))
     shows = make_progress(shown, quiet=shown.quiet, unit=unit.units, searching=began is None)
@@ -163,7 +165,7 @@ def register_command(
         options |= {"observe": progress, "observe_search": progress.search}
         with unit.source_units(scan, options["source_units"]) as options["source_units"]:
             result = register_files(scan, unit.geometry, began, console, **options)
-    result = unit.named(result, target, out)
+    result = unit.named(result, target, digests)
     if allowed is not None:
         refuse_swapped(result, scan, target)
     tell_result(result, unit.native(result), out, aligned, console)
@@ -172,16 +174,15 @@ def register_command(
     if deviations is not None or allowed is not None:
         measured = tell_deviations(result, deviations, allowed, console, reach=reach, exclude=exclude, keep=keep)
     if measured is not None and allowed is not None:
-        decision = decide(measured, allowed, share)
+        decision = of_shape(decide(measured, allowed, share), result.settings)
         tell_decision(decision, measured, console, result)
     if report is not None:
         tell_report(result, report, reach, began, console, measured, decision)
     if as_json:
         found = None if measured is None else deviation_record(measured, decision, trusted=trusted)
         print_json(result.to_dict() if found is None else result.to_dict() | {"deviations": found})
-    if not trusted:
-        return 1
-    return 0 if decision is None or decision.outcome == "pass" else 3
+    passes = decision is None or decision.outcome == "pass"
+    return (0 if passes else 3) if trusted else 1
 
 
 def _check(

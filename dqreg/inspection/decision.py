@@ -20,7 +20,7 @@ from dqreg.inspection.tolerances import REQUIRED_SHARE, PointLimits, Tolerance, 
 from dqreg.inspection.wall_doubts import WallDoubt
 
 # Code of a decision on thin walls whose sides cannot be told apart.
-WALL_SIDE = "wall_side"
+WALL_SIDE, SOLVED_SCALE = "wall_side", "solved_scale"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,7 +57,8 @@ class Decision:
     wall_doubts : tuple of WallDoubt
         Patches of thin walls that may have been measured on their other side: with any of them nothing passes.
     codes : tuple of str
-        Stable codes of what keeps a part from passing beside its deviations: ``"wall_side"`` for those patches.
+        Stable codes of what keeps a part from passing beside its deviations: ``"wall_side"`` for those patches,
+        ``"solved_scale"`` where the scan was scaled to fit, so that its size was not measured.
     """
 
     outcome: Outcome
@@ -203,6 +204,14 @@ def _asked(
                 "larger reach"
             )
     return whole, own
+
+
+def of_shape(decision: Decision, settings: Mapping[str, Any]) -> Decision:
+    """The decision as it is of a registration: of a scan that was scaled to fit, the shape alone was measured."""
+    if not settings.get("scale_solved") or SOLVED_SCALE in decision.codes:
+        return decision
+    outcome = worst_of([decision.outcome, "undecided"])
+    return dataclasses.replace(decision, outcome=outcome, codes=(*decision.codes, SOLVED_SCALE))
 
 
 def worst_of(outcomes: list[Outcome]) -> Outcome:

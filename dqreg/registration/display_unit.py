@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -62,11 +62,11 @@ class ShownTarget:
         """A plan that says its unit: that of the file, where it names none."""
         return dataclasses.replace(plan, units=plan.units or self.own)
 
-    def named(self, result: Registration, path: Path, kept: Path | None = None) -> Registration:
+    def named(self, result: Registration, path: Path, digests: Mapping[str, str] | None = None) -> Registration:
         """A result that names the file, not what was made of it; one that is going to be kept has digests of both."""
         if self.scale != 1.0:
             result = dataclasses.replace(result, settings={**result.settings, "target": str(path)})
-        return result if kept is None else with_digests(result)
+        return with_digests(result, digests) if digests else result
 
     def native(self, result: Registration) -> Registration:
         """A result in the unit of the file."""

@@ -18,9 +18,9 @@ SIDES = ("source", "target")
 DIGESTS, CHANGED = "sha256", "changed"
 
 
-def with_digests(result: Registration) -> Registration:
-    """A result with the digests of its files."""
-    return dataclasses.replace(result, settings={**result.settings, DIGESTS: digests_of_sides(result.settings)})
+def with_digests(result: Registration, digests: Mapping[str, str]) -> Registration:
+    """A result with the digests of its files, as `digests_of_sides` found them before these were read."""
+    return dataclasses.replace(result, settings={**result.settings, DIGESTS: dict(digests)})
 
 
 def compared(result: Registration, sides: Mapping[str, Any]) -> Registration:

@@ -159,10 +159,19 @@ def _coverage(found: Inspection, unit: str) -> dict[str, Any] | None:
 
 
 def digests_of(settings: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """SHA-256 of the files that were registered, as they are now: name of the file and digest."""
+    """SHA-256 of the files that were registered: name of the file and digest.
+
+    As they were read where that is known; as they are now where it is not, and where they have changed since and are
+    what is shown.
+    """
     found = []
+    known = {} if settings.get("changed") else settings.get("sha256")
+    known = known if isinstance(known, dict) else {}
     for name in ("source", "target"):
         path = Path(str(settings.get(name) or ""))
+        if isinstance(known.get(name), str):
+            found.append((path.name, known[name]))
+            continue
         try:
             with path.open("rb") as stream:
                 found.append((path.name, hashlib.file_digest(stream, "sha256").hexdigest()))

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import signal
@@ -13,6 +14,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
+from dqreg.cli import attempts
 from dqreg.cli import register as room
 from dqreg.files import READERS, read_cloud, read_geometry, write_cloud
 from dqreg.files.poses import read_start
@@ -52,10 +54,33 @@ def test_a_scale_that_was_solved_for_stands_beside_the_outcome(tmp_path, case, s
     write_cloud(tmp_path / "large.ply", 1.01 * read_cloud(case.scan).points)
     files, page = (tmp_path / "large.ply", case.part), tmp_path / "page.html"
     common = ("--start", start, "--effort", "fast", "--tolerance", "0.15", "--units", "ignore")
-    assert run("register", *files, *common, "--scale", "solve", "--report", page) == 0
+    assert run("register", *files, *common, "--scale", "solve", "--report", page) == 3
     said = "part against ±0.15, in shape alone (the scan was scaled by 0.99"
-    assert f"PASS: {said}" in capsys.readouterr().out
+    words = "so the size of the part was not measured (solved_scale)"
+    out = capsys.readouterr().out
+    assert f"UNDECIDED: {said}" in out
+    assert words in out.replace("\n", " ")
     assert "P" + said[1:] in page.read_text(encoding="utf-8")
+    assert words in page.read_text(encoding="utf-8")
+    # A given scale is no doubt of its size.
+    assert run("register", *files, *common, "--scale", str(1.0 / 1.01)) == 0
+
+
+def test_a_file_that_is_overwritten_after_it_was_read_is_told_as_it_was(tmp_path, case, start, monkeypatch):
+    scan, out, page = tmp_path / "copy.ply", tmp_path / "result.json", tmp_path / "page.html"
+    scan.write_bytes(case.scan.read_bytes())
+    read, others = (hashlib.sha256(content).hexdigest() for content in (scan.read_bytes(), b"the next part"))
+
+    def registered(*args, **options):
+        result = attempts.register_files(*args, **options)
+        scan.write_bytes(b"the next part")
+        return result
+
+    monkeypatch.setattr("dqreg.cli.register.register_files", registered)
+    run("register", scan, case.part, "--start", start, "--effort", "fast", "--out", out, "--report", page)
+    assert json.loads(out.read_text())["settings"]["sha256"]["source"] == read
+    assert read in page.read_text(encoding="utf-8")
+    assert others not in page.read_text(encoding="utf-8")
 
 
 def test_locked_motions_stay_as_in_the_start(tmp_path, case, start, capsys):

@@ -58,3 +58,8 @@ def test_head_and_digests(tmp_path: Path) -> None:
     (tmp_path / "a.stl").write_bytes(b"solid")
     found = digests_of({"source": str(tmp_path / "a.stl"), "target": "array of 5 points"})
     assert found == [("a.stl", hashlib.sha256(b"solid").hexdigest())]
+    # What was read wins over what is there; where that has changed and is shown, it does not.
+    known = {"source": str(tmp_path / "a.stl"), "sha256": {"source": "as read"}}
+    assert digests_of(known) == [("a.stl", "as read")]
+    assert digests_of({**known, "changed": "a.stl has changed"}) == found
+    assert digests_of({**known, "sha256": "of a stranger"}) == found

@@ -41,7 +41,7 @@ def _least_squares(rows: SurfaceRows, T: FloatArray, basis: FloatArray, known: F
     banded = np.isfinite(rows.low) & np.isfinite(rows.high)
     middle = np.where(banded, 0.5 * (np.where(banded, rows.low, 0.0) + np.where(banded, rows.high, 0.0)), 0.0)
     residuals, pulls = values - middle, slopes * rows.weights[:, None]
-    bread = np.linalg.pinv(pulls.T @ slopes + known, rcond=1e-13, hermitian=True)
+    bread = np.asarray(np.linalg.pinv(pulls.T @ slopes + known, rcond=1e-13, hermitian=True), dtype=np.float64)
     white = _independent(pulls, slopes, residuals, bread, known)
     # Beside a prior the weights are inverse variances already.
     variance = 1.0 if known.any() else dot(rows.weights, residuals**2) / max(len(values) - basis.shape[1], 1)

@@ -79,7 +79,8 @@ def covariance_on(
     rows, slopes = distances(kind, shape, points)
     if len(rows) != len(points) or len(points) < MIN_PATCHED_POINTS:
         return covariance
-    return without_form(covariance, np.linalg.pinv(slopes.T @ slopes) * rms**2, scanned)
+    white = np.asarray(np.linalg.pinv(slopes.T @ slopes) * rms**2, dtype=np.float64)
+    return without_form(covariance, white, scanned)
 
 
 def without_form(covariance: FloatArray, white: FloatArray, scanned: float) -> FloatArray:

@@ -188,10 +188,20 @@ def _refused(row: PlannedCharacteristic, error: InputError) -> Characteristic:
     """A characteristic that is not of this part, which costs no other line of the sheet."""
     nominal = math.nan if row.nominal is None else row.nominal
     low, high = _limits(row, nominal)
-    of = {"faces": (), "nominal": nominal, "low": low, "high": high, "points": 0, "coverage": math.nan, "fit": row.fit}
-    remark = str(error.__cause__ or error)
     return Characteristic(
-        row.name, row.kind, value=math.nan, uncertainty=math.nan, outcome="undecided", remark=remark, **of
+        name=row.name,
+        kind=row.kind,
+        faces=(),
+        nominal=nominal,
+        low=low,
+        high=high,
+        value=math.nan,
+        uncertainty=math.nan,
+        outcome="undecided",
+        points=0,
+        coverage=math.nan,
+        remark=str(error.__cause__ or error),
+        fit=row.fit,
     )
 
 

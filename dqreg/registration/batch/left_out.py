@@ -47,6 +47,8 @@ class LeftOut:
 def left_out_of(line: Line, before: int, value: Mapping[str, Any] | None) -> LeftOut:
     """What is left out of a trend with a line; the value that was measured, None where there is none."""
     error = "" if line.inspection is None else str(line.inspection.get("error") or "")
+    if not error and not math.isnan(line.scale):
+        error = f"scaled by {line.scale:.6g} to fit, so that its size was not measured"
     reason = error if line.verdict == "accepted" else next(iter(line.reasons), error)
     measured = None if value is None else value["value"]
     return LeftOut(
@@ -72,5 +74,5 @@ def withheld_words(left_out: Sequence[LeftOut], parts: int) -> str:
         return ""
     return (
         f"no Cp, Cpk and control limits: {len(doubted)} of {parts} parts are left out that may be rejects, as their "
-        "shape may be why their alignment is not trusted, or they measure out of their limits"
+        "shape may be why their alignment is not trusted, their size was not measured, or they are out of their limits"
     )

@@ -5,8 +5,12 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
 from typing import Any
 
+from dqreg.errors import DqregError
+from dqreg.files.file_digests import digest_of
 from dqreg.files.units import factor
 from dqreg.registration.batch.row import BATCH, Row, RowResult
 from dqreg.trust.records import Reason
@@ -32,11 +36,21 @@ class Line:
     unit: str = ""  # Of its lengths; "" where it is not known
     scale: float = math.nan  # That was solved for; NaN where none was
     inspection: Mapping[str, Any] | None = None  # As `Inspected.record` has it; None where nothing was asked
+    inputs: Mapping[str, Any] = dataclasses.field(default_factory=dict)  # As `inputs_of` has them, where it ran
 
     @property
     def part(self) -> str:
         """Whether the part passes: "pass", "fail", "undecided", or "" where that was not asked."""
         return "" if self.inspection is None else str(self.inspection["outcome"])
+
+    @cached_property
+    def drawing(self) -> tuple[str, str]:
+        """Digests of the target and the plan, which tell what its values are of whatever these files are called.
+
+        Of what was read, or of what is there; their paths where nothing is.
+        """
+        plan = (self.inputs.get("inspection") or {}).get("plan")
+        return _drawn(self.row.target, self.inputs.get("target")), _drawn(self.row.asked.plan, plan)
 
     def figure(self, name: str) -> float:
         """A figure of the inspection, as `Inspected.record` calls it; NaN where there is none."""
@@ -81,7 +95,17 @@ def line_of(row: Row, done: RowResult, *, kept: bool = False) -> Line:
         unit=str(shown["units"] or ""),
         scale=_number(record.get("scale")) if (record.get("settings") or {}).get("scale_solved") else math.nan,
         inspection=record[BATCH].get("inspection"),
+        inputs=record[BATCH].get("inputs") or {},
     )
+
+
+def _drawn(path: Path | None, known: list[Any] | None) -> str:
+    if path is None:
+        return ""
+    try:
+        return str((known or digest_of(path))[2])
+    except (DqregError, OSError):
+        return str(path)
 
 
 def _reasons(verdict: dict[str, Any]) -> tuple[str, ...]:

@@ -31,11 +31,6 @@ def unit_of(line: Line, value: dict[str, Any]) -> str:
     return {"angle": "degree", "share": "%"}.get(str(value["kind"]), str(line.inspection["units"] or ""))
 
 
-def drawing_of(line: Line) -> tuple[object, object]:
-    """What the values of a part are of: the target, and the plan that measures it."""
-    return line.row.target, line.row.asked.plan
-
-
 def key_of(row: Row) -> tuple[object, ...]:
     """The same for two rows where they are one value of one drawing, in one unit and within the same limits."""
     line, number, value = row
@@ -43,7 +38,7 @@ def key_of(row: Row) -> tuple[object, ...]:
     place = 0 if kind in OF_DECISION else number
     # Those of a tapered wall are of the place where it is worst, and there are none where it was not scanned.
     limits = () if kind in MOVING else (value["low"], value["high"])
-    return drawing_of(line), place, str(value["name"]), kind, unit_of(line, value), *limits
+    return line.drawing, place, str(value["name"]), kind, unit_of(line, value), *limits
 
 
 def followed(rows: Sequence[Row]) -> list[Row]:
@@ -66,14 +61,16 @@ def _from_nominal(value: dict[str, Any]) -> dict[str, Any]:
     return {**value, "name": name, "nominal": 0.0, **numbers, "value": measured}
 
 
-def drawing_words(lines: Sequence[Line]) -> dict[tuple[object, object], str]:
+def drawing_words(lines: Sequence[Line]) -> dict[tuple[str, str], str]:
     """What each drawing of a batch is called, in the order of the manifest; "" where there is but one."""
-    rows = {drawing_of(line): line.row for line in lines}
-    targets = {row.target for row in rows.values()}
-    alike = len({target.name for target in targets}) < len(targets)
+    # By the first row of each: others may have a copy of its files.
+    rows = {line.drawing: line.row for line in reversed(lines)}
+    rows = {line.drawing: rows[line.drawing] for line in lines}
+    targets = {target: row.target for (target, _), row in rows.items()}
+    alike = len({path.name for path in targets.values()}) < len(targets)
     words = {}
     for drawing, row in rows.items():
-        plans = {plan for target, plan in rows if target == row.target}
+        plans = {plan for target, plan in rows if target == drawing[0]}
         of = f"{row.target.parent.name}/{row.target.name}" if alike else row.target.name
         by = f" by {row.asked.plan.name if row.asked.plan else 'its tolerance'}" if len(plans) > 1 else ""
         words[drawing] = of + by if len(rows) > 1 else ""

@@ -12,7 +12,7 @@ import numpy as np
 from dqreg.files.csv_text import csv_text
 from dqreg.inspection.plan.characteristics import ZONES
 from dqreg.registration.batch.left_out import LeftOut, left_out_of, withheld_words
-from dqreg.registration.batch.trend_values import drawing_of, drawing_words, followed, key_of, unit_of, values_of
+from dqreg.registration.batch.trend_values import drawing_words, followed, key_of, unit_of, values_of
 from dqreg.report.control_chart import Sample, control_chart
 from dqreg.report.text import decimals_of
 
@@ -111,7 +111,7 @@ def trends_of(lines: Sequence[Line]) -> tuple[Trend, ...]:
     trends: dict[object, list[Trend]] = {drawing: [] for drawing in drawings}
     for rows in map(followed, found.values()):
         if len(rows) > 1:
-            kinds, drawing = {_asked(line) for line, _, _ in rows}, drawing_of(rows[0][0])
+            kinds, drawing = {_asked(line) for line, _, _ in rows}, rows[0][0].drawing
             missing = [(line, 0, None) for line in silent if _asked(line) in kinds]
             trend = _trend(sorted([*rows, *missing], key=lambda row: order[id(row[0])]), rows[0])
             trends[drawing].append(dataclasses.replace(trend, target=drawings[drawing]))
@@ -119,7 +119,7 @@ def trends_of(lines: Sequence[Line]) -> tuple[Trend, ...]:
 
 
 def _asked(line: Line) -> tuple[object, ...]:
-    return *drawing_of(line), line.row.asked.tolerance
+    return *line.drawing, line.row.asked.tolerance
 
 
 def _trend(rows: Sequence[tuple[Line, int, dict[str, Any] | None]], measured: Row) -> Trend:
@@ -127,7 +127,7 @@ def _trend(rows: Sequence[tuple[Line, int, dict[str, Any] | None]], measured: Ro
     samples: list[Sample] = []
     left_out: list[LeftOut] = []
     for line, _, value in rows:
-        if value is None or line.verdict != "accepted":
+        if value is None or line.verdict != "accepted" or not math.isnan(line.scale):
             left_out.append(left_out_of(line, len(samples), value))
         elif value["value"] is not None:
             numbers = float(value["value"]), _number(value["uncertainty"])

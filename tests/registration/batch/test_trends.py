@@ -223,3 +223,31 @@ def test_a_lot_of_which_no_part_is_trusted_is_shown() -> None:
     (trend,) = trends_of([left_out(k, 10.0 + k, ["stretched"]) for k in range(3)])
     assert (len(trend.samples), len(trend.left_out)) == (0, 3)
     assert "3 left out" in to_html("t", [left_out(k, 10.0 + k, ["stretched"]) for k in range(3)])
+
+
+def test_copies_of_one_drawing_are_one_drawing(tmp_path: Path) -> None:
+    lines = []
+    for k, value in enumerate(VALUES):
+        # Each part has a folder of its own with the part's file and the plan in it; the last has another part.
+        folder = tmp_path / str(k)
+        folder.mkdir()
+        (folder / "p.stl").write_bytes(b"other" if k == 3 else b"part")
+        (folder / "p.toml").write_bytes(b"plan")
+        of = line(k, value)
+        asked = dataclasses.replace(of.row.asked, plan=folder / "p.toml")
+        lines.append(dataclasses.replace(of, row=dataclasses.replace(of.row, target=folder / "p.stl", asked=asked)))
+    (trend,) = trends_of(lines)
+    assert [sample.value for sample in trend.samples] == list(VALUES[:3])
+    # What was read counts, not what is there by now.
+    (tmp_path / "3" / "p.stl").write_bytes(b"part")
+    read = dataclasses.replace(lines[3], inputs={"target": ["p.stl", 5, "digest"]})
+    assert len(trends_of([*lines[:3], read])[0].samples) == 3
+    assert len(trends_of([*lines[:3], dataclasses.replace(lines[3])])[0].samples) == 4
+
+
+def test_values_of_a_scan_that_was_scaled_to_fit_are_in_no_trend() -> None:
+    scaled = dataclasses.replace(line(2, 10.05), scale=0.99)
+    (trend,) = trends_of([line(0, 10.0), line(1, 10.01), scaled])
+    assert len(trend.samples) == 2
+    assert math.isnan(trend.cpk)
+    assert "scaled by 0.99 to fit, so that its size was not measured" in trend.left_out[0].words
