@@ -181,8 +181,7 @@ def register_command(
     if as_json:
         found = None if measured is None else deviation_record(measured, decision, trusted=trusted)
         print_json(result.to_dict() if found is None else result.to_dict() | {"deviations": found})
-    passes = decision is None or decision.outcome == "pass"
-    return (0 if passes else 3) if trusted else 1
+    return 1 if not trusted else 3 if decision is not None and decision.outcome != "pass" else 0
 
 
 def _check(

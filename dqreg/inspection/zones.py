@@ -54,7 +54,7 @@ class Surface:
     def of(cls, feature: Feature, scan: FaceScan) -> Surface:
         """The face from its scan and the plane that is fitted to it."""
         offsets = distances("plane", feature.shape, scan.points)[0]
-        return cls(feature, Medians.of(offsets, scan.points, scan.noise), scan.corners)
+        return cls(feature, Medians.of(offsets, scan.points, scan.noise, to_rim=True), scan.corners)
 
     def feet(self, plane: Feature) -> FloatArray:
         """Feet of the medians' places, then of the corners, on a plane beside the fitted one: (m + k, 3)."""

@@ -118,6 +118,8 @@ def _words(result: RegistrationResult, data: ReportData | None, unit: str) -> di
         "unit_known": settings.get("target_units") is not None,
         "tiles": tables.tiles_of(result, data, unit),
         "noun": tables.noun_of(data),
+        # Against another scan it is the scan that is judged.
+        "judged": "part" if tables.noun_of(data) == "part" else "scan",
         "data": data is not None,
         "why_no_view": NO_SIDES,
     }

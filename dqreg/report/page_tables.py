@@ -61,7 +61,7 @@ def tiles_of(result: RegistrationResult, data: ReportData | None, unit: str) -> 
             (f"On the {noun}", f"{percent(summary.count / total)} %", f"{summary.count:,} of {total:,} points")
         )
         if data.decision is not None:
-            words = f"of the points on the part; {percent_asked(data.decision.required_share)} % are required"
+            words = f"of the points on the {noun}; {percent_asked(data.decision.required_share)} % are required"
             within = f"Within {tolerance_text(data.decision, unit)}"
             tiles.insert(0, (within, f"{percent(data.decision.share_within)} %", words))
     else:
@@ -101,19 +101,19 @@ def deviations_of(data: ReportData) -> dict[str, Any] | None:
 
 def counts_rows(found: Deviations, unit: str) -> list[tuple[str, str, str, str]]:
     """What the points of the scan belong to: name, number, share of the scan, remark; numbers and shares add up."""
-    counts = found.counts
+    counts, noun = found.counts, "part" if isinstance(found.target, Mesh) else "target"
     rows = [
         ("Points of the scan", counts.total, ""),
         ("Excluded", -counts.excluded, "in a box that was left out"),
         ("Beyond reach", -counts.beyond_reach, reach_words(found, unit)),
-        ("Other surfaces", -counts.other_surfaces, "within reach, of a surface that leaves the part: a table, a clamp"),
+        ("Other surfaces", -counts.other_surfaces, f"within reach, of a surface off the {noun}: a table, a clamp"),
         ("Outliers", -counts.outliers, "within reach, single points off every surface"),
-        ("On the part", counts.on_part, "all figures are of these"),
+        (f"On the {noun}", counts.on_part, "all figures are of these"),
     ]
     return [
         (name, f"{number:,}".replace("-", "− "), f"{percent(abs(number) / max(counts.total, 1))} %", words)
         for name, number, words in rows
-        if number or name in ("Points of the scan", "On the part")
+        if number or name in ("Points of the scan", f"On the {noun}")
     ]
 
 

@@ -172,7 +172,8 @@ def _title(data: ReportData, panel: PicturePanel) -> tuple[str, str]:
     if panel.state == "after":
         return f"scan in place: {count}", ALIGNED
     view = data.view if panel.view == BEST else panel.view
-    return f"deviation of the scan from the part, {view} view", INK
+    noun = "part" if isinstance(data.inputs.target.geometry, Mesh) else "target"
+    return f"deviation of the scan from the {noun}, {view} view", INK
 
 
 def _some(rows: np.ndarray[tuple[int], np.dtype[np.int64]]) -> np.ndarray[tuple[int], np.dtype[np.int64]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,9 @@ import pytest
 
 from dqreg.geometry import Mesh, MeshSurface, sample_mesh
 from dqreg.inspection import Inspection, inspect, measure_deviations
+from dqreg.inspection.features import fit_feature
 from dqreg.inspection.plan.file import plan_of
+from dqreg.inspection.zones import FaceScan, orientation
 from dqreg.rigid import pose, twist
 from dqreg.synth.parts import box, bracket
 
@@ -110,3 +113,16 @@ def test_the_end_of_an_axis_that_was_not_scanned_counts_as_uncertain() -> None:
     for each in (whole, part):
         assert abs(each.value - right) <= each.uncertainty
     assert part.uncertainty > 2.0 * whole.uncertainty
+
+
+def test_the_zone_of_a_bowed_face_reaches_its_rims() -> None:
+    # Its farthest places lie at the rims, where the neighbours of a point lie to one side of it.
+    x, y = np.random.default_rng(21_100).uniform([-60.0, -40.0], [60.0, 40.0], (2_500, 2)).T
+    noise = NOISE * np.random.default_rng(21_101).normal(size=len(x))
+    points = np.column_stack([x, y, 0.4 * (x / 60.0) ** 2 + noise])
+    corners = np.array([[-60, -40, 0], [60, -40, 0], [60, 40, 0], [-60, 40, 0.0]])
+    plane = fit_feature(points, "plane")
+    # Without what the form adds to the uncertainty of the fitted plane: that of the zone alone.
+    plane = dataclasses.replace(plane, covariance=np.zeros_like(plane.covariance))
+    found = orientation(plane, fit_feature(corners, "plane"), FaceScan(points, corners, NOISE), 0.0)
+    assert abs(found.value - 0.4) <= min(found.uncertainty, 0.015)
