@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 
 from dqreg._arrays import FloatArray
@@ -26,6 +28,8 @@ from dqreg.inspection.zones import FaceScan
 
 # Those that depend on the size or place of a round face, which form error changes where little of it was seen.
 SIZED = ("diameter", "distance", "form", "position", "coaxiality")
+# Points whose heights along an axis differ by no more than that do not hold its tilt against form.
+MAX_FLAT_RADII = 0.2
 
 
 def faces_of_row(part: ScannedPart, row: PlannedCharacteristic) -> list[Face]:
@@ -100,7 +104,7 @@ def measured_value(
     if row.kind == "angle":
         return compute.angle(measured[0], measured[1], row.nominal or 0.0, [part.ideal(face) for face in faces])
     if row.kind == "form":
-        return compute.form(measured[0], points, part.noise)
+        return _of_held_axis(compute.form(measured[0], points, part.noise), measured[0], part.ideal(faces[0]), points)
     if row.kind in ("roundness", "straightness"):
         return _line_form(part, row, faces[0])
     if row.kind == "position":
@@ -108,6 +112,18 @@ def measured_value(
         return zones.position(measured[0], ideal, _scan_of(part, faces, ideal), frame)
     named = next(datum for datum in plan.datums if datum.name == row.datum)
     return _to_datum(part, row, faces[0], part.face(named.face), part.measured(part.face(named.face), named.fit))
+
+
+def _of_held_axis(form: Measured, feature: Feature, ideal: Feature, points: FloatArray) -> Measured:
+    """A form with the two lobes that its axis may have followed: of points at one height the tilt takes them.
+
+    A round face tilted by an angle is an ellipse across its own axis, whose zone is the radius times that squared.
+    """
+    height = float(np.ptp(points @ ideal.axis))
+    if feature.kind not in ("cylinder", "cone") or height > MAX_FLAT_RADII * feature.radius:
+        return form
+    sine = float(np.linalg.norm(np.cross(feature.axis, ideal.axis)))
+    return dataclasses.replace(form, uncertainty=form.uncertainty + feature.radius * sine**2)
 
 
 def _middle_of_limits(row: PlannedCharacteristic) -> float:

@@ -104,6 +104,14 @@ def test_a_scale_that_was_solved_for_stands_beside_the_outcome():
     assert to_html("b", lines).count("in shape alone: scaled by 0.990099 to fit") == 1
 
 
+def test_long_reasons_are_folded():
+    long = "all is well; " + "the part looks the same after a half-turn; " * 9
+    page = to_html("b", [Line(ROW, "accepted", (long,)), Line(ROW, "accepted", ("all is well",))])
+    assert page.count("<details>") == 1
+    assert long in page
+    assert "<li>all is well</li>" in page
+
+
 def test_page_escapes_what_comes_from_outside_and_loads_nothing(tmp_path):
     (tmp_path / "a.jpg").write_bytes(b"jpeg")
     page = to_html(NASTY, LINES, tmp_path)
