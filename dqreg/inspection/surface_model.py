@@ -69,23 +69,26 @@ class Medians:
             medians = medians + smooth.at(points[rows]) - smooth.at(points[around].mean(axis=1))
         return cls(rows, medians, sigma_of(noise, count), points, around, values, noise, smooth)
 
-    def corrected(self, value: float, statistic: Statistic, unit: float = 1.0) -> tuple[float, float]:
+    def corrected(
+        self, value: float, statistic: Statistic, unit: float = 1.0, *, flat: FloatArray | None = None
+    ) -> tuple[float, float]:
         """A statistic without what noise adds to it, and its expanded uncertainty; one place adds ``unit``.
 
         Noise adds most to the extremes of a smooth surface, whose many places compete to be the farthest, and least
         where the medians themselves are taken for the surface: one place then is. The truth lies between, as far as
-        the place that is the farthest is known itself.
+        the place that is the farthest is known itself. ``flat`` is one more surface that it may be, (m,), where more
+        places compete than on a smooth one: a step has a plateau.
         """
         if self.sigma == 0.0:
             return value, 0.0
         noise = self._draws()
-        most, least = (
+        least, *more = (
             float(noisy.mean() - statistic(surface[None])[0])
-            for surface in (self._smooth(), self.values)
+            for surface in (self.values, self._smooth(), *([] if flat is None else [flat]))
             for noisy in [statistic(surface + noise)]
         )
         scatter = float(statistic(self.values + noise).std(ddof=1))
-        most = max(most, least)
+        most = max(least, *more)
         half = 0.5 * (most - least)
         room = half + COVERAGE_FACTOR * scatter + UNKNOWN_SIGMAS * unit * self.sigma
         return max(value - least - half, 0.0), room + self._beyond(statistic)

@@ -22,6 +22,8 @@ from dqreg.inspection.surface_model import Medians
 OPPOSITE_COS = 0.7
 # Scan points on the far side are its measurement there within so many usual spacings.
 REACH_SPACINGS = 3.0
+# Noise of a face's medians lies within so many of their standard deviations, from the least to the largest.
+PLATEAU_SIGMAS = 5.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -50,7 +52,12 @@ class Wall:
         above = self.nominals - base - middle
         away = self.values - base - middle
         k = int(np.argmax(np.abs(away)))
-        size, spread = self.differences.corrected(float(abs(away[k])), lambda z: np.abs(z + above).max(axis=1))
+        # Places that noise alone may tell from the farthest one, all as far as each other: a wall has steps.
+        level = np.abs(away) > abs(away[k]) - PLATEAU_SIGMAS * self.differences.sigma
+        flat = np.where(level, np.sign(away) * np.abs(away)[level].mean() - above, self.differences.values)
+        size, spread = self.differences.corrected(
+            float(abs(away[k])), lambda z: np.abs(z + above).max(axis=1), flat=np.asarray(flat)
+        )
         return Measured(float(base[k]) + middle + float(np.sign(away[k])) * size, spread)
 
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from dqreg._arrays import FloatArray
-from dqreg.geometry import Mesh, MeshSurface
-from dqreg.inspection import inspect, measure_deviations
+from dqreg.geometry import Mesh, MeshSurface, sample_mesh
+from dqreg.geometry.mesh_faces import faces_of
+from dqreg.inspection import inspect, measure_deviations, thickness_of
 from dqreg.inspection.plan.file import plan_of
 from dqreg.inspection.plan.run import Characteristic
 from dqreg.synth.parts import box
@@ -84,3 +85,17 @@ def test_a_nominal_thickness_of_the_plan_is_that_of_a_tapered_wall_everywhere() 
     # The last place lies within a neighbourhood of the rim.
     assert abs(found.value - thinnest) <= 0.05
     assert found.outcome == "fail"
+
+
+def test_a_wall_with_a_step_is_within_its_uncertainty() -> None:
+    # Half of the wall is 0.1 thicker: as many places compete to be the thickest as on a flat face.
+    noise, part = 0.01, Mesh(*box((30.0, 20.0, 2.0)))
+    surface, face = MeshSurface(part), int(faces_of(part)[1][int(np.argmax(part.face_normals[:, 2]))])
+    for seed in range(20_950, 20_956):
+        rng = np.random.default_rng(seed)
+        points = sample_mesh(part, 12_000, rng).points.copy()
+        normals = part.face_normals[surface.closest(points).elements]
+        points[(normals[:, 2] > 0.5) & (points[:, 0] > 0.0), 2] += 0.1
+        points += normals * (noise * rng.normal(size=len(points)))[:, None]
+        wall = thickness_of(measure_deviations(points, part, surface, reach=0.9), face)
+        assert abs(wall.value - 2.1) <= wall.uncertainty < 0.02
