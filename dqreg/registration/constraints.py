@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any
 
 import numpy as np
@@ -79,3 +80,10 @@ class PoseConstraints:
     def information(self, T: FloatArray) -> FloatArray | None:
         """Information of the prior about the twist, (6, 6); None without one."""
         return None if self.prior is None else self.prior.information(T)
+
+    def prior_sigmas(self, T: FloatArray) -> float:
+        """How far the prior's pose is from one that weighs it with a scan, in its standard deviations; 0 without one.
+
+        From the scan's own it is farther: those are as sure as the distances, which grow where the two contradict.
+        """
+        return 0.0 if self.prior is None else math.sqrt(max(self.prior.value(T), 0.0))

@@ -66,6 +66,12 @@ START_LEFT = (
     "the pose is {:.0f} degrees and {:.2g} of the target's size from the initial pose, farther than a rough one errs: "
     "the scan fits better here"
 )
+PRIOR_LEFT = (
+    "the pose is {:.0f} standard deviations of the prior away from it, where {:.0f} would be chance: the prior is of "
+    "another frame, off, or not as sure as it says"
+)
+# Standard deviations beyond which a prior contradicts: of six motions three in a million are so far off by chance.
+EXCLUDED_SIGMAS = 6.0
 NOT_JUDGED = "the pose was not judged, as verdict=False asks: whether it is right is for the caller to tell"
 UNJUDGED = Verdict("suspect", (Reason(NOT_JUDGED, "not_judged"),))
 
@@ -157,6 +163,8 @@ def judged(
     verdict = verdict_on(fit, evidence)
     if verdict.level == "accepted" and (words := START_LOST if known.start_lost else _left_by(fit)):
         verdict = verdict._remarked(Reason(words, "contradicted_start"))
+    if fit.found and (sigmas := fit.constraints.prior_sigmas(fit.T_target_source)) > EXCLUDED_SIGMAS:
+        verdict = verdict._remarked(Reason(PRIOR_LEFT.format(sigmas, EXCLUDED_SIGMAS), "contradicted_prior"))
     return uncertainty, verdict, alternatives
 
 

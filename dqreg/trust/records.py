@@ -77,6 +77,7 @@ Code = Literal[
     "wrong_viewpoint",
     "opposite_sides",
     "contradicted_start",
+    "contradicted_prior",
     # notes
     "local_difference",
     "dropped_points",

@@ -163,3 +163,11 @@ def test_of_a_scan_that_fits_no_forbidden_motion_is_asked() -> None:
     assert found.verdict.level == "accepted"
     (check,) = [check for check in found.verdict.checks if check.code == "forbidden_motion"]
     assert check.passed is None
+
+
+@pytest.mark.parametrize(("sigmas", "remarks"), [(2.0, ()), (50.0, ("contradicted_prior",))])
+def test_a_prior_that_the_scan_excludes_is_said(sigmas: float, remarks: tuple[str, ...]) -> None:
+    sigma = 1e-3 * SIZE
+    off = pose.from_parts(np.eye(3), [sigmas * sigma, 0.0, 0.0])
+    result = dqreg.register(POINTS, PART, "identity", prior=(off, [1e-3] * 3 + [sigma**2] * 3))
+    assert result.verdict.codes == ("accepted", *remarks)
