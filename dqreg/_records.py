@@ -1,9 +1,13 @@
-"""What all records of values have in common: they are shown in one line, and their arrays do not change."""
+"""What all records of values have in common: one line shows them, their arrays do not change, and some remember more.
+
+What a record remembers beside its fields is in no constructor, no comparison and no copy by `replace`: what was found
+once, or what a later step needs. Under the name of a cached property it stands for what that would find.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -15,9 +19,10 @@ if TYPE_CHECKING:
     from dataclasses import replace as replaced
 
 Record = TypeVar("Record")
+Value = TypeVar("Value")
 Array = TypeVar("Array", bound="np.ndarray[Any, Any]")
 
-__all__ = ["lock", "one_line", "read_only", "replaced"]
+__all__ = ["lock", "made_of", "made_once", "one_line", "read_only", "remember", "remembered", "replaced"]
 
 # Numbers of an array that a line shows.
 SHOWN_NUMBERS = 6
@@ -62,6 +67,31 @@ def read_only(array: Array) -> Array:
     view = array.view()
     view.setflags(write=False)
     return view
+
+
+def remember(record: Record, **values: object) -> Record:
+    """The record itself, which from now on remembers these values."""
+    vars(record).update(values)
+    return record
+
+
+def remembered(record: object, name: str, default: Any = None) -> Any:
+    """What a record remembers under a name, or a default."""
+    return vars(record).get(name, default)
+
+
+def made_once(record: object, name: str, make: Callable[[], Value]) -> Value:
+    """What a record remembers under a name, made the first time it is asked for: threads that meet make the same."""
+    known = vars(record)
+    if name not in known:
+        known[name] = make()
+    found: Value = known[name]
+    return found
+
+
+def made_of(kind: type[Record], values: Mapping[str, object]) -> Record:
+    """A record of values by name, fields or not, that need no check: its constructor is not asked."""
+    return remember(object.__new__(kind), **values)
 
 
 if not TYPE_CHECKING:

@@ -235,6 +235,27 @@ def test_rows_of_a_cloud_are_taken_in_one_place() -> None:
     assert {name for name, file in modules().items() if points_by_hand(parsed(file))} == POINTS_BY_HAND.keys()
 
 
+def writes_vars(tree: ast.Module) -> list[str]:
+    """Statements of a module that write into `vars` of something, by name or by `update` and the like."""
+
+    def is_vars(node: ast.AST) -> bool:
+        called = isinstance(node, ast.Call) and ast.unparse(node.func) == "vars"
+        return called or (isinstance(node, ast.Attribute) and node.attr == "__dict__")
+
+    changing = ("update", "setdefault", "pop")
+    return [
+        ast.unparse(node)
+        for node in ast.walk(tree)
+        if (isinstance(node, ast.Subscript) and not isinstance(node.ctx, ast.Load) and is_vars(node.value))
+        or (isinstance(node, ast.Attribute) and node.attr in changing and is_vars(node.value))
+    ]
+
+
+def test_what_a_record_remembers_beside_its_fields_is_written_in_one_place() -> None:
+    found = {name: writes_vars(parsed(file)) for name, file in modules().items()}
+    assert {name: lines for name, lines in found.items() if lines} == {"dqreg._records": ["vars(record).update"]}
+
+
 def packed_numbers(tree: ast.Module) -> list[str]:
     """Assignments of a module that give three names and more to numbers, each by what it assigns."""
     packed = []

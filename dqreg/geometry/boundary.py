@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
+from dqreg._records import remember
 from dqreg.geometry.neighbours import KEPT_NEIGHBOURS, NeighbourTree
 from dqreg.geometry.normals import MIN_SPREAD_RATIO, sample_rows
 from dqreg.kernels.threads import unlocked_property
@@ -157,8 +158,7 @@ class CloudBoundary:
     def knowing(self, is_rim: BoolArray, known: BoolArray) -> CloudBoundary:
         """The same where it is known of some points whether they are of the rim, (n,)."""
         found = CloudBoundary(self._tree, self._points)
-        found._rim, found._known, vars(found)["in_lines"] = is_rim, known, self.in_lines
-        return found
+        return remember(found, _rim=is_rim, _known=known, in_lines=self.in_lines)
 
     def _one_sided(self, rows: IntArray, normals: FloatArray) -> BoolArray:
         from dqreg.kernels.clouds.rims import one_sided_rows

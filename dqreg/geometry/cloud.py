@@ -17,7 +17,7 @@ from dqreg._arrays import (
     require_workable,
     require_workable_ends,
 )
-from dqreg._records import one_line
+from dqreg._records import made_of, one_line, remember, remembered
 from dqreg.errors import InputError
 from dqreg.files.cloud_data import finite_rows, why_unusable
 from dqreg.geometry import exports
@@ -93,7 +93,7 @@ class PointCloud(LatePoints):
             times = None if times is None else times[keep]
             ends = bounds(points)
         require_workable_ends(*ends, "points")
-        self.__dict__["_known_ends"] = ends
+        remember(self, _known_ends=ends)
         place = _viewpoint(self.viewpoint)
         _freeze(self, points=points, normals=normals, dropped=self.dropped + lost, viewpoint=place, times=times)
 
@@ -104,7 +104,7 @@ class PointCloud(LatePoints):
     def _ends(self) -> tuple[FloatArray, FloatArray]:
         """Lowest and highest coordinates, each (3,): known since the points were checked."""
         # A copy made of the fields alone does not know them.
-        known = self.__dict__.get("_known_ends")
+        known = remembered(self, "_known_ends")
         return bounds(self.points) if known is None else known
 
     def _moved(self, offset: FloatArray, scale: float = 1.0) -> PointCloud:
@@ -117,9 +117,7 @@ class PointCloud(LatePoints):
         require_workable_ends(low, high, "points")
         viewpoint = None if self.viewpoint is None else scale * self.viewpoint + offset
         later = self.points, np.array([scale, *offset])
-        other = self._changed(viewpoint=_viewpoint(viewpoint), _known_ends=(low, high), _later=later)
-        del vars(other)["points"]
-        return other
+        return self._changed(viewpoint=_viewpoint(viewpoint), _known_ends=(low, high), _later=later)
 
     def _taken(self, rows: IntArray | BoolArray) -> PointCloud:
         """Some of its points, one at least, each with all that is known of it: no point has to be checked again."""
@@ -134,11 +132,12 @@ class PointCloud(LatePoints):
     def _changed(self, **values: Any) -> PointCloud:
         """The same with other values, which need no check."""
         # As `copy.copy` has it, which asks for much that a cloud has not.
-        other = object.__new__(type(self))
-        other.__dict__.update({**self.__dict__, **values})
-        if "points" in values:
-            other.__dict__.pop("_later", None)
-        return other
+        known = {**vars(self), **values}
+        # Points are there, or what they are made of.
+        for given, other in (("points", "_later"), ("_later", "points")):
+            if given in values:
+                known.pop(other, None)
+        return made_of(type(self), known)
 
     @classmethod
     def from_depth(

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from dqreg._arrays import MAX_LENGTH, BoolArray, FloatArray, IntArray, dot, require_finite, require_workable
+from dqreg._records import remember
 from dqreg.errors import InputError
 from dqreg.geometry.boundary import CloudBoundary
 from dqreg.geometry.cloud import PointCloud
@@ -80,7 +81,7 @@ class CloudSurface:
         self._known = np.full(size, given is not None)
         if derived:
             # Two clouds are prepared beside each other, and `cached_property` of Python 3.11 has one lock for all.
-            vars(self)["_tree"] = NeighbourTree(self._points, late=True)
+            remember(self, _tree=NeighbourTree(self._points, late=True))
         self._search: KdTree | NeighbourTree = self._tree if derived else KdTree(self._points)
         self._kept = DERIVED_CANDIDATES if derived or size > MANY_POINTS else OPEN3D_CANDIDATES
         low, high = cloud._ends

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray, as_vectors, bounds, require_workable_ends
-from dqreg._records import one_line
+from dqreg._records import made_of, one_line, remember
 from dqreg.errors import InputError
 from dqreg.geometry import exports
 from dqreg.geometry.boundary import MeshBoundary
@@ -75,7 +75,7 @@ class Mesh:
         object.__setattr__(self, "flat", np.concatenate([self.flat, faces[~solid]]))
         object.__setattr__(self, "dropped", self.dropped + int(len(faces) - np.count_nonzero(solid)))
         if solid.all():
-            self.__dict__["bounds"] = ends
+            remember(self, bounds=ends)
         left_out = repeated_faces(self._same_nodes, self.faces, self.flat)
         if left_out is not None:
             object.__setattr__(self, "faces", self.faces[~left_out])
@@ -84,12 +84,10 @@ class Mesh:
 
     def _shifted(self, offset: FloatArray) -> Mesh:
         """The mesh at another place, (3,), nearer to the origin: what was checked once holds there too."""
-        shifted = object.__new__(Mesh)
         fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         # Rounding keeps order, so that the ends of what is shifted are the ends shifted.
         known = {"bounds": self.bounds + offset, "_same_nodes": self._same_nodes}
-        shifted.__dict__.update(fields, vertices=self.vertices + offset, **known)
-        return shifted
+        return made_of(Mesh, {**fields, "vertices": self.vertices + offset, **known})
 
     @cached_property
     def corners(self) -> FloatArray:

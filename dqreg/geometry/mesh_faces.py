@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
+from dqreg._records import made_once
 from dqreg.geometry.face_profiles import connected, cut_walls, pieces_of
 from dqreg.geometry.mesh import Mesh
 
@@ -14,8 +15,6 @@ SHARP_DEG = 22.0
 LEVEL_DEG, FLAT_AREA = 0.5, 0.02
 # Triangles of a face that may be cut where its curvature changes.
 MIN_CUT_TRIANGLES = 6
-# Where a mesh keeps its faces, among what else it computes once.
-KEPT = "_part_faces"
 
 
 def faces_of(mesh: Mesh) -> tuple[int, IntArray]:
@@ -23,14 +22,16 @@ def faces_of(mesh: Mesh) -> tuple[int, IntArray]:
 
     Found once a mesh, which keeps them: an inspection asks some ten times.
     """
-    known: tuple[int, IntArray] | None = vars(mesh).get(KEPT)
-    if known is None:
-        known = vars(mesh)[KEPT] = _found(mesh)
-        known[1].setflags(write=False)
-    return known
+    return made_once(mesh, "_part_faces", lambda: _found(mesh))
 
 
 def _found(mesh: Mesh) -> tuple[int, IntArray]:
+    count, labels = _cut_faces(mesh)
+    labels.setflags(write=False)
+    return count, labels
+
+
+def _cut_faces(mesh: Mesh) -> tuple[int, IntArray]:
     if mesh.regions is not None:
         # Numbers without gaps: a face of the file may have lost all its triangles.
         numbers, labels = np.unique(mesh.regions, return_inverse=True)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds
 from dqreg._open3d import load_open3d
+from dqreg._records import remembered
 from dqreg.geometry.surface import Closest
 from dqreg.kernels.threads import Later
 
@@ -143,8 +144,8 @@ class NeighbourTree:
 
         Shapes: rows (m,), lines (m,), table (l, k), with another k than the count where all of these are in memory.
         """
-        if "_around" in vars(self):
-            indices, farthest = self._around
+        if (around := remembered(self, "_around")) is not None:
+            indices, farthest = around
             if not (farthest[rows] < 0.0).any():
                 return rows, indices
         if len(self._found):

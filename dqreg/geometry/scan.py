@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds
-from dqreg._records import one_line
+from dqreg._records import made_of, made_once, one_line, remember, remembered
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import NORMAL_NEIGHBOURS, ScanPlanes, fit_planes_at, sample_rows
 from dqreg.geometry.spacing import Spread
@@ -84,19 +84,16 @@ class Scan:
 
         def __getattr__(self, name: str) -> FloatArray:
             # Where planes were fitted at few of many points, nobody asks for those of all, as a rule.
-            if name not in COLUMNS or "_planes" not in vars(self):
+            if name not in COLUMNS or remembered(self, "_planes") is None:
                 raise AttributeError(name)
-            vars(self)[name] = self._planes.whole(name)
-            return vars(self)[name]
+            return made_once(self, name, lambda: self._planes.whole(name))
 
     @staticmethod
     def _with(planes: ScanPlanes, fields: dict[str, Any]) -> Scan:
         """A scan of its other fields and of planes at some of its points."""
         if len(planes.rows) == planes.total:
             return Scan(normals=planes.normals, levers=planes.levers, residuals=planes.residuals, **fields)
-        scan = object.__new__(Scan)
-        vars(scan).update(fields, fitted=planes.rows, _planes=planes)
-        return scan
+        return made_of(Scan, {**fields, "fitted": planes.rows, "_planes": planes})
 
     def __len__(self) -> int:
         return len(self.points)
@@ -144,7 +141,7 @@ class Scan:
         Scan
         """
         points, parts = np.take(self.points, rows, axis=0), None if self.parts is None else self.parts[rows]
-        if (planes := vars(self).get("_planes")) is not None:
+        if (planes := remembered(self, "_planes")) is not None:
             some, of_all = planes.at(rows), {name: getattr(self, name) for name in OF_ALL}
             return Scan._with(some, {**of_all, "points": points, "parts": parts, "fitted": some.rows})
         normals, levers, residuals = np.take(self.normals, rows, axis=0), self.levers[rows], self.residuals[rows]
@@ -159,7 +156,7 @@ class Scan:
     @property
     def _fitted_planes(self) -> tuple[IntArray | slice, FloatArray, FloatArray, FloatArray]:
         """Rows at which planes were fitted, and the normals, levers and residuals of these alone."""
-        known = vars(self).get("_planes")
+        known = remembered(self, "_planes")
         if known is not None:
             return known.rows, known.normals, known.levers, known.residuals
         rows = slice(None) if self.fitted is None else self.fitted
@@ -192,7 +189,7 @@ class Scan:
         """Normals that may reject a correspondence, (n, 3): those that were given, or of planes on one face."""
         from dqreg.kernels.clouds.fitted_normals import rough_planes
 
-        fits = vars(self).get("_planes", self)
+        fits = remembered(self, "_planes", self)
         rough, count = rough_planes(fits.residuals, fits.levers, MAX_FLAT_RESIDUAL)
         # Of a denser scan few are, and what they reject at the edges of two views is no overlap as a rule.
         if self.oriented or 2 * len(rough) <= count:

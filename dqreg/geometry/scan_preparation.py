@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 
+from dqreg._records import remember
 from dqreg.errors import InputError
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.cloud_surface import CloudSurface
@@ -91,7 +92,5 @@ def scan_of(
     scan = Scan._with(planes, {"points": points, "parts": parts_of(order), **measured})
     if cloud.normals is not None:
         scan = dataclasses.replace(scan, normals=np.take(cloud.normals, order, axis=0))
-    vars(scan)["diagonal"] = float(np.linalg.norm(np.subtract(*cloud._ends)))
-    if tree is not None:
-        vars(scan)["tree"] = tree
-    return scan
+    remember(scan, diagonal=float(np.linalg.norm(np.subtract(*cloud._ends))))
+    return scan if tree is None else remember(scan, tree=tree)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dqreg._arrays import FloatArray, IntArray, as_vectors
+from dqreg._records import remember
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,8 +51,7 @@ class Closest:
 
     def _with(self, candidates: NDArray[np.int32]) -> Closest:
         """Itself, from now on with candidates."""
-        vars(self)["_candidates"] = candidates
-        return self
+        return remember(self, _candidates=candidates)
 
 
 def as_queries(points: FloatArray) -> FloatArray:

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray, product
+from dqreg._records import remember, remembered
 from dqreg.geometry.scan import Scan
 from dqreg.geometry.surface import Closest, Surface
 from dqreg.geometry.vector_rows import row_dots
@@ -35,9 +36,8 @@ class Correspondences:
         """Those of some rows of the scan alone."""
         closest = self.closest._taken(rows)
         some = Correspondences(self.scan.taken(rows), self.T_target_source, closest, self.same_sign, self.surface)
-        if "moved" in vars(self):
-            vars(some)["moved"] = np.take(self.moved, rows, axis=0)
-        return some
+        moved = remembered(self, "moved")
+        return some if moved is None else remember(some, moved=np.take(moved, rows, axis=0))
 
     @property
     def distances(self) -> FloatArray:
@@ -93,8 +93,7 @@ def find_correspondences(
     moved = moved_points(T_target_source, scan.points)
     closest = surface.closest(moved, None if before is None else (before.moved, before.closest))
     found = Correspondences(scan, T_target_source, closest, scan.oriented and surface.oriented, surface)
-    vars(found)["moved"] = moved
-    return found
+    return remember(found, moved=moved)
 
 
 def moved_points(T_target_source: FloatArray, points: FloatArray) -> FloatArray:
@@ -116,8 +115,7 @@ def propagate(pairs: Correspondences, T_target_source: FloatArray) -> Correspond
     moved, points, distances = _slid(T_target_source, pairs.scan.points, pairs.moved, found.points, found.normals)
     closest = Closest(points, found.normals, distances, found.elements, None, found.variances)
     slid = Correspondences(pairs.scan, T_target_source, closest, pairs.same_sign, pairs.surface)
-    vars(slid)["moved"] = moved
-    return slid
+    return remember(slid, moved=moved)
 
 
 def slid_distances(pairs: Correspondences, T_target_source: FloatArray, rows: IntArray = ALL_ROWS) -> FloatArray:

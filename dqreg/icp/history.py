@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 from dqreg._arrays import FloatArray, warn_of_old_name
-from dqreg._records import read_only
+from dqreg._records import made_of, read_only
 from dqreg.solvers.search_stage import SearchStage
 
 
@@ -35,9 +35,7 @@ class Iteration:
 
     def at(self, T_target_source: FloatArray) -> Iteration:
         """The same record with its pose between other frames."""
-        found = object.__new__(Iteration)
-        vars(found).update(vars(self), T_target_source=read_only(T_target_source))
-        return found
+        return made_of(Iteration, {**vars(self), "T_target_source": read_only(T_target_source)})
 
     @property
     def scale(self) -> float:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, quantile
+from dqreg._records import made_once
 from dqreg.geometry.cells import CellSurface
 from dqreg.geometry.scan import Scan
 from dqreg.icp.correspondences import Correspondences
@@ -63,13 +64,13 @@ def lowering_of(pairs: Correspondences, *, is_last: bool) -> Lowering:
 
 def lever_spread(scan: Scan) -> float:
     """How far the levers of a scan spread, from their first to their last tenth: a ratio; NaN where there are none."""
-    # Asked at each step of a loop.
-    kept = vars(scan)
-    if "_lever_spread" not in kept:
+
+    def spread() -> float:
         known = scan.levers[scan.levers > 0.0]
-        kept["_lever_spread"] = quantile(known, 0.9) / quantile(known, 0.1)
-    found: float = kept["_lever_spread"]
-    return found
+        return quantile(known, 0.9) / quantile(known, 0.1)
+
+    # Asked at each step of a loop.
+    return made_once(scan, "_lever_spread", spread)
 
 
 def flat_planes(pairs: Correspondences) -> BoolArray:

@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
+from dqreg._records import remember, remembered
 from dqreg.geometry.mesh_surface import MeshSurface
 from dqreg.geometry.scan_measures import CLOUD_PARTS
 from dqreg.icp.correspondences import Correspondences
@@ -113,13 +114,13 @@ def weights_by_face(pairs: Correspondences, weights: FloatArray, noise: float) -
     if noise > MISFIT_NOISE_RATIO * pairs.scan.noise or not isinstance(pairs.surface, MeshSurface):
         return weights_by_orientation(pairs, weights, noise)
     # The covariance asks again for what the last step was weighed with.
-    known: tuple[FloatArray, FloatArray] | None = vars(pairs).get("_by_face")
+    known: tuple[FloatArray, FloatArray] | None = remembered(pairs, "_by_face")
     if known is None or known[0] is not weights:
         parts = ONE_PART if pairs.scan.parts is None else pairs.scan.parts
         kept, found = without_creases(pairs, weights, noise), pairs.closest
         squares = _square_heights(pairs, kept)
         known = weights, relative_precisions(squares, found.normals, kept, found.elements, parts)
-        vars(pairs)["_by_face"] = known
+        remember(pairs, _by_face=known)
     return known[1]
 
 
@@ -205,7 +206,7 @@ class _Creases:
 
 def _creases(pairs: Correspondences, weights: FloatArray, width: float) -> _Creases | None:
     # The last step, the loop on rims and the covariance ask for the same.
-    known: tuple[FloatArray, float, _Creases | None] | None = vars(pairs).get("_creases")
+    known: tuple[FloatArray, float, _Creases | None] | None = remembered(pairs, "_creases")
     if known is None or known[0] is not weights or known[1] != width:
         found, surface = None, pairs.surface
         if isinstance(surface, MeshSurface):
@@ -213,7 +214,7 @@ def _creases(pairs: Correspondences, weights: FloatArray, width: float) -> _Crea
             if own_weight > 0.0:
                 found = _Creases(surface, near, squared(np.array(own)), squared(np.array(others)))
         known = weights, width, found
-        vars(pairs)["_creases"] = known
+        remember(pairs, _creases=known)
     return known[2]
 
 

@@ -6,12 +6,10 @@ import dataclasses
 
 import numpy as np
 
+from dqreg._records import made_once
 from dqreg.errors import InputError
 from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.mesh import Mesh
-
-# Where a mesh that is wound inward keeps itself turned round.
-KEPT = "_wound_outward"
 
 
 def wound_outward(mesh: Mesh) -> Mesh:
@@ -21,11 +19,12 @@ def wound_outward(mesh: Mesh) -> Mesh:
     """
     if why_unsigned(mesh) is not None or not mesh.inward_bodies[0]:
         return mesh
-    found: Mesh | None = vars(mesh).get(KEPT)
-    if found is None:
-        faces, flat = (np.ascontiguousarray(each[:, ::-1]) for each in (mesh.faces, mesh.flat))
-        found = vars(mesh)[KEPT] = dataclasses.replace(mesh, faces=faces, flat=flat)
-    return found
+    return made_once(mesh, "_wound_outward", lambda: _turned_round(mesh))
+
+
+def _turned_round(mesh: Mesh) -> Mesh:
+    faces, flat = (np.ascontiguousarray(each[:, ::-1]) for each in (mesh.faces, mesh.flat))
+    return dataclasses.replace(mesh, faces=faces, flat=flat)
 
 
 def outside_of(geometry: Mesh | PointCloud) -> float:

@@ -13,6 +13,7 @@ import time
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg._records import remember
 from dqreg.geometry import Closest, Scan
 from dqreg.geometry.beams import BEAM_SINE
 from dqreg.icp import Alignment, InlierMixture
@@ -181,9 +182,7 @@ class SweptFrame:
     @property
     def frame(self) -> DownsampledFrame:
         """The frame with the motion undone that was found."""
-        found = self._frame.without(single_pose.exp(self._step))
-        vars(found)["scan"] = self.scan
-        return found
+        return remember(self._frame.without(single_pose.exp(self._step)), scan=self.scan)
 
     def steps(
         self, pairs: Correspondences, mixture: InlierMixture, how: Following, ends: tuple[float, float, float, float]
@@ -214,5 +213,4 @@ def _in_cells(scan: Scan, surface: MapSurface, T: FloatArray, before: Correspond
     moved, known = moved_points(T, scan.points), None if before is None else before.closest
     hint = known if isinstance(known, MapPlanes) and len(known.points) == len(moved) else None
     pairs = Correspondences(scan, T, surface.planes_at(moved, hint), same_sign=False, surface=surface)
-    vars(pairs)["moved"] = moved
-    return pairs
+    return remember(pairs, moved=moved)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import FloatArray, as_float, bounds, median
+from dqreg._records import remember
 from dqreg.errors import InputError
 from dqreg.files import read_cloud
 from dqreg.files.cloud_data import TimedCloudData
@@ -109,8 +110,8 @@ def read_frame(points: Any, timestamps: Any) -> RawFrame:
             notes.append(Reason(f"{why}: the sweep was not deskewed", "not_deskewed"))
             times = None
     found = RawFrame(values[keep] if lost else values, times, tuple(notes))
-    vars(found).update({"corner": np.maximum(np.abs(low), np.abs(high)), **({} if times is None else {"span": ends})})
-    return found
+    remember(found, corner=np.maximum(np.abs(low), np.abs(high)))
+    return found if times is None else remember(found, span=ends)
 
 
 def _why_no_sweep(first: float, last: float) -> str:

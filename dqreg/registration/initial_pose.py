@@ -10,6 +10,7 @@ from contextlib import suppress
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg._records import remembered
 from dqreg.geometry import Scan
 from dqreg.icp.stopwatch import Stopwatch
 from dqreg.kernels.kept import Kept
@@ -90,7 +91,7 @@ class GlobalSearch:
     def _pairs(self) -> PairTable:
         """The target's; those of a prepared one are made to the end, whatever the time: a later search needs them."""
         target = self.target
-        if not self.is_kept or "pairs" in vars(target):
+        if not self.is_kept or remembered(target, "pairs") is not None:
             return target.pairs
         return target.derived.once(PAIRS, lambda: Kept(lambda: target.pairs)).result()
 

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
+from dqreg._records import made_of, remember, remembered
 from dqreg.errors import InputError
 from dqreg.files.step import CHORD_DIAGONALS, file_unit, read_step
 from dqreg.files.units import factor
@@ -69,8 +70,8 @@ class TargetIndex:
     def surface(self) -> Surface:
         """The surface, built once and only read from then on."""
         with self._lock:
-            if "surface" in self.__dict__:
-                built: Surface = self.__dict__["surface"]
+            built: Surface | None = remembered(self, "surface")
+            if built is not None:
                 return built
             surface: Surface
             if isinstance(self.geometry, Mesh):
@@ -88,23 +89,24 @@ class TargetIndex:
         if self._flips is not None:
             _ = self.near_rotations
         # Locks and Open3D's trees have no copy: what takes long stays, and the rest is built anew when it is asked for.
-        kept = {field.name: self.__dict__[field.name] for field in dataclasses.fields(self) if field.repr}
-        built = self.__dict__.get("surface")
+        kept = {field.name: getattr(self, field.name) for field in dataclasses.fields(self) if field.repr}
+        built = remembered(self, "surface")
         fitted = self.fitted
         if isinstance(built, CloudSurface) and built._all_fitted and not built.oriented:
             fitted = built.fitted
-        small = {name: self.__dict__[name] for name in SMALL if name in self.__dict__}
+        small = {name: value for name in SMALL if (value := remembered(self, name)) is not None}
         return {**kept, **small, "geometry": _without_caches(self.geometry), "fitted": fitted, "visible": self.visible}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state, _lock=threading.Lock(), derived=Derived(), _flips=None, _evened={})
+        remember(self, **state, _lock=threading.Lock(), derived=Derived(), _flips=None, _evened={})
 
     def build(self) -> TargetIndex:
         """Itself, with all built that registrations ask for; near symmetries, asked for late, beside what follows."""
         self._build_surface()
         mesh, surface = self.geometry, self.surface
-        if isinstance(mesh, Mesh) and "near_rotations" not in self.__dict__:
-            self.__dict__["_flips"] = flips = Kept(lambda: near_flips(mesh, surface))
+        if isinstance(mesh, Mesh) and remembered(self, "near_rotations") is None:
+            flips = Kept(lambda: near_flips(mesh, surface))
+            remember(self, _flips=flips)
             flips.begin()
         return self
 
@@ -222,10 +224,8 @@ class TargetIndex:
 
 
 def _without_caches(geometry: PointCloud | Mesh) -> PointCloud | Mesh:
-    bare = object.__new__(type(geometry))
     # Not through the constructor, which would drop and count again what it finds.
-    bare.__dict__.update({field.name: getattr(geometry, field.name) for field in dataclasses.fields(geometry)})
-    return bare
+    return made_of(type(geometry), {each.name: getattr(geometry, each.name) for each in dataclasses.fields(geometry)})
 
 
 def index_target(target: Any) -> TargetIndex:

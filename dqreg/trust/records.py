@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from dqreg._arrays import FloatArray
-from dqreg._records import lock
+from dqreg._records import lock, made_once, remember, remembered
 from dqreg.solvers.motion_words import UNKNOWN, Kind, Vector
 
 Level = Literal["accepted", "suspect", "failed"]
@@ -162,15 +162,15 @@ class Verdict:
         object.__setattr__(self, "reasons", reasons)
         if callable(self.checks):
             # In tracking nobody reads thirty questions a frame.
-            vars(self)["_checks"] = vars(self).pop("checks")
+            remember(self, _checks=self.checks)
+            object.__delattr__(self, "checks")
 
     if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> tuple[Check, ...]:
-            if name != "checks" or "_checks" not in vars(self):
+            if name != "checks" or remembered(self, "_checks") is None:
                 raise AttributeError(name)
-            vars(self)["checks"] = vars(self)["_checks"]()
-            return vars(self)["checks"]
+            return made_once(self, "checks", self._checks)
 
     @staticmethod
     def asking(
@@ -185,8 +185,7 @@ class Verdict:
         Beside its confidence it keeps the figures that this was computed from.
         """
         verdict = Verdict(level, reasons, checks, confidence)  # type: ignore[arg-type]
-        vars(verdict)["_figures"] = figures
-        return verdict
+        return remember(verdict, _figures=figures)
 
     @property
     def codes(self) -> tuple[Code | Literal[""], ...]:
@@ -249,5 +248,5 @@ class Alternative:
     _is_symmetric: ClassVar[bool]
 
     def __post_init__(self, _symmetric: bool | None) -> None:
-        vars(self)["_is_symmetric"] = bool(self.symmetry) if _symmetric is None else _symmetric
+        remember(self, _is_symmetric=bool(self.symmetry) if _symmetric is None else _symmetric)
         lock(self)

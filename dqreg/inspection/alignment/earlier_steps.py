@@ -7,10 +7,8 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg._records import remember, remembered
 from dqreg.rigid import pose, twist
-
-# Where an alignment keeps what it leaves of a twist before it; without, all was determined anew.
-KEPT = "_kept_twist"
 
 
 class Aligned(Protocol):
@@ -28,13 +26,13 @@ A = TypeVar("A", bound=Aligned)
 
 def with_kept(alignment: A, kept: FloatArray) -> A:
     """The alignment, which now tells what it leaves of a twist before it about its centre, (6, 6)."""
-    vars(alignment)[KEPT] = kept
-    return alignment
+    return remember(alignment, _kept_twist=kept)
 
 
 def kept_by(alignment: Aligned) -> FloatArray:
     """How much of a small twist before an alignment is there after it, both about its centre, (6, 6)."""
-    kept: FloatArray = vars(alignment).get(KEPT, np.zeros((6, 6)))
+    # One that remembers nothing has determined all anew.
+    kept: FloatArray = remembered(alignment, "_kept_twist", np.zeros((6, 6)))
     return kept
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg._records import remembered
 from dqreg.registration.displacement import displacement_between
 from dqreg.registration.fit import Fit
 from dqreg.registration.other_poses.fallback import is_sound
@@ -102,7 +103,7 @@ def _symmetry_between(fit: Fit, T: FloatArray, other: FloatArray, within: float)
     """
     target = fit.problem.target
     # Known where a global search has run.
-    symmetry = target.pairs.symmetry if "pairs" in vars(target) else None
+    symmetry = target.pairs.symmetry if remembered(target, "pairs") is not None else None
     axis = symmetry.between(T, other, within) if symmetry else None
     if axis is None or symmetry is None:
         return None
@@ -129,7 +130,7 @@ def _motion_words(fit: Fit, T: FloatArray) -> str:
     length = float(np.linalg.norm(T[:3, 3]))
     words = _in_units(length, units)
     where = direction_words(T[:3, 3] / length)
-    periods = target.near_periods[:, :3, 3] if "near_periods" in vars(target) else np.zeros((0, 3))
+    periods = remembered(target, "near_periods", np.zeros((0, 4, 4)))[:, :3, 3]
     if len(periods) and np.linalg.norm(periods - T[:3, 3], axis=1).min() < PERIOD * length:
         return f"one period ({words}) along {where}"
     return f"shifted by {words} along {where}"

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray, bounds
+from dqreg._records import remembered
 from dqreg.geometry import CloudSurface, Mesh, Surface
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.sampling import places_on
@@ -116,7 +117,7 @@ def _periods(fit: Fit) -> FloatArray:
     """
     target, none = fit.problem.target, np.zeros((0, 4, 4))
     # Of most parts it is known soon that they have none.
-    known = vars(target).get("near_periods")
+    known = remembered(target, "near_periods")
     if not isinstance(target.geometry, Mesh) or (known is not None and not len(known)):
         return none
     return none if _shows_the_ends(fit, target.geometry) else target.near_periods
