@@ -256,6 +256,18 @@ def test_what_a_record_remembers_beside_its_fields_is_written_in_one_place() -> 
     assert {name: lines for name, lines in found.items() if lines} == {"dqreg._records": ["vars(record).update"]}
 
 
+def test_no_module_reads_what_the_surface_of_a_cloud_holds() -> None:
+    # `CloudSurface._distinct` has the points that others ask for, with their tree and planes.
+    held = {"_points", "_tree", "_planes_at", "_rows"}
+    reading = {
+        name: ast.unparse(node)
+        for name, file in modules().items()
+        for node in ast.walk(parsed(file))
+        if isinstance(node, ast.Attribute) and node.attr in held and ast.unparse(node.value) != "self"
+    }
+    assert reading == {}
+
+
 def packed_numbers(tree: ast.Module) -> list[str]:
     """Assignments of a module that give three names and more to numbers, each by what it assigns."""
     packed = []

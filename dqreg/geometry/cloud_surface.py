@@ -11,6 +11,7 @@ from dqreg._records import remember
 from dqreg.errors import InputError
 from dqreg.geometry.boundary import CloudBoundary
 from dqreg.geometry.cloud import PointCloud
+from dqreg.geometry.distinct_points import DistinctPoints
 from dqreg.geometry.morton import distinct_in_order
 from dqreg.geometry.neighbours import (
     CHUNK_QUERIES,
@@ -89,6 +90,11 @@ class CloudSurface:
         self.diagonal = float(np.linalg.norm(high - low))
         self._viewpoint = cloud.viewpoint
         self.oriented = cloud.normals is not None or cloud.viewpoint is not None
+
+    @property
+    def _distinct(self) -> DistinctPoints:
+        """Its distinct points: made at each call, as it would hold the surface that holds it."""
+        return DistinctPoints(self._points, self._rows, self._planes_at, lambda: self._tree)
 
     @property
     def _means(self) -> FloatArray:

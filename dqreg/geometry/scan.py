@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds
-from dqreg._records import made_of, made_once, one_line, remember, remembered
+from dqreg._records import made_of, made_once, one_line, remembered
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import NORMAL_NEIGHBOURS, ScanPlanes, fit_planes_at, sample_rows
 from dqreg.geometry.spacing import Spread

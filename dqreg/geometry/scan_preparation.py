@@ -67,7 +67,7 @@ def scan_of(
 ) -> Scan:
     """The same; whether the noise of the quieter faces is measured, which nobody asks for between two clouds."""
     order = distinct_in_order(cloud.points, cloud._ends) if surface is None else surface.order
-    points = in_order(cloud.points, order) if surface is None else surface._points
+    points = in_order(cloud.points, order) if surface is None else surface._distinct.points
     if len(points) < FEWEST_POINTS:
         raise InputError(
             f"a scan needs finite points at {FEWEST_POINTS} places at least to fix a pose; the {len(cloud)} points of "
@@ -79,7 +79,7 @@ def scan_of(
     if is_whole:
         # Points in Morton order need no other order for few queries.
         few = FEW_QUERIES * len(rows) <= len(points)
-        tree = NeighbourTree(points, in_order=few) if surface is None else surface._tree
+        tree = NeighbourTree(points, in_order=few) if surface is None else surface._distinct.tree
         of_cells, means = (None, points) if surface is None else (surface._all_planes(), surface._means)
         fits, spacing, noises = measure_all(points, rows, tree, of_cells, means, quiet=quiet)
     else:

@@ -172,11 +172,11 @@ def indexed_target(index: TargetIndex, surface: Surface, target: PointCloud) -> 
     # The same for every scan that is registered to it. In rings the neighbours of a point are on its own, where there
     # is no plane: means of cells are compared.
     in_rings = _are_few_in_rings(surface, target)
-    is_whole = len(points) <= COMPARED and isinstance(surface, CloudSurface) and surface._rows == len(points)
+    is_whole = len(points) <= COMPARED and isinstance(surface, CloudSurface) and surface._distinct.given == len(points)
     if isinstance(surface, CloudSurface) and (in_rings or is_whole):
-        known = derived.known(SURFACE_COMPARED)
-        if known is None or known.tree is not surface._tree:
-            known = IndexedPoints(surface._points, surface._tree, is_remembered=not in_rings)
+        known, stands = derived.known(SURFACE_COMPARED), surface._distinct
+        if known is None or known.tree is not stands.tree:
+            known = IndexedPoints(stands.points, stands.tree, is_remembered=not in_rings)
             derived.put(SURFACE_COMPARED, known)
         return known
     return derived.once(

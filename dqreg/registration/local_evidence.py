@@ -68,7 +68,7 @@ class LocalEvidence:
 
     def _in_cells(self, scan: Scan, surface: CloudSurface, pairs: Correspondences, width: float) -> LocalEvidence:
         """The same where the normals of two clouds' cells agree, which noise turns less; they have no sign."""
-        apart = apart_in_cells(scan.points, surface._points, pairs.T_target_source, width)
+        apart = apart_in_cells(scan.points, surface._distinct.points, pairs.T_target_source, width)
         if not apart <= HARDLY and isinstance(surface, CellSurface) and surface.in_rings:
             apart = _apart_on_source(scan, surface, pairs.T_target_source, width)
         if not apart <= HARDLY:
@@ -120,7 +120,7 @@ def _apart_on_source(scan: Scan, surface: CloudSurface, T_target_source: FloatAr
     """
     rows = scan._fitted_planes[0]
     points, normals = scan.points[rows], scan._fitted_planes[1]
-    stands = pose.apply(pose.inverse(T_target_source), surface._points)
+    stands = pose.apply(pose.inverse(T_target_source), surface._distinct.points)
     nearest, distances = NeighbourTree(points).nearest(stands, 1)
     own = np.nan_to_num(normals[nearest[:, 0]])
     aside = row_dots(stands - points[nearest[:, 0]], own)

@@ -35,8 +35,8 @@ ORDER_TOLERANCE, MAX_AXIAL_DIAGONALS = 0.4, 5e-3
 def ring_turns(surface: CloudSurface, tangent: TangentPlanes) -> FloatArray:
     """Turns of a cloud by all multiples of one step of the ring that it shows, (k, 4, 4); none where it shows none."""
     none = np.zeros((0, 4, 4))
-    rows = sample_rows(len(surface._points), PLANE_POINTS)
-    points, normals = surface._points[rows], np.nan_to_num(surface._planes_at(rows)[0])
+    points, normals, _ = surface._distinct.sampled(PLANE_POINTS)
+    normals = np.nan_to_num(normals)
     axis_and_point = _axis(points, normals, surface.diagonal)
     if axis_and_point is None:
         return none
@@ -46,7 +46,7 @@ def ring_turns(surface: CloudSurface, tangent: TangentPlanes) -> FloatArray:
     if not steps:
         return none
     step = pose.from_parts(steps[0], centre - steps[0] @ centre)
-    return _multiples(refined_on(step[None], surface._points, surface, REFINEMENT)[0], surface.diagonal)
+    return _multiples(refined_on(step[None], surface._distinct.points, surface, REFINEMENT)[0], surface.diagonal)
 
 
 def _axis(points: FloatArray, normals: FloatArray, size: float) -> tuple[FloatArray, FloatArray] | None:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray
+from dqreg._arrays import BoolArray, FloatArray
 from dqreg.geometry import Closest, CloudSurface, Mesh
-from dqreg.geometry.normals import sample_rows
-from dqreg.geometry.spacing import measure_spacing
+from dqreg.geometry.distinct_points import DistinctPoints
 from dqreg.geometry.surface import Hint
 from dqreg.rigid import pose
 from dqreg.search.symmetry import ON_PART_DIAGONALS
@@ -28,24 +27,20 @@ class TangentPlanes:
     """A cloud as a surface of tangent planes as wide as its gaps; normals have a sign that the cloud alone decides."""
 
     def __init__(self, cloud: CloudSurface) -> None:
-        self._cloud = cloud
+        self._cloud: DistinctPoints = cloud._distinct
         self.diagonal, self.centre, self.oriented = cloud.diagonal, cloud.centre, True
-        self.spacing = measure_spacing(cloud._tree, cloud._points)
+        self.spacing = self._cloud.spacing
 
     @property
     def has_facets(self) -> bool:
         """Whether some of its points have normals: those of lines have none."""
-        return bool(self._cloud._planes_at(self._rows_of_facets())[0].any())
-
-    def _rows_of_facets(self) -> IntArray:
-        return sample_rows(len(self._cloud._points), CLOUD_POINTS)
+        return bool(self._cloud.sampled(CLOUD_POINTS)[1].any())
 
     def facets(self) -> Mesh:
         """Equal triangles, too small to be seen, about some points: a mesh with the cloud's moments and normals."""
-        rows = self._rows_of_facets()
-        normals = _upward(self._cloud._planes_at(rows)[0])
-        rows, normals = rows[normals.any(axis=1)], normals[normals.any(axis=1)]
-        points = self._cloud._points[rows]
+        points, normals, _ = self._cloud.sampled(CLOUD_POINTS)
+        normals, has_normal = _upward(normals), normals.any(axis=1)
+        points, normals = points[has_normal], normals[has_normal]
         one = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
         one *= FACET_DIAGONALS * self.diagonal / np.linalg.norm(one, axis=1, keepdims=True)
         corners = np.stack([points, points + one, points + np.cross(normals, one)], axis=1)
@@ -54,9 +49,9 @@ class TangentPlanes:
     def closest(self, points: FloatArray, hint: Hint | None = None, within: float = np.inf) -> Closest:
         """Nearest place of the tangent planes beside the nearest point; that or another one where none is within."""
         reach = float(np.hypot(within, PLANE_REACH_SPACINGS * self.spacing))
-        rows, apart = self._cloud._tree.nearest(points, 1, reach)
-        rows, apart = np.minimum(rows[:, 0], len(self._cloud._points) - 1), apart[:, 0]
-        places, normals = np.take(self._cloud._points, rows, axis=0), _upward(self._cloud._planes_at(rows)[0])
+        rows, apart = self._cloud.tree.nearest(points, 1, reach)
+        rows, apart = np.minimum(rows[:, 0], len(self._cloud) - 1), apart[:, 0]
+        places, normals = np.take(self._cloud.points, rows, axis=0), _upward(self._cloud.planes_at(rows)[0])
         aside = np.einsum("ij,ij->i", points - places, normals)
         feet = points - aside[:, None] * normals
         beside = np.sqrt(np.maximum(apart**2 - aside**2, 0.0))
@@ -67,9 +62,8 @@ class TangentPlanes:
 
     def is_symmetry(self, T: FloatArray) -> bool:
         """Whether a motion leaves all of the cloud about in place."""
-        rows = sample_rows(len(self._cloud._points), CHECKING_POINTS)
-        variances = self._cloud._planes_at(rows)[1]
-        away = self.closest(pose.apply(T, self._cloud._points[rows])).distances
+        points, _, variances = self._cloud.sampled(CHECKING_POINTS)
+        away = self.closest(pose.apply(T, points)).distances
         is_off = away > max(ON_PART_DIAGONALS * self.diagonal, OFF_SPACINGS * self.spacing)
         # At edges planes are none.
         in_place = away[variances <= np.median(variances)] <= ON_PART_DIAGONALS * self.diagonal

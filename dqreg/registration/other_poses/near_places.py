@@ -224,10 +224,10 @@ def _of_mesh(fit: Fit) -> _Places:
 
 
 def _of_cloud(fit: Fit, surface: CloudSurface) -> _Places:
-    rows = sample_rows(len(surface._points), PLANE_POINTS)
+    points, normals, _ = surface._distinct.sampled(PLANE_POINTS)
     tangent, flips = _tangent(fit, surface), _flips_of_cloud(fit, surface)
     maps = np.concatenate([flips, near_periods(tangent.facets(), tangent, PERIOD_POINTS_OF_CLOUD)])
-    return _Places(maps, surface._points[rows], surface._planes_at(rows)[0], surface.diagonal)
+    return _Places(maps, points, normals, surface.diagonal)
 
 
 def _flips_of_cloud(fit: Fit, surface: CloudSurface) -> FloatArray:
@@ -238,7 +238,7 @@ def _flips_of_cloud(fit: Fit, surface: CloudSurface) -> FloatArray:
         flips = near_flips(tangent.facets(), tangent) if tangent.has_facets else np.zeros((0, 4, 4))
         if len(flips):
             # Moments of what was seen of a part are not the part's: its axes are off by a degree.
-            flips = refined_on(flips, surface._points, surface, REFINEMENT)
+            flips = refined_on(flips, surface._distinct.points, surface, REFINEMENT)
         return flips
 
     return fit.problem.target.derived.once(FLIPS, found, of=_counted(surface))
@@ -250,4 +250,4 @@ def _tangent(fit: Fit, surface: CloudSurface) -> TangentPlanes:
 
 def _counted(surface: Surface) -> int:
     """Points of a cloud, zero of a mesh: of a large cloud the loop asks cells, of a size that the scan decides."""
-    return len(surface._points) if isinstance(surface, CloudSurface) else 0
+    return len(surface._distinct) if isinstance(surface, CloudSurface) else 0

@@ -15,7 +15,6 @@ from dqreg._arrays import BoolArray, FloatArray, median
 from dqreg.geometry import CloudSurface
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
-from dqreg.geometry.spacing import measure_spacing
 from dqreg.geometry.vector_rows import row_dots
 from dqreg.registration.fit import Fit
 from dqreg.registration.other_poses.near_places import ring_maps
@@ -127,8 +126,8 @@ def _excess(fit: Fit, poses: FloatArray, count: int) -> FloatArray:
     """By how many standard errors of the mean log-likelihood of so many points poses explain both clouds less, (k,)."""
     surface, scan = fit.prepared.surface, fit.prepared.scan
     assert isinstance(surface, CloudSurface)
-    normals = np.nan_to_num(surface._planes_at(np.arange(len(surface._points)))[0])
-    stands = _Cloud(surface._points, normals, surface._tree, measure_spacing(surface._tree, surface._points))
+    target = surface._distinct
+    stands = _Cloud(target.points, np.nan_to_num(surface.normals), target.tree, target.spacing)
     moves = _Cloud(scan.points, np.nan_to_num(scan.normals), scan.tree, scan.spacing)
     poses = np.concatenate([fit.T_target_source[None], poses])
     sides = [_asked(moves, stands, poses, count), _asked(stands, moves, pose.inverse(poses), count)]
