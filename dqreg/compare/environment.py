@@ -3,18 +3,27 @@
 from __future__ import annotations
 
 import contextlib
+import datetime
 import importlib.metadata
 import os
 import platform
+import subprocess
 from collections.abc import Iterable
 from pathlib import Path
 
-ALWAYS = ("dqreg", "numpy", "scipy", "open3d", "open3d-cpu")
+ALWAYS = ("dqreg", "numpy", "scipy", "numba", "trimesh", "open3d", "open3d-cpu")
 
 
 def session(needs: Iterable[str], threads: int) -> dict[str, object]:
-    """Machine, versions and threads of the runs of one session."""
-    return {"machine": machine_line(), "versions": installed_versions((*ALWAYS, *needs)), "threads": threads}
+    """Date, machine, its load, versions and threads of the runs of one session."""
+    return {
+        "date": datetime.datetime.now().astimezone().isoformat(timespec="seconds"),
+        "machine": machine_line(),
+        "load": round(os.getloadavg()[0], 1) if hasattr(os, "getloadavg") else None,
+        "commit": _commit(),
+        "versions": installed_versions((*ALWAYS, *needs)),
+        "threads": threads,
+    }
 
 
 def machine_line() -> str:
@@ -52,6 +61,17 @@ def machine_memory() -> float:
     import psutil
 
     return float(psutil.virtual_memory().total)
+
+
+def _commit() -> str | None:
+    """Commit of the sources, where they stand in a repository."""
+    root = Path(__file__).parents[2]
+    if not (root / ".git").exists():
+        return None
+    with contextlib.suppress(OSError, subprocess.SubprocessError):
+        command = ["git", "-C", os.fspath(root), "rev-parse", "HEAD"]
+        return subprocess.run(command, capture_output=True, text=True, timeout=10.0, check=True).stdout.strip()
+    return None
 
 
 def _processor() -> str:

@@ -47,3 +47,4 @@ class RunRecord:
     overlap: float
     # Iteration, seconds and worst displacement, where the engine reports intermediate poses
     curve: list[tuple[int, float, float]]
+    identity: str = ""  # Tells the code that made it from all other; "" in files of version 0.1

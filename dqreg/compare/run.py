@@ -14,11 +14,12 @@ from dqreg.compare.engines.harness import no_pose
 from dqreg.compare.engines.protocol import Task
 from dqreg.compare.engines.registry import EngineSpec, engine_specs, missing
 from dqreg.compare.environment import session
+from dqreg.compare.identity import identity
 from dqreg.compare.judge import judge, worst_along
 from dqreg.compare.plan import PlannedRun, Protocol, plan
 from dqreg.compare.records import RunRecord
 from dqreg.compare.run_engine import EngineCall, calls_here, isolated_calls
-from dqreg.compare.store import Store, is_last
+from dqreg.compare.store import Store, is_last, kept_words
 from dqreg.compare.sweep import Sweep
 from dqreg.errors import InputError
 from dqreg.files.strict_json import plain
@@ -34,6 +35,7 @@ class Comparison:
     missing: dict[str, tuple[str, ...]]  # Names of those that could not, with what they need
     sessions: tuple[dict[str, Any], ...]  # Machine, versions and threads of each session that made runs
     title: str  # What was compared
+    kept: str = ""  # What of it was taken from a file, and made when
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,7 +66,7 @@ def compare(
         # Engines that the caller names take part on every axis.
         items = [dataclasses.replace(item, excluded=frozenset()) for item in items]
     lacking = {spec.name: missing(spec) for spec in specs if missing(spec)}
-    able = [spec for spec in specs if spec.name not in lacking]
+    able = [dataclasses.replace(spec, identity=identity(spec)) for spec in specs if spec.name not in lacking]
     if not able:
         needs = sorted({need for names in lacking.values() for need in names})
         raise InputError(f"no engine can run here; install what they need: pip install {' '.join(needs)}")
@@ -72,14 +74,17 @@ def compare(
         for spec in able:
             spec.require_picklable()
     store = Store(out)
+    kept = kept_words(store, {item.key for item in items}, able)
     if _open_jobs(items, able, store):
         store.begin(session([need for spec in able for need in spec.needs], protocol.threads))
         _work(items, able, store, protocol, observe or (lambda _: None))
-    keys, names = {item.key for item in items}, tuple(spec.name for spec in able)
+    keys, codes = {item.key for item in items}, {spec.name: spec.identity for spec in able}
     runs = tuple(
-        _rejudged(run, protocol.success_threshold) for run in store.runs if run.key in keys and run.engine in names
+        _rejudged(run, protocol.success_threshold)
+        for run in store.runs
+        if run.key in keys and codes.get(run.engine) == run.identity
     )
-    return Comparison(runs, names, lacking, tuple(store.sessions), title)
+    return Comparison(runs, tuple(codes), lacking, tuple(store.sessions), title, kept)
 
 
 def _own_engines(tasks: Any) -> tuple[str, ...] | None:
@@ -93,10 +98,10 @@ def _open_jobs(
 ) -> list[tuple[PlannedRun, EngineSpec, int]]:
     """What is left to do: planned runs, engine and number of runs."""
     return [
-        (item, spec, item.repeats - store.done(item.key, spec.name))
+        (item, spec, item.repeats - store.done(item.key, spec))
         for item in items
         for spec in able
-        if item.takes(spec) and not store.finished(item.key, spec.name, item.repeats)
+        if item.takes(spec) and not store.finished(item.key, spec, item.repeats)
     ]
 
 
@@ -123,7 +128,7 @@ def _work(
             if tried:
                 if made is None or made[0] != item.key:
                     made = (item.key, item.make())
-                first = store.done(item.key, spec.name)
+                first = store.done(item.key, spec)
                 calls = _calls(worker, spec, made[1].task, count, protocol, curve=item.curve)
                 for repeat, engine_call in enumerate(calls, first):
                     run = _judged(item, made[1], spec, repeat, engine_call)
@@ -169,7 +174,7 @@ def _gave_up(item: PlannedRun, spec: EngineSpec, store: Store) -> bool:
     return item.row is not None and any(
         run.status in ("timeout", "memory")
         for run in store.runs
-        if (run.engine, run.axis, run.setting) == (spec.name, *item.row)
+        if (run.engine, run.identity, run.axis, run.setting) == (spec.name, spec.identity, *item.row)
     )
 
 
@@ -201,5 +206,6 @@ def _judged(item: PlannedRun, case: BenchmarkCase, spec: EngineSpec, repeat: int
         self_report=output.self_report,
         settings=json.loads(json.dumps(plain(output.settings), default=str)),
         curve=[(step.iteration, step.seconds, w) for step, w in zip(output.curve, worst, strict=True)],
+        identity=spec.identity,
         **dataclasses.asdict(score),
     )

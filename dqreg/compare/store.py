@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from dqreg.compare.engines.registry import EngineSpec
 from dqreg.compare.records import RunRecord
 from dqreg.errors import InputError
 from dqreg.files.atomic import require_writable
@@ -20,6 +21,8 @@ from dqreg.files.strict_json import plain, record_from
 FORMAT = "dqreg comparison 1"
 # A run that takes longer is not repeated: its scatter is small relative to it, and repeats would take long.
 SLOW_SECONDS = 10.0
+# Letters of a date that say the day.
+DAY = len("2026-11-28")
 # Keys of files of version 0.1, by which these still load.
 RENAMED_KEYS = {"from_nothing": "without_initial_pose", "claims": "self_report"}
 
@@ -61,8 +64,11 @@ class Store:
         self._file = JsonLines(path, FORMAT)
         self.runs: list[RunRecord] = []
         self.sessions: list[dict[str, Any]] = []
-        self._counts: dict[tuple[str, str], int] = {}
-        self._closed: set[tuple[str, str]] = set()
+        self.found: list[
+            tuple[RunRecord, str]
+        ] = []  # Runs that stood in the file, with the day on which they were made
+        self._counts: dict[tuple[str, str, str], int] = {}
+        self._closed: set[tuple[str, str, str]] = set()
         for line in self._file.lines:
             self._take(line)
 
@@ -78,25 +84,51 @@ class Store:
         for run in runs:
             self._keep(run)
 
-    def done(self, key: str, engine: str) -> int:
-        """Number of runs of a task by an engine."""
-        return self._counts.get((key, engine), 0)
+    @property
+    def path(self) -> Path | None:
+        """The file; None where nothing is kept."""
+        return self._file.path
 
-    def finished(self, key: str, engine: str, repeats: int) -> bool:
+    def done(self, key: str, spec: EngineSpec) -> int:
+        """Number of runs of a task by an engine as it is now."""
+        return self._counts.get((key, spec.name, spec.identity), 0)
+
+    def finished(self, key: str, spec: EngineSpec, repeats: int) -> bool:
         """Whether an engine has nothing left to do on a task."""
-        return self.done(key, engine) >= repeats or (key, engine) in self._closed
+        return self.done(key, spec) >= repeats or (key, spec.name, spec.identity) in self._closed
 
     def _take(self, line: dict[str, Any]) -> None:
         if "format" in line:
             self.sessions.append({key: value for key, value in line.items() if key != "format"})
         else:
-            self._keep(record_from(RunRecord, {RENAMED_KEYS.get(key, key): value for key, value in line.items()}))
+            run = record_from(RunRecord, {RENAMED_KEYS.get(key, key): value for key, value in line.items()})
+            self.found.append((run, str((self.sessions or [{}])[-1].get("date", ""))[:DAY]))
+            self._keep(run)
 
     def _keep(self, run: RunRecord) -> None:
         self.runs.append(run)
-        self._counts[run.key, run.engine] = self._counts.get((run.key, run.engine), 0) + 1
+        place = run.key, run.engine, run.identity
+        self._counts[place] = self._counts.get(place, 0) + 1
         if is_last(run):
-            self._closed.add((run.key, run.engine))
+            self._closed.add(place)
+
+
+def kept_words(store: Store, keys: Collection[str], engines: Iterable[EngineSpec]) -> str:
+    """What of a file is taken over, made when, and what is left out since the code of an engine is another now."""
+    codes = {spec.name: spec.identity for spec in engines}
+    here = [(run, day) for run, day in store.found if run.key in keys and run.engine in codes]
+    days = sorted({day or "an unknown day" for run, day in here if run.identity == codes[run.engine]})
+    taken = sum(run.identity == codes[run.engine] for run, _ in here)
+    others = [run.engine for run, _ in here if run.identity != codes[run.engine]]
+    words = [f"{_runs(taken)} taken from {store.path}, made on {', '.join(days)}."] if taken else []
+    if others:
+        names = ", ".join(dict.fromkeys(others))
+        words.append(f"{_runs(len(others))} in {store.path} left out, made by other code or versions: {names}.")
+    return " ".join(words)
+
+
+def _runs(count: int) -> str:
+    return f"{count} {'run' if count == 1 else 'runs'}"
 
 
 def is_last(run: RunRecord) -> bool:

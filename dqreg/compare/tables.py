@@ -202,6 +202,7 @@ def footer(found: Comparison, home: float) -> str:
         f"Found: no point of the part farther than {home:g} S from its true place.",
         f"{'Machine' if len(machines) == 1 else 'Machines'}: {'; '.join(machines)}; threads: {', '.join(threads)}.",
         f"{named}.",
+        *([found.kept] if found.kept else []),
     ]
     if found.missing:
         missing = "; ".join(f"{name} (pip install {' '.join(needs)})" for name, needs in found.missing.items())

@@ -9,7 +9,7 @@ import pickle
 import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from types import MappingProxyType
+from types import MappingProxyType, ModuleType
 from typing import Any
 
 from dqreg.compare.engines.kiss_icp import KissIcpMap
@@ -72,6 +72,7 @@ class EngineSpec:
     settings: tuple[Setting, ...]  # Settings it takes part in
     origin: str  # "registry", "object", or the path of a Python file
     engine: Any = None  # The engine itself, for "object"
+    identity: str = ""  # Tells its code from all other; see `dqreg.compare.identity`
 
     @classmethod
     def of(cls, engine: Any, origin: str) -> EngineSpec:
@@ -145,8 +146,8 @@ def _specs(item: Any) -> list[EngineSpec]:
     return [EngineSpec.of(engine(item), "registry" if isinstance(item, str) else "object")]
 
 
-def _engines_in(path: Path) -> list[Any]:
-    """Engines at the top of a Python file."""
+def module_of(path: Path) -> ModuleType:
+    """A Python file that holds engines, run anew."""
     if not path.is_file():
         raise InputError(f"--engine-file: there is no file {path}")
     name = f"dqreg_engine_file_{path.stem}"
@@ -159,7 +160,12 @@ def _engines_in(path: Path) -> list[Any]:
         spec.loader.exec_module(module)
     except Exception as error:  # whatever a user's file raises
         raise InputError(f"--engine-file {path}: {type(error).__name__}: {error}") from error
-    found = {id(value): value for value in vars(module).values() if _is_engine(value)}
+    return module
+
+
+def _engines_in(path: Path) -> list[Any]:
+    """Engines at the top of a Python file."""
+    found = {id(value): value for value in vars(module_of(path)).values() if _is_engine(value)}
     if not found:
         raise InputError(
             f"--engine-file {path} holds no engine; needed: an object with a name and a method register(task)"

@@ -1,0 +1,78 @@
+from __future__ import annotations
+
+import importlib
+import sys
+from datetime import date
+
+import numpy as np
+import pytest
+
+from dqreg.compare import Protocol, compare, from_case, identity
+from dqreg.compare.engines.registry import engine_specs
+from dqreg.compare.store import Store
+from dqreg.synth import demo_case, load_case
+
+ONCE = Protocol(settings=("manual",), repeats=1, isolate=False)
+
+
+@pytest.fixture(scope="module")
+def task():
+    return from_case(load_case(demo_case()))
+
+
+class Still:
+    def __init__(self, T: np.ndarray) -> None:
+        self.name, self.T = "still", T
+
+    def register(self, task):
+        return self.T
+
+
+ENGINE = "from helper import SHIFT\nimport numpy as np\nclass Mine:\n    name = 'mine'\n    def register(self, task):\n        return {body}\nmine = Mine()\n"
+
+
+def test_runs_of_an_edited_engine_file_are_made_anew_and_kept_ones_are_said(task, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(str(tmp_path))
+    path, helper, out = tmp_path / "mine.py", tmp_path / "helper.py", tmp_path / "runs.jsonl"
+
+    def found(body: str, shift: float) -> tuple[float, str]:
+        helper.write_text(f"SHIFT = {shift}\ndef near(task):\n    return 0\n")
+        path.write_text(ENGINE.format(body=body).replace("import SHIFT", "import SHIFT, near"))
+        sys.modules.pop("helper", None)
+        importlib.invalidate_caches()
+        made = compare(task, [path], protocol=ONCE, out=out)
+        (one,) = made.runs
+        return one.T_target_source[0][3], made.kept
+
+    assert found("np.eye(4) + SHIFT", 0.0) == (0.0, "")
+    taken, words = found("np.eye(4) + SHIFT", 0.0)
+    assert taken == 0.0
+    assert words == f"1 run taken from {out}, made on {date.today().isoformat()}."
+    assert found("np.eye(4) + 2.0 + SHIFT", 0.0)[0] == 2.0
+    # What it imports of one's own counts as well.
+    taken, words = found("np.eye(4) + 2.0 + SHIFT", 10.25)
+    assert taken == 12.25
+    assert words == f"2 runs in {out} left out, made by other code or versions: mine."
+    # The code as it was at first: its own run again.
+    assert found("np.eye(4) + SHIFT", 0.0)[0] == 0.0
+    assert len(Store(out).runs) == 3
+
+
+def test_kept_runs_of_engines_depend_on_versions_and_on_parameters(task, tmp_path, monkeypatch):
+    out = tmp_path / "runs.jsonl"
+    compare(task, [Still(np.eye(4))], protocol=ONCE, out=out)
+    assert compare(task, [Still(np.eye(4))], protocol=ONCE, out=out).kept
+    assert compare(task, [Still(2.0 * np.eye(4))], protocol=ONCE, out=out).runs[0].kind == "not rigid"
+    monkeypatch.setattr(identity, "installed_versions", lambda needs: {name: "99" for name in needs})
+    assert "left out" in compare(task, [Still(np.eye(4))], protocol=ONCE, out=out).kept
+    assert len(Store(out).runs) == 3
+
+
+def test_what_peers_run_with_is_less_than_what_ours_do(monkeypatch):
+    names = ["dqreg", "open3d point-to-plane"]
+    before = [identity.identity(spec) for spec in engine_specs(names)]
+    code = identity._code
+    monkeypatch.setattr(identity, "_code", lambda places: code(places) + ("x" if places == ("",) else ""))
+    after = [identity.identity(spec) for spec in engine_specs(names)]
+    assert [one != other for one, other in zip(before, after, strict=True)] == [True, False]
+    assert all((identity.PACKAGE / place).exists() for place in identity.OF_PEERS)
