@@ -22,6 +22,11 @@ LINES, MARKERS = ("-", "--", ":", "-."), ("o", "s", "^", "D", "v", "P", "X")
 PLOT_INCHES, DOTS_PER_INCH = (8.4, 4.2), 150
 # What is drawn as zero on a logarithmic axis.
 LEAST_ERROR = 1e-9
+ERROR = f"worst vertex error [S], {LEAST_ERROR:g} or less at the foot"
+OF_FOUND = "of the runs that found the pose; ringed: some did not; no mark: none did"
+RING: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 13, "fillstyle": "none"}
+# Height of a line of the legend, and of what is above and below it.
+LEGEND_INCHES = (0.185, 0.5)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,9 +75,9 @@ def _error_and_time(lines: list[SummaryRow], styles: dict[str, Style], key: str,
             axes.errorbar([line.seconds], [max(line.worst_all, LEAST_ERROR)],
                           xerr=[[line.seconds - line.least_seconds], [line.most_seconds - line.seconds]],
                           capsize=2, label=line.engine, **style)  # fmt: skip
-        axes.set(xscale="log", yscale="log", xlabel="seconds from raw points to pose", ylabel="worst vertex error [S]")
+        axes.set(xscale="log", yscale="log", xlabel="seconds from raw points to pose", ylabel=ERROR)
 
-    return [Plot(key, title, _png(title, [draw]))]
+    return [Plot(key, title, _png(title, [draw], len(shown)))]
 
 
 def _along(
@@ -99,9 +104,12 @@ def _along(
                     # Lines that lie on each other are moved apart by less than their own width.
                     nudge = 0.0 if log else 0.006 * (list(styles).index(engine) - 0.5 * len(styles))
                     axes.plot([x for x, _ in points], [y + nudge for _, y in points], label=engine, **style)
+                partly = {line.place.value for line in here if log and not line.all_found}
+                ringed = [point for point in points if point[0] in partly]
+                axes.plot([x for x, _ in ringed], [y for _, y in ringed], **RING, color=style["color"])
             axes.set(xlabel=AXES[axis][0], title=f"setting: {setting}" if len(settings) > 1 else "")
             if log:
-                axes.set(yscale="log", ylabel="worst vertex error [S]")
+                axes.set(yscale="log", ylabel=ERROR, title=OF_FOUND)
                 axes.set_xscale("symlog", linthresh=1e-4)
             else:
                 axes.set(ylabel="success rate", ylim=(-0.1, 1.1))
@@ -109,7 +117,7 @@ def _along(
         return draw
 
     title = AXES[axis][1]
-    return [Plot(f"{what}-{axis}", title, _png(title, [panel(name) for name in settings]))]
+    return [Plot(f"{what}-{axis}", title, _png(title, [panel(name) for name in settings], len(styles)))]
 
 
 def _growth(lines: list[SummaryRow], styles: dict[str, Style]) -> list[Plot]:
@@ -133,7 +141,7 @@ def _growth(lines: list[SummaryRow], styles: dict[str, Style]) -> list[Plot]:
         panel(lambda line: line.seconds, "seconds"),
         panel(lambda line: line.peak_memory / 1e6, "peak memory [MB]"),
     ]
-    return [Plot("scaling", title, _png(title, panels))]
+    return [Plot("scaling", title, _png(title, panels, len(styles)))]
 
 
 def _convergence(found: Comparison, styles: dict[str, Style]) -> list[Plot]:
@@ -153,7 +161,7 @@ def _curves(chosen: list[RunRecord], styles: dict[str, Style]) -> list[Plot]:
                 if steps:
                     style = {**styles[run.engine], "markersize": 3}
                     axes.plot([x for x, _ in steps], [y for _, y in steps], label=run.engine, **style)
-            axes.set(yscale="log", xlabel=label, ylabel="worst vertex error [S]")
+            axes.set(yscale="log", xlabel=label, ylabel=ERROR)
             if column == 1 and axes.lines:
                 axes.set_xscale("log")
 
@@ -165,7 +173,7 @@ def _curves(chosen: list[RunRecord], styles: dict[str, Style]) -> list[Plot]:
     panels = [panel(0, "iteration")]
     if any(not math.isnan(step[1]) for run in chosen for step in run.curve):
         panels.append(panel(1, "seconds"))
-    return [Plot(f"convergence-{first.setting}", title, _png(title, panels))]
+    return [Plot(f"convergence-{first.setting}", title, _png(title, panels, len(chosen)))]
 
 
 def _typical(runs: Sequence[RunRecord], setting: str) -> list[RunRecord]:
@@ -195,8 +203,11 @@ def _styles(engines: Sequence[str]) -> dict[str, Style]:
     return styles
 
 
-def _png(title: str, panels: Sequence[Callable[[Axes], None]]) -> bytes:
+def _png(title: str, panels: Sequence[Callable[[Axes], None]], named_lines: int) -> bytes:
     width, height = PLOT_INCHES
+    line, margin = LEGEND_INCHES
+    # The legend stands beside all panels together, a line for each engine.
+    height = max(height, (line * named_lines + margin) / len(panels))
     figure, rows = stacked(panels, width, [height] * len(panels), DOTS_PER_INCH)
     figure.suptitle(title, fontsize="large", x=0.01, ha="left")
     named: dict[str, Any] = {}

@@ -28,7 +28,17 @@ class Still:
         return self.T
 
 
-ENGINE = "from helper import SHIFT\nimport numpy as np\nclass Mine:\n    name = 'mine'\n    def register(self, task):\n        return {body}\nmine = Mine()\n"
+ENGINE = """
+from helper import SHIFT, near
+import numpy as np
+
+class Mine:
+    name = "mine"
+    def register(self, task):
+        return {body}
+
+mine = Mine()
+"""
 
 
 def test_runs_of_an_edited_engine_file_are_made_anew_and_kept_ones_are_said(task, tmp_path, monkeypatch):
@@ -37,7 +47,7 @@ def test_runs_of_an_edited_engine_file_are_made_anew_and_kept_ones_are_said(task
 
     def found(body: str, shift: float) -> tuple[float, str]:
         helper.write_text(f"SHIFT = {shift}\ndef near(task):\n    return 0\n")
-        path.write_text(ENGINE.format(body=body).replace("import SHIFT", "import SHIFT, near"))
+        path.write_text(ENGINE.format(body=body))
         sys.modules.pop("helper", None)
         importlib.invalidate_caches()
         made = compare(task, [path], protocol=ONCE, out=out)
@@ -63,7 +73,7 @@ def test_kept_runs_of_engines_depend_on_versions_and_on_parameters(task, tmp_pat
     compare(task, [Still(np.eye(4))], protocol=ONCE, out=out)
     assert compare(task, [Still(np.eye(4))], protocol=ONCE, out=out).kept
     assert compare(task, [Still(2.0 * np.eye(4))], protocol=ONCE, out=out).runs[0].kind == "not rigid"
-    monkeypatch.setattr(identity, "installed_versions", lambda needs: {name: "99" for name in needs})
+    monkeypatch.setattr(identity, "installed_versions", lambda needs: dict.fromkeys(needs, "99"))
     assert "left out" in compare(task, [Still(np.eye(4))], protocol=ONCE, out=out).kept
     assert len(Store(out).runs) == 3
 
