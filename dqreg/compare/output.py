@@ -83,6 +83,7 @@ def to_json(found: Comparison) -> str:
         "missing": found.missing,
         "sessions": found.sessions,
         "summary": summarise(found.runs),
+        "initial_poses": found.starts,
         "runs": found.runs,
     }
     return json.dumps(plain(values), allow_nan=False) + "\n"

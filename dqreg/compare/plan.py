@@ -112,6 +112,7 @@ class PlannedRun:
     curve: bool = True  # Whether intermediate poses are wanted
     excluded: frozenset[str] = frozenset()  # Engines that the sweep wants on other axes only
     row: tuple[str, str] | None = None  # Axis and setting, where the axis goes from small scans to large ones
+    case: str = ""  # Name of the case, another for each; "" for tasks of a sweep
 
     def takes(self, engine: EngineSpec) -> bool:
         """Whether an engine takes part."""
@@ -124,12 +125,29 @@ def plan(tasks: Any, protocol: Protocol) -> tuple[list[PlannedRun], str]:
     """Planned runs in their order, and a title."""
     things = list(tasks) if isinstance(tasks, (list, tuple)) else [tasks]
     items = [item for thing in things for item in _items(thing, protocol)]
+    items = _told_apart(list({item.key: item for item in items}.values()))
     if not items:
         raise InputError("nothing to compare on: give a case, a recipe, a scan and a target, or a sweep")
     titles = dict.fromkeys(thing.name if isinstance(thing, Sweep) else "" for thing in things)
     names = [title for title in titles if title] or list(dict.fromkeys(item.title for item in items))
     shown = ", ".join(names) if len(names) <= 4 else f"{len(names)} cases"
-    return list({item.key: item for item in items}.values()), shown
+    return items, shown
+
+
+def _told_apart(items: list[PlannedRun]) -> list[PlannedRun]:
+    """Different cases of one name get numbers, in the order in which they were given."""
+    alike: dict[tuple[Any, ...], list[str]] = {}
+    for item in items:
+        alike.setdefault((item.case, item.setting, item.has_initial_pose), []).append(item.key)
+    numbered = []
+    for item in items:
+        keys = alike[item.case, item.setting, item.has_initial_pose]
+        if item.case and len(keys) > 1:
+            name = f"{item.case} ({keys.index(item.key) + 1})"
+            words = f"{name}{item.words.removeprefix(item.case)}"
+            item = dataclasses.replace(item, case=name, title=name, words=words)
+        numbered.append(item)
+    return numbered
 
 
 def _items(thing: Any, protocol: Protocol) -> list[PlannedRun]:
@@ -161,6 +179,7 @@ def _of_case(case: BenchmarkCase, protocol: Protocol) -> PlannedRun:
         setting=task.setting,
         has_initial_pose=task.start is not None,
         make=lambda: case,
+        case=case.case,
     )
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from dqreg.compare.case import BenchmarkCase
 from dqreg.compare.engines.harness import no_pose
-from dqreg.compare.engines.protocol import Task
+from dqreg.compare.engines.protocol import EngineOutput, Task
 from dqreg.compare.engines.registry import EngineSpec, engine_specs, missing
 from dqreg.compare.environment import session
 from dqreg.compare.identity import identity
@@ -25,6 +25,9 @@ from dqreg.errors import InputError
 from dqreg.files.strict_json import plain
 from dqreg.registration.batch.worker import Worker
 
+# Name of the initial pose where engines are named.
+START = "initial pose"
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Comparison:
@@ -36,6 +39,8 @@ class Comparison:
     sessions: tuple[dict[str, Any], ...]  # Machine, versions and threads of each session that made runs
     title: str  # What was compared
     kept: str = ""  # What of it was taken from a file, and made when
+    starts: tuple[RunRecord, ...] = ()  # The initial pose of each case, judged as if an engine had returned it
+    unfit: dict[str, str] = dataclasses.field(default_factory=dict)  # Engines that take no task of these, and why not
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,6 +75,9 @@ def compare(
     if not able:
         needs = sorted({need for names in lacking.values() for need in names})
         raise InputError(f"no engine can run here; install what they need: pip install {' '.join(needs)}")
+    unfit = {spec.name: why for spec in able if (why := _unfit(spec, items))}
+    if len(unfit) == len(able):
+        raise InputError(f"no engine fits: {'; '.join(f'{name} {why}' for name, why in unfit.items())}")
     if protocol.isolate:
         for spec in able:
             spec.require_picklable()
@@ -78,19 +86,43 @@ def compare(
     if _open_jobs(items, able, store):
         store.begin(session([need for spec in able for need in spec.needs], protocol.threads))
         _work(items, able, store, protocol, observe or (lambda _: None))
-    keys, codes = {item.key for item in items}, {spec.name: spec.identity for spec in able}
-    runs = tuple(
-        _rejudged(run, protocol.success_threshold)
-        for run in store.runs
-        if run.key in keys and codes.get(run.engine) == run.identity
+    names, codes = {item.key: item.case for item in items}, {spec.name: spec.identity for spec in able}
+    known = (run for run in store.runs if run.key in names and codes.get(run.engine) == run.identity)
+    runs, starts = (
+        tuple(
+            dataclasses.replace(_rejudged(run, protocol.success_threshold), case=names[run.key] or run.case)
+            for run in made
+        )
+        for made in (known, _starts(items))
     )
-    return Comparison(runs, tuple(codes), lacking, tuple(store.sessions), title, kept)
+    return Comparison(runs, tuple(codes), lacking, tuple(store.sessions), title, kept, starts, unfit)
 
 
 def _own_engines(tasks: Any) -> tuple[str, ...] | None:
     """Engines that the sweeps name; None where none does."""
     sweeps = [thing for thing in (tasks if isinstance(tasks, (list, tuple)) else [tasks]) if isinstance(thing, Sweep)]
     return tuple(dict.fromkeys(name for sweep in sweeps for name in sweep.all_engines)) or None
+
+
+def _unfit(spec: EngineSpec, items: list[PlannedRun]) -> str:
+    """Why an engine takes none of the tasks; "" where it takes one."""
+    if any(item.takes(spec) for item in items):
+        return ""
+    if spec.needs_initial_pose and not any(item.has_initial_pose for item in items):
+        return "needs an initial pose"
+    return f"takes part in {' and '.join(spec.settings)} only"
+
+
+def _starts(items: list[PlannedRun]) -> list[RunRecord]:
+    """Initial poses of the cases, judged; what a sweep's are off is its axis."""
+    nobody = EngineSpec(START, (), True, ("manual",), "object")
+    made = []
+    for item in items:
+        if item.case and item.has_initial_pose:
+            case = item.make()
+            assert case.task.start is not None
+            made.append(_judged(item, case, nobody, 0, EngineCall("ran", output=EngineOutput(case.task.start))))
+    return made
 
 
 def _open_jobs(

@@ -10,6 +10,7 @@ from dqreg.compare.summary import SummaryRow, largest_reliable, median, summaris
 from dqreg.report.table import Column, Table
 
 MISSING, REMARK = "-", "remark"
+LESS = "Give a smaller --home than the initial pose is off."
 AXES = {
     "start_angle_deg": ("initial rotation [deg]", "Convergence basin: rotation of the initial pose"),
     "start_offset": ("initial translation [S]", "Convergence basin: translation of the initial pose"),
@@ -33,7 +34,12 @@ def tables(found: Comparison) -> list[Table]:
     """All tables of a comparison."""
     lines = summarise(found.runs)
     places = list(dict.fromkeys(summary_key(run) for run in found.runs))
-    made = [_case(found, [line for line in lines if line.place == place]) for place in places if place.axis == "case"]
+    starts = {line.place: line for line in summarise(found.starts)}
+    made = [
+        _case(found, [line for line in lines if line.place == place], starts.get(place))
+        for place in places
+        if place.axis == "case"
+    ]
     axes = list(dict.fromkeys((place.axis, place.setting) for place in places if place.axis != "case"))
     if axes:
         made.append(_answers(found, lines))
@@ -43,7 +49,7 @@ def tables(found: Comparison) -> list[Table]:
     return made
 
 
-def _case(found: Comparison, lines: list[SummaryRow]) -> Table:
+def _case(found: Comparison, lines: list[SummaryRow], given: SummaryRow | None) -> Table:
     place, unit = lines[0].place, lines[0].units or "target units"
     start = "no initial pose" if place.without_initial_pose else "from the given initial pose"
     title = f"{place.case}, {_words(place.setting)}, {start}: {lines[0].points} points, S = {lines[0].size:.4g} {unit}"
@@ -63,11 +69,13 @@ def _case(found: Comparison, lines: list[SummaryRow]) -> Table:
             number(line.peak_memory / 1e6),
             line.remark,
         )
-        for line in _in_order(found, lines)
+        for line in ([] if given is None else [given]) + _in_order(found, lines)
     ]
     note = ("Worst vertex: median over all runs of the greatest displacement of a point of the part. On surface: rms "
             "distance of scan points that no engine was given, of those that lie on the target; overlap: their "
             "fraction. Peak MB: growth of the process above its inputs.")  # fmt: skip
+    if given is not None and given.found:
+        note = f"The initial pose already counts as found: whoever does nothing has found it too. {LESS} {note}"
     return Table(f"case-{place.case}-{place.setting}", title, _columns(*head), tuple(rows), note)
 
 
@@ -77,7 +85,7 @@ def _answers(found: Comparison, lines: list[SummaryRow]) -> Table:
     rows = []
     for engine in found.engines:
         mine = [line for line in lines if line.engine == engine and line.place.setting == "manual"]
-        near = [line for line in mine if line.place.axis in ("start_angle_deg", "frame") and line.found]
+        near = [line for line in mine if line.place.axis in ("start_angle_deg", "frame")]
         base = [line for line in near if line.place.value in (5, 10, "mm")]
         million = [line for line in mine if line.place.axis == "points" and line.place.value == 1_000_000]
         blind = [line for line in mine if line.place.axis == "nothing"]
@@ -86,14 +94,15 @@ def _answers(found: Comparison, lines: list[SummaryRow]) -> Table:
             *(number(largest_reliable(mine, engine, axis, "manual"))
               for axis in ("start_angle_deg", "start_offset", "noise", "outliers", "overlap")),
             _sum(blind),
-            number(median(line.worst for line in base)),
-            number(median(line.seconds for line in base)),
+            _of_found(base),
+            number(median(line.seconds for line in base if line.found)),
             number(million[0].seconds) if million else MISSING,
             number(time_exponent(mine, engine)),
         ))  # fmt: skip
     note = ("Rotation to overlap: the largest value up to which all runs succeeded, in the setting as its "
             "manual says; '-' if not even the first. Worst vertex and seconds: medians at initial poses 5 and 10 "
-            "degrees off. Growth: exponent of time over points, 1 is linear.")  # fmt: skip
+            "degrees off, of those that were found; how many were stands behind. Growth: exponent of time over "
+            "points, 1 is linear.")  # fmt: skip
     return Table("answers", "Summary", _columns(*head), tuple(rows), note)
 
 
@@ -180,6 +189,11 @@ def _sum(lines: list[SummaryRow]) -> str:
     return f"{sum(line.found or 0 for line in lines)}/{sum(line.runs for line in lines)}"
 
 
+def _of_found(lines: list[SummaryRow]) -> str:
+    """Median error of what was found, and how much of it was."""
+    return f"{number(median(line.worst for line in lines))}, {_sum(lines)}" if lines else MISSING
+
+
 def _words(setting: str) -> str:
     return {"manual": "as its manual says", "same-loop": "same loop"}.get(setting, setting)
 
@@ -204,6 +218,8 @@ def footer(found: Comparison, home: float) -> str:
         f"{named}.",
         *([found.kept] if found.kept else []),
     ]
+    if found.unfit:
+        text.append(f"Took no part: {'; '.join(f'{name} ({why})' for name, why in found.unfit.items())}.")
     if found.missing:
         missing = "; ".join(f"{name} (pip install {' '.join(needs)})" for name, needs in found.missing.items())
         text.append(f"Not installed: {missing}.")

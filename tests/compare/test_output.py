@@ -6,6 +6,7 @@ import io
 import json
 import math
 
+import matplotlib.image
 import pytest
 from rich.console import Console
 
@@ -96,6 +97,51 @@ def test_tables_say_what_was_not_found():
     assert rows["b"][-1] == "wrong pose"
     assert rows["c"][-1] == "no answer within 9 s"
     assert "absent (pip install some-package)" in footer(of(run()), 0.01)
+
+
+def test_accuracy_in_the_summary_says_of_how_many():
+    runs = sweep_of("start_angle_deg", {5: [True, False], 10: [False, False]}) + sweep_of(
+        "start_angle_deg", {5: [False]}, engine="b"
+    )
+    table = next(table for table in tables(of(*runs)) if table.key == "answers")
+    cells = {row[0]: row[table.head.index("worst vertex [S]")] for row in table.rows}
+    assert cells == {"a": "2.0e-3, 1/4", "b": "-, 0/1"}
+    assert "of those that were found" in table.note
+
+
+def test_the_initial_pose_is_a_row_and_told_where_it_counts_as_found():
+    good, bad = (run("initial pose", found=found, seconds=NAN, peak_memory=NAN) for found in (True, False))
+    table, other = (tables(dataclasses.replace(of(run()), starts=(start,)))[0] for start in (good, bad))
+    assert [row[0] for row in table.rows] == ["initial pose", "a"]
+    assert table.rows[0][1:3] == ("1/1", "2.0e-3")
+    assert "already counts as found" in table.note
+    assert "--home" in table.note
+    assert other.rows[0][1:3] == ("0/1", "0.3")
+    assert "already counts" not in other.note
+
+
+def test_those_that_took_no_part_are_named():
+    found = dataclasses.replace(of(run()), unfit={"b": "needs an initial pose"})
+    assert "Took no part: b (needs an initial pose)." in footer(found, 0.01)
+
+
+def test_legend_of_every_engine_is_on_the_picture():
+    names = [f"an engine with a name {number}" for number in range(34)]
+    for plot in plots(of(*(run(name) for name in names))):
+        page = matplotlib.image.imread(io.BytesIO(plot.png))[..., :3]
+        # Nothing is drawn on the rims: what reaches them is cut off.
+        assert (page[:2] == 1.0).all()
+        assert (page[-2:] == 1.0).all()
+
+
+def test_plot_of_noise_rings_what_was_not_always_found():
+    def picture(found: list[bool]) -> bytes:
+        (plot,) = [
+            plot for plot in plots(of(*sweep_of("noise", {0.0: [True, True], 1e-3: found}))) if "noise" in plot.key
+        ]
+        return plot.png
+
+    assert picture([True, True]) != picture([True, False])
 
 
 def test_all_tables_and_plots_of_a_sweep():

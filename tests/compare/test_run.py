@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import signal
@@ -11,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dqreg.compare import Protocol, SameLoop, compare, from_case, read_sweep, run_engine
+from dqreg.compare import Protocol, SameLoop, compare, from_case, from_pair, read_sweep, run_engine
 from dqreg.compare.case import make_case, small_copy
 from dqreg.compare.engines.registry import engine_specs
 from dqreg.compare.plan import plan
@@ -25,6 +26,7 @@ from dqreg.synth import demo_case, load_case
 
 FILE = Path(__file__).with_name("toy_engines.py")
 CASE = load_case(demo_case())
+TRUTH = CASE.T_target_source
 SMALL = SameLoop(source_points=500, target_points=2_000)
 ONCE = Protocol(settings=("manual",), repeats=1, isolate=False)
 
@@ -225,6 +227,38 @@ def test_engine_that_needs_an_initial_pose_takes_no_part_without(tmp_path):
         CASE, [still, *some("perfect")], protocol=Protocol(repeats=1, isolate=False, withhold_initial_pose=True)
     )
     assert [(run.engine, run.setting, run.without_initial_pose) for run in found.runs] == [("perfect", "manual", True)]
+
+
+def test_engines_that_fit_no_task_are_named():
+    blind = Protocol(repeats=1, isolate=False, withhold_initial_pose=True)
+    found = compare(CASE, [Still("still", np.eye(4)), *some("perfect")], protocol=blind)
+    assert found.unfit == {"still": "needs an initial pose"}
+    assert found.starts == ()
+    with pytest.raises(InputError, match="no engine fits: still needs an initial pose"):
+        compare(CASE, [Still("still", np.eye(4))], protocol=blind)
+
+
+def test_the_initial_pose_is_judged_as_if_an_engine_had_returned_it(both):
+    found = compare(both, some("perfect"), protocol=ONCE)
+    assert [(run.engine, run.setting, run.success) for run in found.starts] == [
+        ("initial pose", "manual", False), ("initial pose", "same-loop", False),
+    ]  # fmt: skip
+    assert np.degrees(found.starts[0].angle_rad) == pytest.approx(20.0, abs=1e-6)
+    wide = compare(both, some("perfect"), protocol=dataclasses.replace(ONCE, success_threshold=0.9))
+    assert [run.success for run in wide.starts] == [True, True]
+
+
+def test_different_cases_of_one_name_are_numbered(tmp_path):
+    cases = [from_pair(CASE.scan, CASE.part, T, TruePoses(CASE.T_target_source[None])) for T in (np.eye(4), TRUTH)]
+    found = compare([*cases, cases[0]], some("identity"), protocol=ONCE, out=tmp_path / "runs.jsonl")
+    names = [f"{CASE.scan.name} on {CASE.part.name} ({number})" for number in (1, 2)]
+    assert [run.case for run in found.runs] == [run.case for run in found.starts] == names
+    assert found.title == ", ".join(names)
+    # The order of the tasks counts, not that of the file.
+    again = compare(cases[::-1], some("identity"), protocol=ONCE, out=tmp_path / "runs.jsonl")
+    assert [(run.case, run.key) for run in again.runs] == [
+        (names[1], cases[0].key), (names[0], cases[1].key),
+    ]  # fmt: skip
 
 
 def test_larger_scans_are_not_tried_after_one_ran_out_of_time(tmp_path, monkeypatch):
