@@ -23,7 +23,7 @@ PLOT_INCHES, DOTS_PER_INCH = (8.4, 4.2), 150
 # What is drawn as zero on a logarithmic axis.
 LEAST_ERROR = 1e-9
 ERROR = f"worst vertex error [S], {LEAST_ERROR:g} or less at the foot"
-OF_FOUND = "of the runs that found the pose; ringed: some did not; no mark: none did"
+OF_FOUND = "of runs that found the pose; ringed: not all did; no mark: none"
 RING: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 13, "fillstyle": "none"}
 # Height of a line of the legend, and of what is above and below it.
 LEGEND_INCHES = (0.185, 0.5)
@@ -109,7 +109,7 @@ def _along(
                 axes.plot([x for x, _ in ringed], [y for _, y in ringed], **RING, color=style["color"])
             axes.set(xlabel=AXES[axis][0], title=f"setting: {setting}" if len(settings) > 1 else "")
             if log:
-                axes.set(yscale="log", ylabel=ERROR, title=OF_FOUND)
+                axes.set(yscale="log", ylabel=ERROR, xlabel=f"{AXES[axis][0]}\n{OF_FOUND}")
                 axes.set_xscale("symlog", linthresh=1e-4)
             else:
                 axes.set(ylabel="success rate", ylim=(-0.1, 1.1))
