@@ -28,6 +28,9 @@ RELATIVE_RMSE = 1e-6 / ROOM_SIZE_M
 # Default of ICPConvergenceCriteria, enough for every method with normals. For point-to-point the tutorial raises it to
 # 2000 ("can be changed to allow more computation time and to improve the results further").
 ITERATIONS: dict[str, int] = {"point-to-point": 2000, "point-to-plane": 30, "symmetric": 30, "generalized": 30}
+# Tukey's constant in standard deviations of the noise, which the tutorial "Robust kernels" takes as known; here it is
+# 1.4826 times the median distance from the planes after the last stage.
+TUKEY, MEDIAN_TO_SIGMA = 4.685, 1.4826
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,6 +42,8 @@ class Open3dIcp:
     needs: tuple[str, ...] = ()
     needs_initial_pose: bool = True
     settings: tuple[Setting, ...] = ("manual", "same-loop")
+    stages: tuple[float, ...] = ()  # Maximum distances as fractions of the size, one run each; () for one run
+    robust: bool = False  # Whether a last run has Tukey's kernel
 
     def register(self, task: Task) -> EngineOutput:
         """Do the task; see `dqreg.compare.engines.Engine.register`."""
@@ -56,20 +61,37 @@ class Open3dIcp:
         source = open3d_cloud(source_cloud(task))
         if self.method == "symmetric":
             with_normals(source, settings, "source")
-        limits = criteria(task, size, ITERATIONS[self.method])
-        settings.update(limits, max_correspondence_distance=max_distance(task, size))
+        settings.update(criteria(task, size, ITERATIONS[self.method]))
+        if self.stages:
+            return self._staged(source, target, task, size, settings)
+        settings["max_correspondence_distance"] = max_distance(task, size)
 
         def run(start: FloatArray, iterations: int) -> Any:
             # A copy: a replay must not change the settings of the run.
             return self._call(source, target, start, {**settings, "max_iteration": iterations}, settings)
 
-        start, most = initial_pose(task), limits["max_iteration"]
+        start, most = initial_pose(task), settings["max_iteration"]
         result = run(start, most)
         clock.stop()
         if result.fitness == 0.0:
             return no_pose("no correspondences (fitness 0)")
         T = np.array(result.transformation)
         return EngineOutput(T, fitness_words(result), curve=replay(run, start, most, T) if task.curve else ())
+
+    def _staged(self, source: Any, target: Any, task: Task, size: float, settings: dict[str, Any]) -> EngineOutput:
+        """One run after the other, each within a smaller distance."""
+        distances = settings["max_correspondence_distances"] = [share * size for share in self.stages]
+        T = initial_pose(task)
+        result: Any = None
+        for within in distances:
+            result = self._call(source, target, T, {**settings, "max_correspondence_distance": within}, settings)
+            if result.fitness == 0.0:
+                return no_pose("no correspondences (fitness 0)")
+            T = np.array(result.transformation)
+        if self.robust:
+            settings["tukey_k"] = TUKEY * MEDIAN_TO_SIGMA * _median_distance(source, target, result)
+            result = self._call(source, target, T, {**settings, "max_correspondence_distance": distances[-1]}, settings)
+        return EngineOutput(np.array(result.transformation), fitness_words(result))
 
     def _call(self, source: Any, target: Any, start: FloatArray, used: dict[str, Any], settings: dict[str, Any]) -> Any:
         registration = load_open3d().pipelines.registration
@@ -87,7 +109,8 @@ class Open3dIcp:
             estimation = registration.TransformationEstimationForGeneralizedICP(settings["epsilon"])
             return registration.registration_generalized_icp(source, target, within, start, estimation, stop)
         if self.method == "point-to-plane":
-            estimation = registration.TransformationEstimationPointToPlane()
+            kernel = (registration.TukeyLoss(used["tukey_k"]),) if "tukey_k" in used else ()
+            estimation = registration.TransformationEstimationPointToPlane(*kernel)
         else:
             settings["with_scaling"] = False
             estimation = registration.TransformationEstimationPointToPoint(settings["with_scaling"])
@@ -158,6 +181,14 @@ def max_distance(task: Task, size: float) -> float:
     if task.setting == "same-loop" and task.max_distance is not None:
         return float(task.max_distance)
     return MAX_DISTANCE * size
+
+
+def _median_distance(source: Any, target: Any, result: Any) -> float:
+    """Median distance of the matched points from the planes of their matches."""
+    rows, matches = np.asarray(result.correspondence_set).T
+    p = np.asarray(source.points)[rows] @ result.transformation[:3, :3].T + result.transformation[:3, 3]
+    gaps = np.einsum("ij,ij->i", p - np.asarray(target.points)[matches], np.asarray(target.normals)[matches])
+    return float(np.median(np.abs(gaps)))
 
 
 def fitness_words(result: Any) -> str:

@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 
 from dqreg.compare.engines import ENGINES, EngineOutput, Task, harness, missing
+from dqreg.compare.engines.clouds import STAGES, task_size
 from dqreg.errors import InputError
+from dqreg.geometry import PointCloud
 from dqreg.rigid import pose
-from tests.compare.engines.cases import ON_PART, attempt, clouds, error, part, task
+from tests.compare.engines.cases import NOISE, ON_PART, attempt, clouds, error, part, task, truth
 
 # Worst corner of the part against the truth, in sizes. The start is 3e-2 off. Points to samples of a surface end near
 # the spacing of the samples over the square root of their number; planes and distributions near the noise (3e-4) over
@@ -24,6 +26,8 @@ TOLERANCES = {
     "dqreg best": 5e-4,
     "dqreg loop plane": 5e-4,
     "open3d point-to-plane": 5e-4,
+    "open3d point-to-plane staged": 5e-4,
+    "open3d point-to-plane robust": 5e-4,
     "open3d symmetric": 1e-3,
     "open3d generalised": 5e-4,
     "open3d tensor multi-scale": 5e-4,
@@ -31,7 +35,9 @@ TOLERANCES = {
     "open3d fpfh+fgr": 1e-3,
     "open3d ndt": 5e-3,
     "small_gicp plane": 1e-3,
+    "small_gicp plane staged": 1e-3,
     "small_gicp gicp": 5e-4,
+    "small_gicp gicp fine": 5e-4,
     "small_gicp vgicp": 5e-4,
     "simpleicp": 1e-3,
     "kiss-matcher": 1e-2,
@@ -207,6 +213,33 @@ def test_mesh_is_sampled_for_those_that_take_clouds() -> None:
     assert done.prepare_seconds > 0.0
     assert error(done.T_target_source) < 5e-4
     assert "target_samples" not in ENGINES["dqreg"].register(task("", target=part())).settings
+
+
+@pytest.mark.parametrize("name", ["open3d point-to-plane", "small_gicp plane"])
+def test_stages_take_the_pull_of_what_lies_beside_the_part(name: str) -> None:
+    have(name)
+    # A tenth of the points lies above one face, within the largest distance and beyond the others.
+    scan, _ = clouds()
+    few = scan.points[: len(scan) // 10]
+    beside = few + 0.05 * part().diagonal * truth()[:3, :3].T @ np.array([0.0, 0.0, -1.0])
+    source = PointCloud(np.concatenate([scan.points, beside]))
+    one, staged = (
+        error(ENGINES[each].register(task("", source=source)).T_target_source) for each in (name, f"{name} staged")
+    )
+    assert staged < 0.2 * one
+
+
+def test_a_robust_kernel_is_as_wide_as_the_noise() -> None:
+    given = task("", target=part())
+    done = ENGINES["open3d point-to-plane robust"].register(given)
+    assert done.settings["tukey_k"] == pytest.approx(4.685 * NOISE * part().diagonal, rel=0.5)
+    assert done.settings["max_correspondence_distances"] == [share * task_size(given) for share in STAGES]
+
+
+@pytest.mark.parametrize(("name", "samples"), [("small_gicp gicp", 100_000), ("small_gicp gicp fine", 200_000)])
+def test_a_peer_that_keeps_one_point_a_voxel_is_not_given_more(name: str, samples: int) -> None:
+    have(name)
+    assert ENGINES[name].register(task("", target=part())).settings["target_samples"] == samples
 
 
 def test_ours_needs_no_initial_pose() -> None:

@@ -21,9 +21,13 @@ from tests.compare.engines.cases import task
 
 SPIED = {
     "open3d point-to-plane": open3d_icp,
+    "open3d point-to-plane staged": open3d_icp,
+    "open3d point-to-plane robust": open3d_icp,
     "open3d ndt": open3d_icp,
     "open3d fpfh+fgr": open3d_global,
     "small_gicp vgicp": small_gicp_icp,
+    "small_gicp plane staged": small_gicp_icp,
+    "small_gicp gicp fine": small_gicp_icp,
     "kiss-icp map": kiss_icp_map,
     "trimesh icp as shipped": trimesh_icp,
     "kiss-matcher": kiss_matcher_,
