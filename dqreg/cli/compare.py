@@ -150,7 +150,8 @@ def _run(console: Console, shown: Console, inputs: tuple[Path, ...], options: di
         with WorkBar(shown, counted=False) as bar:
             found = run(tasks, _engines(options), protocol=protocol, out=goals.lines, observe=_told(bar, shown))
     except KeyboardInterrupt:
-        kept = f"; the runs so far are in {goals.lines}: the same command resumes from there" if goals.lines else ""
+        there = goals.lines is not None and goals.lines.exists()
+        kept = f"; the runs so far are in {goals.lines}: the same command resumes from there" if there else ""
         click.echo(f"dqreg: stopped by the user{printable(kept)}", err=True)
         return STOPPED_CODE
     made, note = tables(found), footer(found, protocol.success_threshold)
@@ -216,10 +217,12 @@ def _engines(options: dict[str, Any]) -> list[Any] | None:
     if named or not files:
         return [*named, *files] or None
     from dqreg.compare import read_sweep
-    from dqreg.compare.engines.registry import ENGINES
+    from dqreg.compare.engines.registry import ENGINES, engine_specs
 
     own = read_sweep(options["sweep"]).engines if options["sweep"] is not None else ()
-    return [*(own or ENGINES), *files]
+    # A sweep may name those of the files, too.
+    held = {spec.name for spec in engine_specs(files)}
+    return [*(name for name in own or ENGINES if name not in held), *files]
 
 
 def _list(console: Console, found: Sequence[EngineSpec], *, as_json: bool) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from dqreg.compare.proportions import interval
 from dqreg.compare.run import Comparison
 from dqreg.compare.summary import SummaryRow, largest_reliable, median, summarise, summary_key, time_exponent
 from dqreg.report.table import Column, Table
@@ -93,7 +94,7 @@ def _answers(found: Comparison, lines: list[SummaryRow]) -> Table:
             engine,
             *(number(largest_reliable(mine, engine, axis, "manual"))
               for axis in ("start_angle_deg", "start_offset", "noise", "outliers", "overlap")),
-            _sum(blind),
+            _with_interval(blind),
             _of_found(base),
             number(median(line.seconds for line in base if line.found)),
             number(million[0].seconds) if million else MISSING,
@@ -102,7 +103,7 @@ def _answers(found: Comparison, lines: list[SummaryRow]) -> Table:
     note = ("Rotation to overlap: the largest value up to which all runs succeeded, in the setting as its "
             "manual says; '-' if not even the first. Worst vertex and seconds: medians at initial poses 5 and 10 "
             "degrees off, of those that were found; how many were stands behind. Growth: exponent of time over "
-            "points, 1 is linear.")  # fmt: skip
+            "points, 1 is linear. In brackets: 95 % interval (Clopper and Pearson).")  # fmt: skip
     return Table("answers", "Summary", _columns(*head), tuple(rows), note)
 
 
@@ -192,6 +193,13 @@ def _sum(lines: list[SummaryRow]) -> str:
 def _of_found(lines: list[SummaryRow]) -> str:
     """Median error of what was found, and how much of it was."""
     return f"{number(median(line.worst for line in lines))}, {_sum(lines)}" if lines else MISSING
+
+
+def _with_interval(lines: list[SummaryRow]) -> str:
+    if not lines:
+        return MISSING
+    low, high = interval(sum(line.found or 0 for line in lines), sum(line.runs for line in lines))
+    return f"{_sum(lines)} ({100 * low:.0f} to {100 * high:.0f} %)"
 
 
 def _words(setting: str) -> str:

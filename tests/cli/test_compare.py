@@ -71,6 +71,27 @@ def test_list_names_every_engine(capsys, alone):
     assert "own" in text
 
 
+def test_a_sweep_may_name_an_engine_of_a_file(tmp_path, alone, capsys):
+    sweep = tmp_path / "mine.toml"
+    sweep.write_text("engines = ['own']\n[base]\npoints = 200\n[axis.noise]\nvalues = [0.0]\n")
+    out = tmp_path / "r.json"
+    assert run("compare", "--sweep", sweep, "--engine-file", alone, "--out", out, "--quiet") == 0
+    assert [each["engine"] for each in json.loads(out.read_text())["runs"]] == ["own"]
+
+
+def test_stopped_before_the_first_run_names_no_file(tmp_path, alone, capsys, monkeypatch):
+    def stop(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("dqreg.compare.compare", stop)
+    out = tmp_path / "r.json"
+    assert run("compare", CASE.folder, "--engine-file", alone, "--out", out) == 130
+    assert "r.jsonl" not in capsys.readouterr().err
+    out.with_suffix(".jsonl").write_text("")
+    assert run("compare", CASE.folder, "--engine-file", alone, "--out", out) == 130
+    assert "r.jsonl" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

@@ -109,6 +109,23 @@ def test_accuracy_in_the_summary_says_of_how_many():
     assert "of those that were found" in table.note
 
 
+def test_remarks_end_with_a_word_and_say_what_time_an_engine_does_not_tell():
+    words = " ".join(["something"] * 12)
+    honest, short = run(), run(seconds=1e-6, wall_seconds=0.5)
+    failed = run(found=False, status="error", message=words, kind="nothing", seconds=NAN)
+    remarks = [summarise([each])[0].remark for each in (honest, short, failed)]
+    assert remarks[:2] == ["", "tells 1e-06 s, 0.5 s passed"]
+    assert remarks[2].endswith("something ...")
+    assert len(remarks[2]) <= 90
+
+
+def test_successes_without_an_initial_pose_have_their_interval():
+    runs = sweep_of("nothing", {"bracket": [True] * 3, "blade": [True, False]}, without_initial_pose=True)
+    table = tables(of(*runs))[0]
+    # Clopper and Pearson's for 4 of 5, as tables have it.
+    assert table.rows[0][table.head.index("no initial pose")] == "4/5 (28 to 99 %)"
+
+
 def test_the_initial_pose_is_a_row_and_told_where_it_counts_as_found():
     good, bad = (run("initial pose", found=found, seconds=NAN, peak_memory=NAN) for found in (True, False))
     table, other = (tables(dataclasses.replace(of(run()), starts=(start,)))[0] for start in (good, bad))

@@ -17,8 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
+from dqreg.compare.proportions import interval
 from dqreg.compare.trust.kinds import KINDS
-from dqreg.compare.trust.rates import interval, percent
+from dqreg.compare.trust.rates import percent
 from dqreg.compare.trust.task import Kind, TrustTask
 from dqreg.compare.trust.trial import Trial, trial
 from tests.trust.reported_tasks import (

@@ -10,7 +10,8 @@ import numpy as np
 from scipy.optimize import minimize
 
 from dqreg._arrays import FloatArray
-from dqreg.compare.trust.rates import interval, percent
+from dqreg.compare.proportions import interval
+from dqreg.compare.trust.rates import percent
 from dqreg.compare.trust.trial import Trial
 from dqreg.errors import InputError
 from dqreg.report.table import Column, Table

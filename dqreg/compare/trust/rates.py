@@ -6,8 +6,7 @@ import dataclasses
 from collections import Counter
 from collections.abc import Sequence
 
-from scipy.special import betaincinv
-
+from dqreg.compare.proportions import interval
 from dqreg.compare.trust.sweep import TrustSweep
 from dqreg.compare.trust.trial import Trial
 from dqreg.report.table import Column, Table
@@ -38,19 +37,6 @@ class Rate:
     codes: dict[str, int]  # How many verdicts each code stands in, of those that were not accepted
     rivals: int  # Tasks with equally good poses, and how many of them named one
     named: int
-
-
-def interval(count: int, total: int) -> tuple[float, float]:
-    """Clopper and Pearson's 95 % interval of a proportion.
-
-    >>> low, high = interval(0, 100)
-    >>> low, round(high, 3)
-    (0.0, 0.036)
-    """
-    tail = 0.5 * (1.0 - 0.95)
-    low = float(betaincinv(count, total - count + 1, tail)) if count else 0.0
-    high = float(betaincinv(count + 1, total - count, 1.0 - tail)) if count < total else 1.0
-    return low, high
 
 
 def rates(sweep: TrustSweep) -> list[Rate]:

@@ -6,10 +6,11 @@ import json
 import pytest
 
 from dqreg.cli.main import main
+from dqreg.compare.proportions import interval
 from dqreg.compare.trust import rates, trust_sweep
 from dqreg.compare.trust import sweep as sweep_room
 from dqreg.compare.trust.kinds import KINDS
-from dqreg.compare.trust.rates import ALL_GOOD, ALL_WRONG, interval, tables
+from dqreg.compare.trust.rates import ALL_GOOD, ALL_WRONG, tables
 from dqreg.compare.trust.sweep import TrustSweep
 from dqreg.compare.trust.trial import Trial
 from dqreg.registration.batch.worker import Failure
