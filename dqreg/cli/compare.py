@@ -74,7 +74,7 @@ def compare(inputs: tuple[Path, ...], show: bool, as_json: bool, quiet: bool, **
     dqreg compare my_case --report report.html           a case: scan.ply, part.stl and truth.json
     dqreg compare recipe.toml other_case                 a recipe is made into a case first
     dqreg compare scan.ply part.stl --start nominal.txt --truth truth.txt
-    dqreg compare --sweep standard --report report.html  convergence basin, accuracy, speed: half an hour, resumable
+    dqreg compare --sweep standard --report report.html  convergence basin, accuracy, speed: takes long, resumable
     dqreg compare my_case --engine-file my_engine.py     your own method against all others
     dqreg compare scans/*.ply --multiway --truth poses.txt   many scans in one frame, ours and Open3D's
     dqreg compare --sweep trust --report trust.html      false and missed acceptances, kind by kind

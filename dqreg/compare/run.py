@@ -15,6 +15,7 @@ from dqreg.compare.engines.protocol import EngineOutput, Task
 from dqreg.compare.engines.registry import EngineSpec, engine_specs, missing
 from dqreg.compare.environment import session
 from dqreg.compare.identity import identity
+from dqreg.compare.inverted_truth import inverted_truths
 from dqreg.compare.judge import judge, worst_along
 from dqreg.compare.plan import PlannedRun, Protocol, plan
 from dqreg.compare.records import RunRecord
@@ -41,6 +42,7 @@ class Comparison:
     kept: str = ""  # What of it was taken from a file, and made when
     starts: tuple[RunRecord, ...] = ()  # The initial pose of each case, judged as if an engine had returned it
     unfit: dict[str, str] = dataclasses.field(default_factory=dict)  # Engines that take no task of these, and why not
+    hints: tuple[str, ...] = ()  # What may be wrong with the tasks
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,7 +79,8 @@ def compare(
         raise InputError(f"no engine can run here; install what they need: pip install {' '.join(needs)}")
     unfit = {spec.name: why for spec in able if (why := _unfit(spec, items))}
     if len(unfit) == len(able):
-        raise InputError(f"no engine fits: {'; '.join(f'{name} {why}' for name, why in unfit.items())}")
+        words = "; ".join(f"{name} {why}" for name, why in unfit.items())
+        raise InputError(f"no engine fits: {words}. Name another with --engine, or change --start or --setting")
     if protocol.isolate:
         for spec in able:
             spec.require_picklable()
@@ -95,7 +98,8 @@ def compare(
         )
         for made in (known, _starts(items))
     )
-    return Comparison(runs, tuple(codes), lacking, tuple(store.sessions), title, kept, starts, unfit)
+    hints = inverted_truths(items, runs)
+    return Comparison(runs, tuple(codes), lacking, tuple(store.sessions), title, kept, starts, unfit, hints)
 
 
 def _own_engines(tasks: Any) -> tuple[str, ...] | None:

@@ -225,6 +225,7 @@ def footer(found: Comparison, home: float) -> str:
         f"{'Machine' if len(machines) == 1 else 'Machines'}: {'; '.join(machines)}; threads: {', '.join(threads)}.",
         f"{named}.",
         *([found.kept] if found.kept else []),
+        *found.hints,
     ]
     if found.unfit:
         text.append(f"Took no part: {'; '.join(f'{name} ({why})' for name, why in found.unfit.items())}.")

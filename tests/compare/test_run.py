@@ -248,6 +248,16 @@ def test_the_initial_pose_is_judged_as_if_an_engine_had_returned_it(both):
     assert [run.success for run in wide.starts] == [True, True]
 
 
+def test_a_truth_that_is_given_inverted_is_said():
+    right, odd = Still("right", TRUTH), Still("right too", TRUTH)
+    turned = from_pair(CASE.scan, CASE.part, truth=TruePoses(np.linalg.inv(TRUTH)[None]), start="identity")
+    (hint,) = compare(turned, [right, odd, Still("lost", np.eye(4))], protocol=ONCE).hints
+    assert "the inverse of the true one" in hint
+    # One engine may err by itself.
+    assert compare(turned, [right], protocol=ONCE).hints == ()
+    assert compare(CASE, [right, odd], protocol=ONCE).hints == ()
+
+
 def test_different_cases_of_one_name_are_numbered(tmp_path):
     cases = [from_pair(CASE.scan, CASE.part, T, TruePoses(CASE.T_target_source[None])) for T in (np.eye(4), TRUTH)]
     found = compare([*cases, cases[0]], some("identity"), protocol=ONCE, out=tmp_path / "runs.jsonl")
