@@ -19,7 +19,7 @@ MESH_SAMPLES = 500_000
 # initial pose 8 degrees and 3 % of the size off needs. On virtual scans point-to-plane methods are up to 20 times as
 # accurate with less of it, and then lose poses that are farther off: the staged engines take both in turn.
 MAX_DISTANCE = 0.1
-STAGES = (0.1, 0.02, 0.004)
+STAGED_DISTANCES = (0.1, 0.02, 0.004)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -30,7 +30,7 @@ RELATIVE_RMSE = 1e-6 / ROOM_SIZE_M
 ITERATIONS: dict[str, int] = {"point-to-point": 2000, "point-to-plane": 30, "symmetric": 30, "generalized": 30}
 # Tukey's constant in standard deviations of the noise, which the tutorial "Robust kernels" takes as known; here it is
 # 1.4826 times the median distance from the planes after the last stage.
-TUKEY, MEDIAN_TO_SIGMA = 4.685, 1.4826
+TUKEY_CONSTANT, MEDIAN_TO_SIGMA = 4.685, 1.4826
 
 
 @dataclasses.dataclass(frozen=True)
@@ -89,7 +89,7 @@ class Open3dIcp:
                 return no_pose("no correspondences (fitness 0)")
             T = np.array(result.transformation)
         if self.robust:
-            settings["tukey_k"] = TUKEY * MEDIAN_TO_SIGMA * _median_distance(source, target, result)
+            settings["tukey_k"] = TUKEY_CONSTANT * MEDIAN_TO_SIGMA * _median_distance(source, target, result)
             result = self._call(source, target, T, {**settings, "max_correspondence_distance": distances[-1]}, settings)
         return EngineOutput(np.array(result.transformation), fitness_words(result))
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import Any
 
-from dqreg.compare.engines.clouds import STAGES
+from dqreg.compare.engines.clouds import STAGED_DISTANCES
 from dqreg.compare.engines.kiss_icp import KissIcpMap
 from dqreg.compare.engines.kiss_matcher import KissMatcher
 from dqreg.compare.engines.open3d_global import Open3dGlobal
@@ -37,8 +37,10 @@ _ALL: tuple[Engine, ...] = (
     DqregLoop("dqreg loop plane", "plane"),
     Open3dIcp("open3d point-to-point", "point-to-point"),
     Open3dIcp("open3d point-to-plane", "point-to-plane"),
-    Open3dIcp("open3d point-to-plane staged", "point-to-plane", settings=("manual",), stages=STAGES),
-    Open3dIcp("open3d point-to-plane robust", "point-to-plane", settings=("manual",), stages=STAGES[:1], robust=True),
+    Open3dIcp("open3d point-to-plane staged", "point-to-plane", settings=("manual",), stages=STAGED_DISTANCES),
+    Open3dIcp(
+        "open3d point-to-plane robust", "point-to-plane", settings=("manual",), stages=STAGED_DISTANCES[:1], robust=True
+    ),
     Open3dIcp("open3d symmetric", "symmetric"),
     Open3dIcp("open3d generalised", "generalized"),
     Open3dNdt(),
@@ -47,9 +49,9 @@ _ALL: tuple[Engine, ...] = (
     Open3dGlobal("open3d fpfh+fgr", "fgr"),
     SmallGicp("small_gicp icp", "ICP"),
     SmallGicp("small_gicp plane", "PLANE_ICP"),
-    SmallGicp("small_gicp plane staged", "PLANE_ICP", settings=("manual",), stages=STAGES),
+    SmallGicp("small_gicp plane staged", "PLANE_ICP", settings=("manual",), stages=STAGED_DISTANCES),
     SmallGicp("small_gicp gicp", "GICP"),
-    SmallGicp("small_gicp gicp staged", "GICP", settings=("manual",), stages=STAGES),
+    SmallGicp("small_gicp gicp staged", "GICP", settings=("manual",), stages=STAGED_DISTANCES),
     SmallGicp("small_gicp gicp fine", "GICP", settings=("manual",), downsampling_share=1.0 / 400.0, samples=200_000),
     SmallGicp("small_gicp vgicp", "VGICP"),
     KissIcpMap(),

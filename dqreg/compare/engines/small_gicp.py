@@ -22,9 +22,9 @@ from dqreg.errors import load_package
 # has a quarter to two thirds of that for another two and a half times.
 DOWNSAMPLING_SHARE = 1.0 / 200.0
 # Points drawn from a mesh, a few for each voxel that holds any: 500,000 gain no accuracy and take 0.1 s more.
-SAMPLES = 100_000
+CAD_SAMPLES = 100_000
 # The manual's voxels are four downsampling lengths (1.0 and 0.25); of 0.02, 0.05 and 0.1 of the size, 0.02 is best.
-VOXELS = 4.0
+VOXEL_FACTOR = 4.0
 # The manual's stopping rule: 0.1 degrees, and 1e-3 m with downsampling to 0.25 m. Finer ones gained nothing.
 ROTATION_EPSILON = np.deg2rad(0.1)
 TRANSLATION_EPSILON = 1e-3 / 0.25
@@ -45,7 +45,7 @@ class SmallGicp:
     settings: tuple[Setting, ...] = ("manual", "same-loop")
     stages: tuple[float, ...] = ()  # Maximum distances as fractions of the size, one run each; () for one run
     downsampling_share: float = DOWNSAMPLING_SHARE
-    samples: int = SAMPLES  # Points drawn from a mesh
+    samples: int = CAD_SAMPLES  # Points drawn from a mesh
 
     def register(self, task: Task) -> EngineOutput:
         """Do the task; see `dqreg.compare.engines.Engine.register`."""
@@ -101,7 +101,7 @@ def limits(task: Task, method: str, downsampling_share: float = DOWNSAMPLING_SHA
         "translation_epsilon": (SAME_LOOP_TOLERANCE if same else epsilon) * size,
     }
     if method == "VGICP":
-        chosen["voxel_resolution"] = VOXELS * downsampling_share * size
+        chosen["voxel_resolution"] = VOXEL_FACTOR * downsampling_share * size
     return chosen
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from dqreg.compare.engines import ENGINES, EngineOutput, Task, harness, missing
-from dqreg.compare.engines.clouds import STAGES, task_size
+from dqreg.compare.engines.clouds import STAGED_DISTANCES, task_size
 from dqreg.errors import InputError
 from dqreg.geometry import PointCloud
 from dqreg.rigid import pose
@@ -234,7 +234,7 @@ def test_a_robust_kernel_is_as_wide_as_the_noise() -> None:
     given = task("", target=part())
     done = ENGINES["open3d point-to-plane robust"].register(given)
     assert done.settings["tukey_k"] == pytest.approx(4.685 * NOISE * part().diagonal, rel=0.5)
-    assert done.settings["max_correspondence_distances"] == [STAGES[0] * task_size(given)]
+    assert done.settings["max_correspondence_distances"] == [STAGED_DISTANCES[0] * task_size(given)]
 
 
 @pytest.mark.parametrize(("name", "samples"), [("small_gicp gicp", 100_000), ("small_gicp gicp fine", 200_000)])
