@@ -58,10 +58,13 @@ def _own_files(spec: EngineSpec) -> set[Path]:
     left = [first]
     while left:
         module = left.pop()
-        if module is not None and module.__name__ not in seen and _is_own(module):
+        if module is None or module.__name__ in seen or _file(module) is None:
+            continue
+        # Of an installed package the module of the engine itself stands for its version.
+        if module is first or _is_own(module):
             seen[module.__name__] = module
             left.extend(_named_in(module))
-    return {Path(str(module.__file__)) for module in seen.values()}
+    return {path for module in seen.values() if (path := _file(module)) is not None}
 
 
 def _named_in(module: ModuleType) -> Iterator[ModuleType | None]:
@@ -73,19 +76,23 @@ def _named_in(module: ModuleType) -> Iterator[ModuleType | None]:
             yield sys.modules.get(home)
 
 
+def _file(module: ModuleType) -> Path | None:
+    name = getattr(module, "__file__", None)
+    return Path(name).resolve() if isinstance(name, str) and Path(name).is_file() else None
+
+
 def _is_own(module: ModuleType) -> bool:
     """Whether a module is a file that belongs to no installed package, to neither Python nor dqreg."""
-    name = getattr(module, "__file__", None)
-    if not isinstance(name, str) or not Path(name).is_file():
+    path = _file(module)
+    if path is None:
         return False
-    path = Path(name).resolve()
     homes = (PACKAGE, *(Path(sysconfig.get_paths()[key]).resolve() for key in ("stdlib", "platstdlib")))
     return not INSTALLED & set(path.parts) and not any(path.is_relative_to(home) for home in homes)
 
 
 def _state(spec: EngineSpec) -> bytes:
     """The parameters of an object; what tells nothing apart where it cannot be packed."""
-    if not _own_files(spec) and not type(spec.engine).__module__.startswith("dqreg."):
+    if not _own_files(spec):
         return uuid.uuid4().bytes
     try:
         return pickle.dumps(spec.engine)

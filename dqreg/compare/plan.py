@@ -6,7 +6,7 @@ import contextlib
 import dataclasses
 import os
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,8 @@ from dqreg._arrays import FloatArray, as_pose
 from dqreg.compare.case import BenchmarkCase, SameLoop, make_case
 from dqreg.compare.engines.protocol import Setting
 from dqreg.compare.engines.registry import EngineSpec
-from dqreg.compare.judge import SUCCESS_THRESHOLD
+from dqreg.compare.judge import SUCCESS_THRESHOLD, judge
+from dqreg.compare.records import RunRecord
 from dqreg.compare.sweep import Cell, Sweep
 from dqreg.compare.sweep_tasks import build
 from dqreg.compare.truth import TruePoses, truth_of
@@ -25,6 +26,7 @@ from dqreg.files.units import factor
 from dqreg.geometry import Mesh, PointCloud, sample_mesh
 from dqreg.geometry.opening import open_geometry
 from dqreg.registration.source import MESH_SAMPLES
+from dqreg.rigid import pose
 from dqreg.synth import Case, load_case, read_recipe, write_case
 
 
@@ -148,6 +150,26 @@ def _told_apart(items: list[PlannedRun]) -> list[PlannedRun]:
             item = dataclasses.replace(item, case=name, title=name, words=words)
         numbered.append(item)
     return numbered
+
+
+def inverted_truths(items: Iterable[PlannedRun], runs: Sequence[RunRecord]) -> tuple[str, ...]:
+    """A sentence for each case where no engine is right, and two or more would be if the true pose were inverted."""
+    names = [
+        item.case for item in items if item.case and _fit_inverted(item, [run for run in runs if run.key == item.key])
+    ]
+    return tuple(
+        f"{name}: no pose that was found is the true one, but the inverse of the true one is: is the truth given from "
+        "target to source? It must be T_target_source."
+        for name in dict.fromkeys(names)
+    )
+
+
+def _fit_inverted(item: PlannedRun, runs: list[RunRecord]) -> bool:
+    if any(run.success is not False for run in runs):
+        return False
+    truth = item.make().ground_truth
+    found = {run.engine: np.array(run.T_target_source) for run in runs if run.kind == "rigid"}
+    return sum(judge(pose.inverse(T), truth).success is True for T in found.values()) >= 2
 
 
 def _items(thing: Any, protocol: Protocol) -> list[PlannedRun]:

@@ -15,9 +15,8 @@ from dqreg.compare.engines.protocol import EngineOutput, Task
 from dqreg.compare.engines.registry import EngineSpec, engine_specs, missing
 from dqreg.compare.environment import session
 from dqreg.compare.identity import identity
-from dqreg.compare.inverted_truth import inverted_truths
 from dqreg.compare.judge import judge, worst_along
-from dqreg.compare.plan import PlannedRun, Protocol, plan
+from dqreg.compare.plan import PlannedRun, Protocol, inverted_truths, plan
 from dqreg.compare.records import RunRecord
 from dqreg.compare.run_engine import EngineCall, calls_here, isolated_calls
 from dqreg.compare.store import Store, is_last, kept_words

@@ -86,3 +86,11 @@ def test_what_peers_run_with_is_less_than_what_ours_do(monkeypatch):
     after = [identity.identity(spec) for spec in engine_specs(names)]
     assert [one != other for one, other in zip(before, after, strict=True)] == [True, False]
     assert all((identity.PACKAGE / place).exists() for place in identity.OF_PEERS)
+
+
+def test_a_method_that_stands_in_no_file_is_another_each_time(monkeypatch):
+    made = type("Mine", (), {"name": "mine", "register": lambda self, task: np.eye(4), "__module__": "nowhere"})()
+    assert len({identity.identity(spec) for spec in engine_specs([made]) for _ in range(2)}) == 2
+    # One of a package that is installed stands in a file.
+    monkeypatch.setattr(identity, "_is_own", lambda module: False)
+    assert len({identity.identity(spec) for spec in engine_specs([Still(np.eye(4))]) for _ in range(2)}) == 1
