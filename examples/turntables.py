@@ -25,11 +25,11 @@ from rich.table import Table
 
 import dqreg
 from dqreg.files import read_mesh
-from dqreg.multiway.edges import Edge
-from dqreg.multiway.refine import refined
-from dqreg.multiway.scans import read_views, typical_size
+from dqreg.multiway.pose_graph.edges import Edge
+from dqreg.multiway.refinement.refine import refined
+from dqreg.multiway.scans.scans import read_views, typical_size
 from dqreg.multiway.scores import squared_errors, worst_vertices
-from dqreg.multiway.sides import Sides
+from dqreg.multiway.visibility.sides import Sides
 from dqreg.rigid import pose
 from dqreg.synth.many_views import ManyViews, turntable_views
 from dqreg.synth.parts import bracket

@@ -26,9 +26,9 @@ def run_many(
     from dqreg.files.strict_json import plain
     from dqreg.geometry import Mesh
     from dqreg.geometry.opening import open_geometry
+    from dqreg.multiway.pairwise.starts import read_starts_file
     from dqreg.multiway.peers import compare_many
     from dqreg.multiway.scores import many_table
-    from dqreg.multiway.starts import read_starts_file
     from dqreg.report.table import print_tables, to_markdown
 
     for name in ("report", "csv", "plots", "sweep", "engines", "files", "kinds", "seeds"):

@@ -81,7 +81,7 @@ def multiway_command(scans: tuple[str, ...], quiet: bool, as_json: bool, **optio
     """
     from dqreg._open3d import load_open3d
     from dqreg.multiway import register_many
-    from dqreg.multiway.starts import read_starts_file
+    from dqreg.multiway.pairwise.starts import read_starts_file
     from dqreg.report.work_bar import WorkBar
 
     files = _files(scans)
@@ -126,7 +126,7 @@ def _files(scans: tuple[str, ...]) -> list[Path]:
 def _pairs_folder(console: Console, out: Path | None, *, resume: bool) -> Iterator[Path | None]:
     """The folder of finished pairs, held against other runs; without --resume, those of an earlier run are removed."""
     from dqreg.files.folder_lock import held_folder
-    from dqreg.multiway.kept_pairs import pairs_in
+    from dqreg.multiway.scans.kept_pairs import pairs_in
 
     # Beside a device, such as /dev/null, nothing is kept.
     if out is None or (out.exists() and not out.is_file()):
@@ -149,7 +149,7 @@ def _pairs_folder(console: Console, out: Path | None, *, resume: bool) -> Iterat
 def _kept(folder: Path | None) -> Iterator[None]:
     """Whoever ends the run early is told what is kept of it."""
     from dqreg.cli.signals import write
-    from dqreg.multiway.kept_pairs import pairs_in
+    from dqreg.multiway.scans.kept_pairs import pairs_in
 
     try:
         yield
@@ -202,7 +202,7 @@ def _told(bar: WorkBar, console: Console, files: list[Path]) -> Callable[[Progre
 
 
 def _show(console: Console, result: Multiway) -> None:
-    from dqreg.multiway.tables import scans_table
+    from dqreg.multiway.report.tables import scans_table
     from dqreg.report.table import print_tables
 
     print_tables(console, [scans_table(result)])

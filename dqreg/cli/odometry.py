@@ -199,7 +199,7 @@ def _first(scans: Scans, count: int | None) -> Scans:
 def _truth(file: Path | None, scans: Scans) -> FloatArray | None:
     import numpy as np
 
-    from dqreg.multiway.starts import read_result_poses
+    from dqreg.multiway.pairwise.starts import read_result_poses
     from dqreg.odometry.scores import match_truth
     from dqreg.odometry.trajectory import read_trajectory
 

@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.multiway.edge_selection import EdgeSelection
-from dqreg.multiway.edges import PART, Edge, graph_of
 from dqreg.multiway.loop_errors import loop_errors_of
-from dqreg.multiway.refine import Refined
+from dqreg.multiway.pose_graph.edges import PART, Edge, graph_of
+from dqreg.multiway.refinement.refine import Refined
 from dqreg.multiway.result import Multiway
-from dqreg.multiway.scans import View
-from dqreg.multiway.sides import Contradiction
-from dqreg.multiway.turning import UnobservableRotation
+from dqreg.multiway.scans.scans import View
+from dqreg.multiway.selection.edge_selection import EdgeSelection
+from dqreg.multiway.turntables.turning import UnobservableRotation
 from dqreg.multiway.verdict import judge_scans
+from dqreg.multiway.visibility.sides import Contradiction
 from dqreg.trust.records import Reason
 
 

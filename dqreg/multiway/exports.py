@@ -11,7 +11,7 @@ from dqreg._arrays import FloatArray, IntArray
 from dqreg.errors import InputError
 from dqreg.files.g2o import to_g2o
 from dqreg.files.trajectories import Form, found_rows, to_kitti, to_tum
-from dqreg.multiway.edges import PART, Edge, graph_of
+from dqreg.multiway.pose_graph.edges import PART, Edge, graph_of
 from dqreg.rigid import pose
 from dqreg.rigid.twist import TRANSLATION_FIRST
 

@@ -7,10 +7,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from dqreg.files.units import factor
-from dqreg.multiway.edge_selection import EdgeSelection
-from dqreg.multiway.edges import EdgeCode, ended_in_error
+from dqreg.multiway.pose_graph.edges import EdgeCode, ended_in_error
 from dqreg.multiway.scan_names import named, pairs_named
-from dqreg.multiway.scans import View, size_of
+from dqreg.multiway.scans.scans import View, size_of
+from dqreg.multiway.selection.edge_selection import EdgeSelection
 from dqreg.trust.records import Reason
 
 # Units that are confused, those most often first; and how far the ratio of sizes may be off theirs: scans of one place

@@ -6,8 +6,8 @@ import dataclasses
 
 import numpy as np
 
-from dqreg.multiway.edge_selection import EdgeSelection
-from dqreg.multiway.edges import PART
+from dqreg.multiway.pose_graph.edges import PART
+from dqreg.multiway.selection.edge_selection import EdgeSelection
 
 
 @dataclasses.dataclass(frozen=True)

@@ -8,14 +8,14 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.multiway.edge_selection import EdgeSelection
-from dqreg.multiway.edges import PART, Edge, better, is_refused, is_weak
-from dqreg.multiway.overlap import overlap_matrix
-from dqreg.multiway.pair_runs import PairJob, PairRunner
-from dqreg.multiway.pairs import Order, Pair, alike_pairs
-from dqreg.multiway.scans import typical_size
-from dqreg.multiway.starts import OTHER_POSE_RAD, OTHER_POSE_SIZES
-from dqreg.multiway.turntable import on_turntable
+from dqreg.multiway.pairwise.pair_runs import PairJob, PairRunner
+from dqreg.multiway.pairwise.pairs import Order, Pair, alike_pairs
+from dqreg.multiway.pairwise.starts import OTHER_POSE_RAD, OTHER_POSE_SIZES
+from dqreg.multiway.pose_graph.edges import PART, Edge, better, is_refused, is_weak
+from dqreg.multiway.scans.overlap import overlap_matrix
+from dqreg.multiway.scans.scans import typical_size
+from dqreg.multiway.selection.edge_selection import EdgeSelection
+from dqreg.multiway.turntables.turntable import on_turntable
 from dqreg.rigid import pose
 
 # Scans that overlap by less are not worth a registration from where the others put them.

@@ -12,27 +12,27 @@ import numpy as np
 
 from dqreg.errors import InputError
 from dqreg.multiway.assemble import assembled
-from dqreg.multiway.consensus import by_consensus
-from dqreg.multiway.edge_selection import EdgeSelection
-from dqreg.multiway.edges import PART, Edge
-from dqreg.multiway.equal_steps import EqualSteps
-from dqreg.multiway.outlier_scans import (
+from dqreg.multiway.pairwise.pair_runs import PairRunner, Progress, workers_of
+from dqreg.multiway.pairwise.pairs import Edges, Order, asked_pairs
+from dqreg.multiway.pairwise.starts import contradicted_starts, read_starts
+from dqreg.multiway.plan import first_edges, with_overlapping_pairs
+from dqreg.multiway.pose_graph.edges import PART, Edge
+from dqreg.multiway.refinement.refine import refined
+from dqreg.multiway.result import Multiway
+from dqreg.multiway.scans.overlap import overlap_matrix
+from dqreg.multiway.scans.scans import read_views, stray_remarks, typical_size, typical_spacing, unit_of
+from dqreg.multiway.selection.consensus import by_consensus
+from dqreg.multiway.selection.edge_selection import EdgeSelection
+from dqreg.multiway.selection.outlier_scans import (
     Judge,
     without_contradicting_scans,
     without_misfits,
     without_passed_scans,
 )
-from dqreg.multiway.overlap import overlap_matrix
-from dqreg.multiway.pair_runs import PairRunner, Progress, workers_of
-from dqreg.multiway.pairs import Edges, Order, asked_pairs
-from dqreg.multiway.plan import first_edges, with_overlapping_pairs
-from dqreg.multiway.refine import refined
-from dqreg.multiway.result import Multiway
-from dqreg.multiway.round_part import RoundPart, laid_by_angles
-from dqreg.multiway.scans import read_views, stray_remarks, typical_size, typical_spacing, unit_of
-from dqreg.multiway.sides import Sides
-from dqreg.multiway.starts import contradicted_starts, read_starts
-from dqreg.multiway.turning import turnings
+from dqreg.multiway.turntables.equal_steps import EqualSteps
+from dqreg.multiway.turntables.round_part import RoundPart, laid_by_angles
+from dqreg.multiway.turntables.turning import turnings
+from dqreg.multiway.visibility.sides import Sides
 from dqreg.registration.log import log_verdict
 from dqreg.registration.option_checks import read_time_limit, require_observer, require_seed, require_word
 from dqreg.registration.options import Effort

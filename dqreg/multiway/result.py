@@ -15,10 +15,11 @@ from dqreg.errors import InputError
 from dqreg.files.atomic import write_atomically
 from dqreg.files.trajectories import form_by_name
 from dqreg.geometry import PointCloud
-from dqreg.multiway import exports, merge, result_json
-from dqreg.multiway.edges import Edge
+from dqreg.multiway import exports, result_json
 from dqreg.multiway.loop_errors import LoopError
-from dqreg.multiway.scans import View
+from dqreg.multiway.pose_graph.edges import Edge
+from dqreg.multiway.scans import merge
+from dqreg.multiway.scans.scans import View
 from dqreg.trust.records import Verdict
 
 
@@ -172,7 +173,7 @@ class Multiway:
         InputError
             If a scan cannot be read, or there are more or fewer than were registered.
         """
-        from dqreg.multiway.scans import read_views
+        from dqreg.multiway.scans.scans import read_views
 
         views = read_views(scans, int(self.settings.get("seed", 0)), self.settings.get("viewpoints"))
         if len(views) != len(self.names):
@@ -263,6 +264,6 @@ class Multiway:
         InputError
             If the file cannot be written, or its name does not end in .html or .pdf.
         """
-        from dqreg.multiway.page import write_report
+        from dqreg.multiway.report.page import write_report
 
         return write_report(self, path)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from dqreg.multiway.edges import PART
-from dqreg.multiway.scans import View
+from dqreg.multiway.pose_graph.edges import PART
+from dqreg.multiway.scans.scans import View
 
 # Scans named in one sentence.
 NAMED_SCANS = 8

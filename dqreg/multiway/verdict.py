@@ -9,13 +9,13 @@ import numpy as np
 import scipy.sparse as sparse
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
-from dqreg.multiway.edge_selection import EdgeSelection
-from dqreg.multiway.edges import PART, Edge, is_refused
 from dqreg.multiway.left_out import errors, unplaced
+from dqreg.multiway.pose_graph.edges import PART, Edge, is_refused
 from dqreg.multiway.scan_names import NAMED_SCANS, named, pairs_named
-from dqreg.multiway.scans import View
-from dqreg.multiway.sides import Contradiction
-from dqreg.multiway.turning import UnobservableRotation
+from dqreg.multiway.scans.scans import View
+from dqreg.multiway.selection.edge_selection import EdgeSelection
+from dqreg.multiway.turntables.turning import UnobservableRotation
+from dqreg.multiway.visibility.sides import Contradiction
 from dqreg.solvers.motion_words import axis_words
 from dqreg.trust.code_sets import VIEWPOINT_OFF
 from dqreg.trust.limits import MAX_SIGMA_DIAGONALS, MAX_SIGMA_RAD

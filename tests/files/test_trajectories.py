@@ -14,7 +14,7 @@ from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.files.trajectories import Form, read_poses, to_kitti
 from dqreg.multiway.exports import to_trajectory
-from dqreg.multiway.starts import read_starts_file
+from dqreg.multiway.pairwise.starts import read_starts_file
 from dqreg.odometry import bridge_gaps, load_trajectory, read_trajectory, write_trajectory
 from dqreg.rigid import pose
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.multiway.edges import Edge
+from dqreg.multiway.pose_graph.edges import Edge
 from dqreg.registration.result import Registration
 from dqreg.rigid import pose
 from dqreg.trust.records import Reason, Verdict

@@ -3,9 +3,9 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from dqreg.multiway.edges import graph_of
 from dqreg.multiway.exports import factors_of, to_pose_graph, to_trajectory
-from dqreg.multiway.graph import solve_graph
+from dqreg.multiway.pose_graph.edges import graph_of
+from dqreg.multiway.pose_graph.graph import solve_graph
 from dqreg.rigid import pose
 from tests.multiway.edges_of_truth import edges_of, world
 

@@ -16,9 +16,9 @@ import dqreg
 from dqreg.errors import InputError
 from dqreg.files import write_cloud
 from dqreg.geometry import Mesh, sample_mesh
-from dqreg.multiway.edges import PART
-from dqreg.multiway.kept_pairs import digest_of
-from dqreg.multiway.tables import scans_table
+from dqreg.multiway.pose_graph.edges import PART
+from dqreg.multiway.report.tables import scans_table
+from dqreg.multiway.scans.kept_pairs import digest_of
 from dqreg.rigid import pose
 from dqreg.synth.parts import bracket
 
@@ -357,7 +357,7 @@ def test_from_files_to_files_on_the_command_line(tmp_path: Path) -> None:
     from click.testing import CliRunner
 
     from dqreg.cli.multiway import EDGES, ORDERS, multiway_command
-    from dqreg.multiway import pairs
+    from dqreg.multiway.pairwise import pairs
 
     assert (pairs.EDGE_PLANS, pairs.ORDERS) == (EDGES, ORDERS)
     scans, truth = views_of_a_part(2)

@@ -13,7 +13,7 @@ from dqreg.errors import InputError
 from dqreg.files import read_cloud, read_mesh
 from dqreg.geometry.mesh import Mesh
 from dqreg.geometry.mesh_surface import MeshSurface
-from dqreg.multiway.starts import read_result_poses
+from dqreg.multiway.pairwise.starts import read_result_poses
 from dqreg.odometry.trajectory import read_trajectory
 from dqreg.rigid import pose
 from dqreg.synth.many_cases import is_of_many, many_contents, write_many

@@ -1,0 +1,1 @@
+"""Which edges and which scans the poses rest on."""

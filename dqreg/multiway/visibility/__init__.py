@@ -1,0 +1,1 @@
+"""From where scans were seen, and what the scanners looked through."""
