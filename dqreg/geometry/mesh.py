@@ -13,8 +13,7 @@ from dqreg._records import made_of, one_line, remember
 from dqreg.errors import InputError
 from dqreg.geometry import exports
 from dqreg.geometry.boundary import MeshBoundary
-from dqreg.geometry.checked_faces import CHUNK_FACES, checked_faces, checked_regions, solid_faces
-from dqreg.geometry.repeated_faces import repeated_faces
+from dqreg.geometry.checked_faces import CHUNK_FACES, checked_faces, checked_regions, repeated_faces, solid_faces
 from dqreg.geometry.topology import FaceFans, SameNodes, Topology
 
 
