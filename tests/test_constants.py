@@ -21,7 +21,7 @@ CLEAR = {
     "multiway.turntables.symmetric_part": {"PRIMES"},
     "odometry.map_file": {"VERSION"},
     "odometry.map_surface": {"COUNTERS"},
-    "odometry.turned": {"SHORTLIST"},
+    "odometry.unseen_rotations": {"SHORTLIST"},
     "studio.visit": {"VERSION"},
 }
 # Functions of numbers that are numbers.

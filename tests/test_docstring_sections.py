@@ -28,7 +28,7 @@ RAISE_NOTHING = {
     "dqreg.inspection.deviations.Deviations.normals",
     "dqreg.inspection.deviations.Deviations.pose_sigma",
     "dqreg.inspection.features.feature.Feature.sigma",
-    "dqreg.inspection.outside.why_unsigned",
+    "dqreg.inspection.outward_side.why_unsigned",
     "dqreg.inspection.part_faces.part_faces",
     "dqreg.inspection.plan.report.PlannedReport.draws",
     # What would be no pose becomes a failed result.

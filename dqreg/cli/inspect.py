@@ -147,7 +147,7 @@ def inspect_command(
     from dqreg.inspection import read_plan
     from dqreg.inspection.tolerances import share_of_percent, tolerance_of
     from dqreg.registration.display_unit import shown_target
-    from dqreg.registration.inspected import expected_deviation_of, inspect_registration
+    from dqreg.registration.part_inspection import expected_deviation_of, inspect_registration
 
     check_goals(goals, (scan, part, plan))
     allowed = None if tolerance is None else tolerance_of(tolerance, "--tolerance")

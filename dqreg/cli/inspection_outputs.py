@@ -16,7 +16,7 @@ from dqreg.errors import InputError, printable
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from dqreg.registration.inspected import Inspected
+    from dqreg.registration.part_inspection import Inspected
     from dqreg.registration.result import Registration
 
 Goals = Mapping[str, Path | None]

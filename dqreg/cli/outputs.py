@@ -161,7 +161,7 @@ def tell_deviations(
     if not math.isfinite(result.rms):
         say(console, f"not written: {path} (no pose was found)" if path else "no deviations: no pose was found")
         return None
-    from dqreg.registration.inspected import deviations_within
+    from dqreg.registration.part_inspection import deviations_within
 
     with console.status("measuring deviations") as status:
 

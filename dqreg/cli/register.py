@@ -141,7 +141,7 @@ def register_command(
     from dqreg.inspection.decision import decide, of_shape
     from dqreg.inspection.tolerances import share_of_percent, tolerance_of
     from dqreg.registration.display_unit import shown_target
-    from dqreg.registration.inspected import expected_deviation_of
+    from dqreg.registration.part_inspection import expected_deviation_of
     from dqreg.registration.side_digests import digests_of_sides
     from dqreg.report import make_progress
 

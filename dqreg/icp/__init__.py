@@ -8,7 +8,7 @@ Estimators, kernels, weights and stopping rules are values that can be exchanged
 from __future__ import annotations
 
 from dqreg.icp.coarse_to_fine import COARSE_POINTS, align_coarse_to_fine, smallest_kernel_scale
-from dqreg.icp.constrained import constrained
+from dqreg.icp.constrained_estimator import constrained
 from dqreg.icp.correspondences import Correspondences, find_correspondences, propagate
 from dqreg.icp.estimators import ESTIMATORS, Estimator, points_and_normals, points_only, points_to_planes, svd_points
 from dqreg.icp.level import AnnealingSchedule, IcpSettings, Level

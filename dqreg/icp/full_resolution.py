@@ -24,8 +24,8 @@ from dqreg.geometry.scan import Scan
 from dqreg.geometry.scan_measures import CLOUD_PARTS
 from dqreg.geometry.surface import Closest
 from dqreg.geometry.vector_rows import row_dots
+from dqreg.icp.constrained_steps import motions_of_shape, planes_along
 from dqreg.icp.correspondences import Correspondences, find_correspondences
-from dqreg.icp.held_steps import motions_of_shape, planes_along
 from dqreg.icp.informative_sampling import information_gain, sample_by_gain, sample_runs_by_gain
 from dqreg.icp.level import SAMPLING_LIMITED_POINTS, AnnealingSchedule, IcpSettings, Level
 from dqreg.icp.loop import Alignment, Observer, Run

@@ -29,9 +29,9 @@ from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg._records import remember, remembered
 from dqreg.geometry.mesh_surface import MeshSurface
 from dqreg.geometry.scan_measures import CLOUD_PARTS
+from dqreg.icp.constrained_steps import motions_of_smooth_surface, planes_along
 from dqreg.icp.correspondences import Correspondences
 from dqreg.icp.estimators import points_to_planes
-from dqreg.icp.held_steps import motions_of_smooth_surface, planes_along
 from dqreg.rigid import pose
 from dqreg.solvers import Fit
 from dqreg.solvers.row_sums import squared

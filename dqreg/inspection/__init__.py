@@ -21,7 +21,7 @@ from dqreg.inspection.edge_points import edge_point
 from dqreg.inspection.features import EdgePoint, Feature, Torus, fit_feature
 from dqreg.inspection.measure import measure_deviations
 from dqreg.inspection.membership import Counts
-from dqreg.inspection.outside import why_unsigned
+from dqreg.inspection.outward_side import why_unsigned
 from dqreg.inspection.part_faces import Face, faces_in_box, nearest_face, part_faces
 from dqreg.inspection.places import OutOfTolerance
 from dqreg.inspection.plan.file import Plan, read_plan

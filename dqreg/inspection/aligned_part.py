@@ -23,7 +23,7 @@ from dqreg.inspection.alignment import (
 from dqreg.inspection.alignment.earlier_steps import covariance_after, kept_by, with_kept
 from dqreg.inspection.characteristics import KnownFrame
 from dqreg.inspection.deviations import Deviations
-from dqreg.inspection.facing import closest_as_before
+from dqreg.inspection.facing_sides import closest_as_before
 from dqreg.inspection.places import MEDIAN_SIGMA, PLACE_POINTS
 from dqreg.inspection.plan.alignment import PlannedStep
 from dqreg.inspection.plan.file import Plan, PlannedDatum

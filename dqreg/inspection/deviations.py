@@ -18,7 +18,7 @@ from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.mesh import Mesh
 from dqreg.inspection.deviation_files import decimals_of, require_suffix, write_array, write_coloured, write_table
 from dqreg.inspection.membership import ON_PART, Counts, Flags, ReachFrom, by_reach, counts_of
-from dqreg.inspection.outside import wound_outward
+from dqreg.inspection.outward_side import wound_outward
 from dqreg.inspection.statistics import Bands, Place, Summary, bands_of, require_length, summary_of, worst_places
 from dqreg.inspection.tolerances import REQUIRED_SHARE, PointLimits
 from dqreg.inspection.wall_doubts import WallDoubt

@@ -19,9 +19,9 @@ from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.spacing import measure_spacing
 from dqreg.geometry.surface import Surface
 from dqreg.inspection.deviations import Deviations
-from dqreg.inspection.facing import Facing
+from dqreg.inspection.facing_sides import Facing
 from dqreg.inspection.membership import EXCLUDED, ON_PART, Flags, Membership, by_reach, in_boxes, membership
-from dqreg.inspection.outside import outside_of, side_words, why_unsigned
+from dqreg.inspection.outward_side import outside_of, side_words, why_unsigned
 from dqreg.inspection.scan_scene import Nominal
 from dqreg.inspection.signed_distances import Progress, moved, signed_distances
 from dqreg.inspection.statistics import MIN_PLACE_POINTS, MIN_SCANNED_POINTS

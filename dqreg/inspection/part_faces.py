@@ -15,7 +15,7 @@ from dqreg.geometry.mesh_faces import areas_of, faces_of
 from dqreg.inspection.features import Feature, FeatureKind, fit_feature
 from dqreg.inspection.features.models import distances
 from dqreg.inspection.features.torus import Torus, fit_torus
-from dqreg.inspection.outside import wound_outward
+from dqreg.inspection.outward_side import wound_outward
 
 FaceKind = Literal["plane", "cylinder", "cone", "sphere", "torus", "free"]
 

@@ -14,7 +14,7 @@ from dqreg.geometry import Mesh, MeshSurface
 from dqreg.geometry.mesh_faces import faces_of
 from dqreg.inspection.coverage import covered, usual_density
 from dqreg.inspection.deviations import Deviations
-from dqreg.inspection.facing import closest_as_before
+from dqreg.inspection.facing_sides import closest_as_before
 from dqreg.inspection.features import Feature, fit_feature
 from dqreg.inspection.features.spread import covariance_on, hidden_form
 from dqreg.inspection.medians import smoothed

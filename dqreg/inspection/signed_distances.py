@@ -14,7 +14,7 @@ from dqreg.geometry.morton import morton_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.spacing import measure_spacing
 from dqreg.geometry.surface import Surface
-from dqreg.inspection.facing import Facing
+from dqreg.inspection.facing_sides import Facing
 
 # Points of a range: what is known of them stays in a core's cache from the search to the sign.
 CHUNK_POINTS = 1 << 13

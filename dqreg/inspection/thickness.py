@@ -13,7 +13,7 @@ from dqreg.geometry.raycasting import RayScene
 from dqreg.inspection.characteristics import Measured
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.medians import smoothed
-from dqreg.inspection.outside import why_unsigned
+from dqreg.inspection.outward_side import why_unsigned
 from dqreg.inspection.part_faces import Face
 from dqreg.inspection.scanned_part import ScannedPart
 from dqreg.inspection.surface_model import Medians

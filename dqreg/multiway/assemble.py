@@ -15,7 +15,7 @@ from dqreg.multiway.refinement.refine import Refined
 from dqreg.multiway.result import Multiway
 from dqreg.multiway.scans.scans import View
 from dqreg.multiway.selection.edge_selection import EdgeSelection
-from dqreg.multiway.turntables.turning import UnobservableRotation
+from dqreg.multiway.turntables.rotational_symmetry import UnobservableRotation
 from dqreg.multiway.verdict import judge_scans
 from dqreg.multiway.visibility.sides import Contradiction
 from dqreg.trust.records import Reason

@@ -30,8 +30,8 @@ from dqreg.multiway.selection.outlier_scans import (
     without_passed_scans,
 )
 from dqreg.multiway.turntables.equal_steps import EqualSteps
+from dqreg.multiway.turntables.rotational_symmetry import turnings
 from dqreg.multiway.turntables.round_part import RoundPart, laid_by_angles
-from dqreg.multiway.turntables.turning import turnings
 from dqreg.multiway.visibility.sides import Sides
 from dqreg.registration.log import log_verdict
 from dqreg.registration.option_checks import read_time_limit, require_observer, require_seed, require_word

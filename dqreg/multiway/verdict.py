@@ -9,12 +9,12 @@ import numpy as np
 import scipy.sparse as sparse
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
-from dqreg.multiway.left_out import errors, unplaced
 from dqreg.multiway.pose_graph.edges import PART, Edge, is_refused
 from dqreg.multiway.scan_names import NAMED_SCANS, named, pairs_named
 from dqreg.multiway.scans.scans import View
 from dqreg.multiway.selection.edge_selection import EdgeSelection
-from dqreg.multiway.turntables.turning import UnobservableRotation
+from dqreg.multiway.turntables.rotational_symmetry import UnobservableRotation
+from dqreg.multiway.unplaced_scans import errors, unplaced
 from dqreg.multiway.visibility.sides import Contradiction
 from dqreg.solvers.motion_words import axis_words
 from dqreg.trust.code_sets import VIEWPOINT_OFF

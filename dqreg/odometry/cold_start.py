@@ -18,9 +18,9 @@ from dqreg.odometry.frame import DownsampledFrame, RawFrame
 from dqreg.odometry.kiss import KissParts, rigid
 from dqreg.odometry.prediction import Prediction
 from dqreg.odometry.settings import Resolved
-from dqreg.odometry.standing import Standing
 from dqreg.odometry.starts import predict
 from dqreg.odometry.tracker import Tracker
+from dqreg.odometry.tracker_state import Standing
 from dqreg.odometry.voxel_map import VoxelMap
 from dqreg.registration.result import Registration
 from dqreg.rigid import pose

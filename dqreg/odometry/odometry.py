@@ -19,8 +19,8 @@ from dqreg.odometry.map_file import SavedMap, load_map, save_map
 from dqreg.odometry.prediction import Prediction
 from dqreg.odometry.settings import OdometryOptions, OdometrySettings, with_options
 from dqreg.odometry.sought_frames import SeekingTracker, sought_in_map
-from dqreg.odometry.standing import Standing
 from dqreg.odometry.tracker import MIN_POINTS
+from dqreg.odometry.tracker_state import Standing
 from dqreg.odometry.voxel_map import VoxelMap
 from dqreg.registration.log import logged
 from dqreg.registration.option_checks import require_flag

@@ -22,9 +22,9 @@ from dqreg.odometry.frame import DownsampledFrame, RawFrame
 from dqreg.odometry.kiss import KissParts, rigid
 from dqreg.odometry.prediction import Prediction
 from dqreg.odometry.settings import OdometrySettings, Resolved
-from dqreg.odometry.standing import Standing
 from dqreg.odometry.starts import predict
-from dqreg.odometry.turned import equal_turns
+from dqreg.odometry.tracker_state import Standing
+from dqreg.odometry.unseen_rotations import equal_turns
 from dqreg.odometry.voxel_map import VoxelMap
 from dqreg.registration.register import register
 from dqreg.registration.result import Registration

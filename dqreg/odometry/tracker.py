@@ -21,13 +21,13 @@ from dqreg.odometry.repeats import like_itself, similar_shifts, with_met_normals
 from dqreg.odometry.rivals import ComparedFrame, is_free, looked_through, map_sample, placed, share_looked_through
 from dqreg.odometry.self_similarity import FrameView
 from dqreg.odometry.settings import OdometrySettings, Resolved
-from dqreg.odometry.standing import Standing
 from dqreg.odometry.starts import Pace, predict
 from dqreg.odometry.timeline import Timeline
-from dqreg.odometry.turned import Since, TurnedFrame, compared_turns
+from dqreg.odometry.tracker_state import Standing
+from dqreg.odometry.unseen_rotations import Since, TurnedFrame, compared_turns
 from dqreg.odometry.voxel_map import VoxelMap
+from dqreg.registration.empty_results import without_pose
 from dqreg.registration.result import Registration
-from dqreg.registration.unmeasured import without_pose
 from dqreg.rigid import pose
 from dqreg.solvers.status import Status
 from dqreg.trust.limits import fraction_fits

@@ -13,9 +13,9 @@ from dqreg.geometry import CloudSurface, PointCloud, Surface
 from dqreg.geometry.cells import CellSurface
 from dqreg.geometry.normals import NORMAL_NEIGHBOURS, PlaneFits, sample_rows
 from dqreg.icp.history import Iteration
-from dqreg.registration.derived import Key
+from dqreg.registration.derived_values import Key
 from dqreg.registration.fit import Fit
-from dqreg.registration.prepared import Prepared
+from dqreg.registration.preparation import Prepared
 from dqreg.registration.problem import Problem
 from dqreg.registration.target_index import TargetIndex
 from dqreg.rigid import pose

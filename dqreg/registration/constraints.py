@@ -12,7 +12,7 @@ from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.icp import Estimator, constrained
 from dqreg.icp.noise_by_face import Weigher
-from dqreg.registration.held_motions import held_by_shape
+from dqreg.registration.constrained_motions import held_by_shape
 from dqreg.rigid import pose
 from dqreg.solvers import Freedom, PoseCost
 

@@ -26,13 +26,13 @@ from dqreg.icp import (
 from dqreg.icp.correspondences import placed
 from dqreg.icp.history import Iteration
 from dqreg.icp.noise_by_face import weights_by_face
+from dqreg.registration.constrained_motions import followed_by, inflation_of, own_normals
 from dqreg.registration.constraints import PoseConstraints
-from dqreg.registration.derived import Derived, Key
+from dqreg.registration.derived_values import Derived, Key
 from dqreg.registration.even_correspondences import evenly_asked
 from dqreg.registration.evidence import agreement_in_time, agreement_of
-from dqreg.registration.held_motions import followed_by, inflation_of, own_normals
 from dqreg.registration.other_objects import on_others
-from dqreg.registration.prepared import Prepared
+from dqreg.registration.preparation import Prepared
 from dqreg.registration.problem import Problem, SourceAndTarget
 from dqreg.registration.target_index import TargetIndex
 from dqreg.rigid.twist import scaling_by

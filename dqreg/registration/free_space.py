@@ -11,7 +11,7 @@ from dqreg.geometry import Mesh, PointCloud
 from dqreg.geometry.morton import morton_order
 from dqreg.geometry.rays import Rays
 from dqreg.geometry.visibility import blocked
-from dqreg.registration.derived import Key
+from dqreg.registration.derived_values import Key
 from dqreg.registration.fit import Fit
 from dqreg.registration.problem import Problem
 from dqreg.registration.target_index import TargetIndex

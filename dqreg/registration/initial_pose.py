@@ -16,10 +16,10 @@ from dqreg.icp.stopwatch import Stopwatch
 from dqreg.kernels.kept import Kept
 from dqreg.kernels.threads import TimeUpError, until
 from dqreg.registration.constraints import PoseConstraints
-from dqreg.registration.derived import Key
+from dqreg.registration.derived_values import Key
 from dqreg.registration.free_space import both_rays
 from dqreg.registration.options import Options
-from dqreg.registration.prepared import Prepared
+from dqreg.registration.preparation import Prepared
 from dqreg.registration.problem import Problem
 from dqreg.registration.target_index import TargetIndex
 from dqreg.search import Candidate, PairTable, search

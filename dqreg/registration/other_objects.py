@@ -11,8 +11,8 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
-from dqreg.registration.derived import Derived, Key
-from dqreg.registration.prepared import Prepared
+from dqreg.registration.derived_values import Derived, Key
+from dqreg.registration.preparation import Prepared
 from dqreg.search.poses import Poses
 from dqreg.search.scoring import distances_at
 from dqreg.trust.segments import MIN_SEGMENT_POINTS, smooth_segments

@@ -44,7 +44,7 @@ from dqreg.registration.other_poses.rivals import (
 from dqreg.registration.other_poses.same_poses import but_on_the_way
 from dqreg.registration.other_poses.slides import without_slide
 from dqreg.registration.other_poses.wall_sides import equal_sides, on_best_sides
-from dqreg.registration.prepared import Prepared
+from dqreg.registration.preparation import Prepared
 from dqreg.registration.problem import Problem, SourceAndTarget
 from dqreg.registration.result import Registration
 from dqreg.registration.visibility import on_shown_sides, on_visible_faces

@@ -22,9 +22,9 @@ from dqreg.icp.history import Iteration
 from dqreg.icp.stopwatch import Stopwatch
 from dqreg.kernels.threads import Later
 from dqreg.registration.constraints import PoseConstraints
-from dqreg.registration.derived import Derived, Key
+from dqreg.registration.derived_values import Derived, Key
 from dqreg.registration.options import NO_VIEWPOINT, ORIGIN, Options
-from dqreg.registration.prepared import Begin, Prepared
+from dqreg.registration.preparation import Begin, Prepared
 from dqreg.registration.source import CentredSource, centre_source, read_source, require_one_place
 from dqreg.registration.target_index import Building, Evening, TargetIndex, index_for, index_target
 from dqreg.rigid import pose, single_pose

@@ -14,9 +14,9 @@ from dqreg._arrays import FloatArray
 from dqreg._records import lock
 from dqreg.files.atomic import write_atomically
 from dqreg.icp.history import Iteration
-from dqreg.registration.aligned import Alignment, after_alignment
 from dqreg.registration.invariants import as_failed, violated_invariant
 from dqreg.registration.problem import SourceAndTarget
+from dqreg.registration.realignment import Alignment, after_alignment
 from dqreg.registration.result_json import as_text, read_fields, to_plain
 from dqreg.registration.result_views import ShownResult
 from dqreg.registration.uncertain_pose import UncertainPose

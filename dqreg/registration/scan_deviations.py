@@ -9,7 +9,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.inspection import Deviations, measure_deviations
-from dqreg.inspection.facing import Facing
+from dqreg.inspection.facing_sides import Facing
 from dqreg.registration.evidence import near_limit
 from dqreg.registration.option_checks import require_flag
 from dqreg.registration.problem import SourceAndTarget

@@ -11,7 +11,7 @@
 """
 
 from dqreg.solvers import jia, walker
-from dqreg.solvers.batched import Fits, solve_many
+from dqreg.solvers.batched_solver import Fits, solve_many
 from dqreg.solvers.closed_form import solve_moments
 from dqreg.solvers.cramer_rao import cramer_rao
 from dqreg.solvers.dof import Freedom

@@ -35,10 +35,10 @@ from dqreg.rigid import quaternion
 from dqreg.solvers.fit import Fit
 from dqreg.solvers.matches import Matches
 from dqreg.solvers.moments import Moments
-from dqreg.solvers.narrow import is_narrow, long_axes, rotation_of
+from dqreg.solvers.narrow_data import is_narrow, long_axes, rotation_of
 from dqreg.solvers.rounding import SAME_POINT, SMALLEST_DIFFERENCE, SMALLEST_GAP, rounding_of
 from dqreg.solvers.uncertainty import FitUncertainty
-from dqreg.solvers.undetermined import no_weight_message, undetermined
+from dqreg.solvers.undetermined_rotation import no_weight_message, undetermined
 
 Why = Callable[[str], DegenerateGeometryError]
 

@@ -22,10 +22,10 @@ from dqreg.solvers.exact_cost import cost_of_pose
 from dqreg.solvers.fit import Fit
 from dqreg.solvers.matches import Matches, refuse_bad_values, weights_of
 from dqreg.solvers.moments import sums_of
-from dqreg.solvers.narrow import Aligned, is_narrow, long_axes, products_in_axes, rotation_of
+from dqreg.solvers.narrow_data import Aligned, is_narrow, long_axes, products_in_axes, rotation_of
 from dqreg.solvers.rounding import SAME_POINT, SMALLEST_GAP, grain_of
 from dqreg.solvers.uncertainty import FitUncertainty, counted, residual_variance, rotation_covariance
-from dqreg.solvers.undetermined import no_weight_message, undetermined
+from dqreg.solvers.undetermined_rotation import no_weight_message, undetermined
 
 Pair = tuple[FloatArray, FloatArray]
 

@@ -20,7 +20,7 @@ from dqreg.solvers.matches import Matches, read_matches, refuse_bad_values, weig
 from dqreg.solvers.moments import Moments, sums_of
 from dqreg.solvers.rounding import SAME_POINT, SMALLEST_DIFFERENCE
 from dqreg.solvers.uncertainty import FitUncertainty, counted, residual_variance
-from dqreg.solvers.undetermined import no_weight_message, undetermined
+from dqreg.solvers.undetermined_rotation import no_weight_message, undetermined
 
 # Part of the constant below which its difference from the fit has lost more than seven digits of fifteen.
 SMALL_COST = 1e-7

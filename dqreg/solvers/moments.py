@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from dqreg._arrays import FloatArray, warn_of_old_name
 from dqreg.solvers.feature_sums import BLOCK_ROWS, FeatureSums, Pair, feature_sums
 from dqreg.solvers.matches import Matches, read_rows
-from dqreg.solvers.narrow import Aligned, is_narrow, long_axes, products_in_axes
+from dqreg.solvers.narrow_data import Aligned, is_narrow, long_axes, products_in_axes
 from dqreg.solvers.rounding import grain_of
 
 # Rows looked at to guess the means of a large set.

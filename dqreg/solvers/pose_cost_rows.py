@@ -26,7 +26,7 @@ from dqreg._arrays import BoolArray, FloatArray, as_float, as_vectors, as_weight
 from dqreg.errors import InputError
 from dqreg.solvers.matches import Matches, refuse_zero_directions
 from dqreg.solvers.moments import sums_of
-from dqreg.solvers.narrow import is_narrow
+from dqreg.solvers.narrow_data import is_narrow
 from dqreg.solvers.quadratic import QuadraticForm, isotropic_form, isotropic_moments
 
 # Rows converted and checked in one step: some 10 MB.

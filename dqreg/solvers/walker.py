@@ -23,7 +23,7 @@ from dqreg.solvers.fit import Fit
 from dqreg.solvers.least_squares import with_uncertainty
 from dqreg.solvers.matches import Matches, read_matches, refuse_bad_values, weights_of
 from dqreg.solvers.moments import sums_of
-from dqreg.solvers.undetermined import no_weight_message, undetermined
+from dqreg.solvers.undetermined_rotation import no_weight_message, undetermined
 
 __all__ = ["E", "Q", "W", "WalkerFit", "direction_quaternions", "position_quaternions", "walker1991"]
 

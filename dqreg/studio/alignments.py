@@ -16,7 +16,7 @@ from dqreg.inspection.places import PLACE_POINTS
 from dqreg.inspection.plan.file import plan_of
 from dqreg.inspection.plan.suggested_datums import PERPENDICULAR_COS
 from dqreg.inspection.regions import cut_of, regions_of
-from dqreg.registration.inspected import Inspected, inspect_registration
+from dqreg.registration.part_inspection import Inspected, inspect_registration
 from dqreg.studio.aligning import result_of
 from dqreg.studio.plans import is_judged, plan_text
 from dqreg.studio.reading import faces_of_part, measure

@@ -39,7 +39,7 @@ def serve(
         import uvicorn
     except ImportError as error:
         raise MissingDependencyError(NEEDED.format(error.name)) from error
-    from dqreg.studio.many import Many
+    from dqreg.studio.many_parts import Many
     from dqreg.studio.server import application
 
     many = None if batch is None else Many(batch.absolute())

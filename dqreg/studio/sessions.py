@@ -23,7 +23,7 @@ from dqreg.studio.tasks import ASIDE, DEPENDS, NAMES, Values, perform, warm
 from dqreg.studio.visit import Side, Visit
 
 if TYPE_CHECKING:
-    from dqreg.studio.many import Many
+    from dqreg.studio.many_parts import Many
     from dqreg.studio.travel import Travel
 
 VISIT, RESULTS = "visit.json", "results.json"

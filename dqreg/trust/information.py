@@ -11,7 +11,7 @@ from dqreg._arrays import BoolArray, FloatArray, dot
 from dqreg.rigid.twist import scaling_by
 from dqreg.solvers.row_sums import FREE_SHARE, NO_NORMALS, MotionSums
 from dqreg.solvers.sandwich import Starts, patch_starts, scatter_of_sums, with_few, with_known
-from dqreg.trust.both_sides import carriers_of, unconfirmed
+from dqreg.trust.normal_constraints import carriers_of, unconfirmed
 
 # What was known beforehand of a motion, below this fraction of what was of another, is rounding.
 UNKNOWN_SHARE = 2e-14

@@ -9,7 +9,7 @@ import pytest
 
 from dqreg.errors import InputError, MissingDependencyError
 from dqreg.geometry import Mesh, sample_mesh
-from dqreg.registration.inspected import inspect_registration
+from dqreg.registration.part_inspection import inspect_registration
 from dqreg.registration.register import register
 from dqreg.registration.result import Registration
 from dqreg.report.report_data import collect

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg import Mesh
-from dqreg.registration.derived import Derived
+from dqreg.registration.derived_values import Derived
 from dqreg.registration.other_objects import on_others
 from dqreg.rigid import pose
 from dqreg.synth.parts import box

@@ -16,7 +16,7 @@ from dqreg.registration import continued_fit, pipeline
 from dqreg.registration.continued_fit import all_points_say_more, settled
 from dqreg.registration.fit import coarse_to_fine
 from dqreg.registration.options import CELLS, Effort
-from dqreg.registration.prepared import Prepared
+from dqreg.registration.preparation import Prepared
 from dqreg.rigid import pose, twist
 from dqreg.synth import Noise, Scanner, disturbance, scan_mesh, worst_vertex_displacement
 from dqreg.synth.parts import box, bracket

@@ -12,7 +12,7 @@ from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.geometry import CloudSurface, Mesh, PointCloud
 from dqreg.registration import target_index
-from dqreg.registration.prepared import Prepared
+from dqreg.registration.preparation import Prepared
 from dqreg.registration.problem import SourceAndTarget, as_viewpoints
 from dqreg.registration.source import CentredSource, centre_source
 from dqreg.registration.target import prepare_target

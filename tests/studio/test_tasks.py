@@ -13,7 +13,7 @@ from dqreg.geometry import Mesh, sample_mesh
 from dqreg.geometry.mesh_faces import faces_of
 from dqreg.geometry.opening import open_geometry
 from dqreg.inspection import inspect, read_plan
-from dqreg.registration.inspected import inspect_registration
+from dqreg.registration.part_inspection import inspect_registration
 from dqreg.registration.register import register
 from dqreg.rigid import pose, twist
 from dqreg.studio import alignments, cleaning, drawing, judging, payloads, picking, reading

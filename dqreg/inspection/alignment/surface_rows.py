@@ -17,7 +17,7 @@ from dqreg.inspection.alignment.earlier_steps import left_of
 from dqreg.inspection.coverage import covered_places, usual_density
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.medians import smoothed
-from dqreg.inspection.outside import require_sides
+from dqreg.inspection.outward_side import require_sides
 from dqreg.inspection.places import PLACE_POINTS
 from dqreg.inspection.regions import MIN_DENSITY_RATIO
 from dqreg.rigid import pose, twist

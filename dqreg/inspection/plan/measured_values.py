@@ -17,7 +17,7 @@ from dqreg.inspection.features import Feature
 from dqreg.inspection.line_forms.round_sections import centres_of, require_around, sections_of
 from dqreg.inspection.line_forms.straight_lines import lines_of
 from dqreg.inspection.line_forms.worst import axis_form, worst_form
-from dqreg.inspection.outside import require_sides
+from dqreg.inspection.outward_side import require_sides
 from dqreg.inspection.part_faces import Face
 from dqreg.inspection.places import COVERAGE_FACTOR
 from dqreg.inspection.plan.characteristics import OF_SLOT, PlannedCharacteristic

@@ -18,10 +18,10 @@ from dqreg.errors import DqregError, InputError
 from dqreg.multiway.pose_graph.edges import PART, Edge
 from dqreg.multiway.scans.kept_pairs import digest_of_part, keep, kept
 from dqreg.multiway.scans.scans import View
+from dqreg.registration.empty_results import without_pose
 from dqreg.registration.options import Effort
 from dqreg.registration.register import register
 from dqreg.registration.target import Target
-from dqreg.registration.unmeasured import without_pose
 from dqreg.report.work_bar import TimeLeft
 from dqreg.trust.records import Code, Reason
 

@@ -19,10 +19,10 @@ from dqreg.multiway.pose_graph import dual_poses
 from dqreg.multiway.pose_graph.graph import PoseGraph, factorised, normal_matrix
 from dqreg.multiway.refinement.bodies import Body
 from dqreg.multiway.refinement.joint import CONVERGED_SPACINGS
-from dqreg.multiway.refinement.loose_motions import without_loose_motions
-from dqreg.multiway.refinement.pooled import Pieces, Pooled, centred
+from dqreg.multiway.refinement.pooled_scans import Pieces, Pooled, centred
 from dqreg.multiway.refinement.spread import root_of
 from dqreg.multiway.refinement.step_prior import step_prior
+from dqreg.multiway.refinement.unconstrained_motions import without_loose_motions
 from dqreg.rigid import pose
 from dqreg.rigid.twist import scaling_by
 

@@ -9,9 +9,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
-from dqreg.multiway.pose_graph.confirm import Confirmation, confirm, islands, joined_by
 from dqreg.multiway.pose_graph.edges import PART, Edge, EdgeCode, confidence_of_edge, graph_of
 from dqreg.multiway.pose_graph.graph import PoseGraph, solve_graph
+from dqreg.multiway.pose_graph.loop_confirmation import Confirmation, confirm, islands, joined_by
 from dqreg.multiway.pose_graph.loops import (
     CHI2_LIMIT,
     MAX_LOOP_SIGMA_RAD,

@@ -16,8 +16,8 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.multiway.pairwise.pair_runs import PairJob, PairRunner
 from dqreg.multiway.pairwise.pairs import Order, Pair
-from dqreg.multiway.pose_graph.confirm import joined_by
 from dqreg.multiway.pose_graph.edges import PART, Edge, graph_of, is_refused
+from dqreg.multiway.pose_graph.loop_confirmation import joined_by
 from dqreg.multiway.refinement.refine import Refined
 from dqreg.multiway.scans.scans import typical_size
 from dqreg.multiway.turntables.wobble import Line, moved_line, wobble

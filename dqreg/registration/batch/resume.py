@@ -21,7 +21,7 @@ from dqreg.files.folder_lock import held_folder
 from dqreg.files.untrusted import read_record
 from dqreg.registration.batch.line import REPORTS, RESULTS
 from dqreg.registration.batch.row import BATCH, Row, RowResult, inputs_of
-from dqreg.registration.inspected import require_record
+from dqreg.registration.part_inspection import require_record
 from dqreg.registration.result import Registration
 
 # ROWS names the rows of the last session, and is as old as its beginning.

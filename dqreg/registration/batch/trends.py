@@ -11,7 +11,7 @@ import numpy as np
 
 from dqreg.files.csv_text import csv_text
 from dqreg.inspection.plan.characteristics import ZONES
-from dqreg.registration.batch.left_out import LeftOut, left_out_of, withheld_words
+from dqreg.registration.batch.excluded_parts import LeftOut, left_out_of, withheld_words
 from dqreg.registration.batch.trend_values import drawing_words, followed, key_of, unit_of, values_of
 from dqreg.report.control_chart import Sample, control_chart
 from dqreg.report.text import decimals_of

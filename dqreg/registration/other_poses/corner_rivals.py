@@ -19,7 +19,7 @@ from dqreg.geometry import PointCloud
 from dqreg.geometry.normals import sample_rows
 from dqreg.kernels.threads import TimeUpError, until
 from dqreg.registration.assess import evidence_of, uncertainty_of, verdict_on
-from dqreg.registration.between_clouds import have_planes_alone, planes_of
+from dqreg.registration.cloud_overlap import have_planes_alone, planes_of
 from dqreg.registration.displacement import displacement_between, is_elsewhere
 from dqreg.registration.fit import Fit
 from dqreg.registration.free_space import looked_through_at

@@ -9,7 +9,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.registration.assess import evidence_of, is_partial, uncertainty_of, verdict_on
-from dqreg.registration.derived import Key
+from dqreg.registration.derived_values import Key
 from dqreg.registration.displacement import FEW, displacement_between, offset_from_start
 from dqreg.registration.fit import Fit
 from dqreg.registration.free_space import looked_through_at

@@ -12,7 +12,7 @@ from dqreg.geometry import CloudSurface, Mesh, Surface
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.sampling import places_on
 from dqreg.kernels.threads import unlocked_property
-from dqreg.registration.derived import Key
+from dqreg.registration.derived_values import Key
 from dqreg.registration.fit import Fit
 from dqreg.rigid import pose, twist
 from dqreg.rigid.twist import scaling_by

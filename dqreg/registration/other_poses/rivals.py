@@ -8,7 +8,7 @@ from dqreg._arrays import BoolArray, FloatArray, IntArray, median
 from dqreg.geometry import Mesh, MeshSurface
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp.coarse_to_fine import noise_on
-from dqreg.registration.derived import Key
+from dqreg.registration.derived_values import Key
 from dqreg.registration.displacement import is_elsewhere
 from dqreg.registration.evidence import near_limit
 from dqreg.registration.fit import Fit

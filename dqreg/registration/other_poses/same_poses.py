@@ -6,7 +6,7 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
 from dqreg.geometry import Mesh
-from dqreg.registration.derived import Key
+from dqreg.registration.derived_values import Key
 from dqreg.registration.displacement import displacement_between
 from dqreg.registration.fit import Fit
 from dqreg.registration.initial_pose import FOUND

@@ -18,7 +18,7 @@ from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp import find_correspondences
-from dqreg.registration.derived import Key
+from dqreg.registration.derived_values import Key
 from dqreg.registration.fit import Fit
 from dqreg.registration.other_poses.rivals import JUDGING_POINTS, scores_and_rows, scores_of
 from dqreg.registration.surroundings import surroundings_of

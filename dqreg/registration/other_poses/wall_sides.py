@@ -21,7 +21,7 @@ from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.vector_rows import row_dots
 from dqreg.icp import Correspondences
 from dqreg.icp.coarse_to_fine import noise_on
-from dqreg.registration.derived import Key
+from dqreg.registration.derived_values import Key
 from dqreg.registration.displacement import displacement_between, offset_from_start
 from dqreg.registration.fit import Fit
 from dqreg.registration.other_poses.near_places import plane_turns

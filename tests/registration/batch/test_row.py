@@ -11,7 +11,7 @@ import pytest
 from dqreg.inspection import Tolerance
 from dqreg.registration.batch import RowInspection, read_manifest
 from dqreg.registration.batch.row import Targets, inputs_of, run_row
-from dqreg.registration.inspected import require_record
+from dqreg.registration.part_inspection import require_record
 from dqreg.registration.register import register
 from tests.registration.batch.scenes import make_scene
 

@@ -11,7 +11,7 @@ from dqreg._arrays import FloatArray
 from dqreg.errors import DegenerateGeometryError
 from dqreg.solvers.matches import Matches
 from dqreg.solvers.moments import Moments, sums_of
-from dqreg.solvers.narrow import NARROW_RATIO
+from dqreg.solvers.narrow_data import NARROW_RATIO
 
 # Distance from the origin, in extents of the points, from which on rounding of the coordinates is the cause. Sums that
 # are not about the means meet it at the square root.

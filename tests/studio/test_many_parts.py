@@ -10,7 +10,7 @@ import pytest
 from dqreg.errors import InputError
 from dqreg.files.file_digests import digest_of
 from dqreg.registration.batch.resume import Folder
-from dqreg.studio.many import Many
+from dqreg.studio.many_parts import Many
 from dqreg.studio.visit import FaceTolerance
 
 

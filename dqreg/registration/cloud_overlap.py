@@ -8,7 +8,7 @@ from dqreg._arrays import FloatArray
 from dqreg._records import replaced
 from dqreg.geometry import PointCloud
 from dqreg.registration.common_faces import overlap_of
-from dqreg.registration.derived import Key
+from dqreg.registration.derived_values import Key
 from dqreg.registration.fit import Fit
 from dqreg.registration.free_space import met_at
 from dqreg.trust import Evidence

@@ -13,7 +13,7 @@ from dqreg.errors import InputError
 from dqreg.kernels.threads import as_plain
 from dqreg.solvers.batched_input import FeatureSet, Sides, read_features
 from dqreg.solvers.batched_sums import BatchSums, residual_sums, sum_block
-from dqreg.solvers.narrow import NARROW_RATIO, long_axes
+from dqreg.solvers.narrow_data import NARROW_RATIO, long_axes
 from dqreg.solvers.rounding import SAME_POINT, SMALLEST_DIFFERENCE, SMALLEST_GAP, across_floor
 from dqreg.solvers.uncertainty import FitUncertainty
 

@@ -63,7 +63,9 @@ def test_a_half_turn_that_nothing_tells_from_none_is_named():
 
 def test_without_a_gap_a_frame_that_fits_as_usual_asks_for_no_other_turn(monkeypatch):
     asked = []
-    monkeypatch.setattr("dqreg.odometry.turned.candidates", lambda *given: asked.append(given) or turns(1.0, 1.0))
+    monkeypatch.setattr(
+        "dqreg.odometry.unseen_rotations.candidates", lambda *given: asked.append(given) or turns(1.0, 1.0)
+    )
     results, _ = drive([*HALL, *CABINETS], [0, 2, 4, 6], [0.0, 0.1, 0.2, 0.3])
     assert [result.verdict.level for result in results] == ["accepted"] * 4
     assert not asked

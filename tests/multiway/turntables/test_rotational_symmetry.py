@@ -7,7 +7,7 @@ import pytest
 
 from dqreg.multiway.pose_graph.edges import Edge
 from dqreg.multiway.scans.scans import read_views
-from dqreg.multiway.turntables.turning import axis_of_revolution, turnings
+from dqreg.multiway.turntables.rotational_symmetry import axis_of_revolution, turnings
 from dqreg.rigid import pose
 from dqreg.synth.many_views import turntable_views
 from dqreg.synth.parts import bracket, flange, gear

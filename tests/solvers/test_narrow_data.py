@@ -7,7 +7,7 @@ import pytest
 
 from dqreg.errors import DegenerateGeometryError
 from dqreg.solvers import PoseCost, moments_of, solve, solve_many, solve_moments
-from dqreg.solvers.narrow import NARROW_RATIO, is_narrow, long_axes
+from dqreg.solvers.narrow_data import NARROW_RATIO, is_narrow, long_axes
 from tests.solvers.exact_oracle import EPS, angle_between, best_rotation, random_rotation
 
 # The project's promise: within this factor of eps times length over width.

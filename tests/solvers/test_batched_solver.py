@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.solvers import solve, solve_many
-from dqreg.solvers.batched import BLOCK_NUMBERS
+from dqreg.solvers.batched_solver import BLOCK_NUMBERS
 from tests.solvers.problems import TETRAHEDRON, assert_same_pose, fast, problems
 from tests.solvers.test_refusals import DEGENERATE, ENOUGH
 

@@ -8,7 +8,7 @@ import pytest
 from dqreg.errors import DegenerateGeometryError
 from dqreg.geometry import Mesh, MeshSurface, PointCloud, prepare_scan
 from dqreg.icp import Icp, IcpSettings, InlierMixture, align_coarse_to_fine, points_and_normals, points_to_planes
-from dqreg.icp.constrained import constrained
+from dqreg.icp.constrained_estimator import constrained
 from dqreg.icp.correspondences import Correspondences
 from dqreg.rigid import pose
 from dqreg.solvers import Freedom, PoseCost

@@ -8,7 +8,7 @@ from dqreg._arrays import FloatArray, IntArray
 from dqreg.multiway.pose_graph.loops import CHI2_LIMIT
 from dqreg.multiway.refinement.bodies import Body
 from dqreg.multiway.refinement.common_planes import PlacedBodies, refine_on_planes
-from dqreg.multiway.refinement.loose_motions import without_loose_motions
+from dqreg.multiway.refinement.unconstrained_motions import without_loose_motions
 from dqreg.multiway.scans.scans import read_views, typical_spacing
 from dqreg.multiway.visibility.sides import body_of
 from dqreg.rigid import DualQuaternion, pose
