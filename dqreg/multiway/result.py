@@ -217,22 +217,22 @@ class Multiway:
 
     @staticmethod
     def load(path: str | Path) -> Multiway:
-        """Read what `save` wrote as JSON.
+        """Poses, edges and verdict of a multiway registration from its JSON file; g2o, KITTI and TUM hold poses alone.
 
         Parameters
         ----------
         path : str or Path
-            File to read.
+            What `save` or ``dqreg multiway`` wrote as JSON.
 
         Returns
         -------
         Multiway
-            Equal to the saved one, without the scans.
+            Equal to the saved one, without the scans: `attached` brings them back.
 
         Raises
         ------
         InputError
-            If the file cannot be read, or is no result that dqreg saved.
+            If there is no such file, its JSON is of no multiway result, or an edge or a pose in it is none.
         """
         return Multiway(**result_json.read_fields(path, LoopError))
 

@@ -246,12 +246,12 @@ class Odometry(SeekingTracker):
 
     @staticmethod
     def load(path: str | Path) -> Odometry:
-        """Odometry in a map that `save` wrote.
+        """Odometry that goes on in a saved map, with its settings and last pose.
 
         Parameters
         ----------
         path : str or Path
-            File to read.
+            NPZ archive that `save` of the same version wrote.
 
         Returns
         -------
@@ -261,7 +261,7 @@ class Odometry(SeekingTracker):
         Raises
         ------
         InputError
-            If the file is missing or holds something else.
+            If the file is missing, holds something else, or a map without points or with some that are not finite.
         """
         saved = load_map(path)
         made = Odometry(saved.settings, start=saved.T_map_frame)

@@ -280,21 +280,21 @@ class Registration(UncertainPose, ShownResult):
 
     @staticmethod
     def load(path: str | Path) -> Registration:
-        """Read what `save` wrote.
+        """Pose, covariance and verdict of a registration from its JSON file, of this version or one before.
 
         Parameters
         ----------
         path : str or Path
-            File to read.
+            What `save` or ``dqreg register --out`` wrote.
 
         Returns
         -------
         Registration
-            Equal to the saved one.
+            Equal to the saved one, without its inputs: `attached` brings them back.
 
         Raises
         ------
         InputError
-            If the file cannot be read, or is no result that dqreg saved.
+            If there is no such file, its JSON is of no registration, or its values break what a result promises.
         """
         return Registration(**read_fields(path, Registration))

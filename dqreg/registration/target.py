@@ -98,12 +98,12 @@ class Target:
 
     @staticmethod
     def load(path: str | Path) -> Target:
-        """Read a target that `save` wrote; registrations to it give the same poses as to the one saved.
+        """Prepared target from its NPZ archive; registrations to it give the same poses as to the one saved.
 
         Parameters
         ----------
         path : str or Path
-            File to read.
+            What `save` of the same version wrote.
 
         Returns
         -------
