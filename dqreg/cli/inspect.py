@@ -18,9 +18,8 @@ from dqreg.cli.inspection_outputs import (
     write,
     write_failed,
 )
-from dqreg.cli.lazy_group import Choice
 from dqreg.cli.outputs import consoles, print_json, quiet_option, read_head, require_below_reach
-from dqreg.cli.register import SEARCHES
+from dqreg.cli.register import dof_option, search_option, start_option
 from dqreg.cli.values import FILE, UNITS, PlaceCommand, PlaceType, ToleranceType, places_of
 from dqreg.errors import InputError
 
@@ -93,13 +92,9 @@ class InspectCommand(PlaceCommand):
 @click.option("--exclude", type=float, nargs=6, multiple=True, metavar="X Y Z X Y Z", help="Leave the points in this "
               "box out: two opposite corners, PART's coordinates; may be given again.")  # fmt: skip
 @click.option("--keep", is_flag=True, help="Count surfaces that leave the part (a table, a clamp) and outliers too.")
-@click.option("--start", default="none", show_default=True, metavar="none|identity|FILE", help="Initial pose: none: "
-              "global registration; FILE: 4x4 T_target_source as text, a result.json, or result.json#2, its second "
-              "alternative.")  # fmt: skip
-@click.option("--search", type=Choice(SEARCHES), default="doubt", show_default=True, help="Global search beside an "
-              "initial pose: never, where the pose is in doubt, or always.")  # fmt: skip
-@click.option("--dof", metavar="MOTIONS", help="Degrees of freedom in which the pose may differ from the initial pose, "
-              "such as 'rz tx ty'; all others are locked.")  # fmt: skip
+@start_option
+@search_option
+@dof_option
 @click.option("--viewpoint", type=PlaceType(), multiple=True, metavar="none|origin|X Y Z", help="Where the "
               "scanner stood, in SCAN's coordinates; may be given again. Faces hidden from the scanner are ignored. "
               "none: nor is the place in SCAN's file used.")  # fmt: skip

@@ -30,6 +30,19 @@ from dqreg.kernels.compiling.second_process import start_where_nothing_is_kept
 METHODS = ("auto", "dq", "dq-points", "svd", "plane", "generalised")
 EFFORTS = ("fast", "normal", "best")
 SEARCHES = ("never", "doubt", "always")
+# How a registration begins, in another command too.
+start_option = click.option(
+    "--start", default="none", show_default=True, metavar="none|identity|FILE", help="Initial pose: none: global "
+    "registration; FILE: 4x4 T_target_source as text, a result.json, or result.json#2, its second alternative."
+)  # fmt: skip
+search_option = click.option(
+    "--search", type=Choice(SEARCHES), default="doubt", show_default=True, help="Global search beside an initial pose: "
+    "never, where the pose is in doubt, or always; the better pose is kept."
+)  # fmt: skip
+dof_option = click.option(
+    "--dof", metavar="MOTIONS", help="Degrees of freedom in which the pose may differ from the initial pose, such as "
+    "'rz tx ty'; all others are locked."
+)  # fmt: skip
 if TYPE_CHECKING:
     from dqreg.inspection import Tolerance
 SECTIONS = {
@@ -44,13 +57,9 @@ SECTIONS = {
 @click.command("register", cls=PlaceCommand, sections=SECTIONS)
 @click.argument("scan", type=FILE)
 @click.argument("target", type=FILE)
-@click.option("--start", default="none", show_default=True, metavar="none|identity|FILE", help="Initial pose: "
-              "none: global registration; FILE: 4x4 T_target_source as text, a result.json, or result.json#2, its "
-              "second alternative.")  # fmt: skip
-@click.option("--search", type=Choice(SEARCHES), default="doubt", show_default=True, help="Global search beside an "
-              "initial pose: never, where the pose is in doubt, or always; the better pose is kept.")  # fmt: skip
-@click.option("--dof", metavar="MOTIONS", help="Degrees of freedom in which the pose may differ from the initial pose, "
-              "such as 'rz tx ty'; all others are locked.")  # fmt: skip
+@start_option
+@search_option
+@dof_option
 @click.option("--viewpoint", type=PlaceType(), multiple=True, metavar="none|origin|X Y Z", help="Where the "
               "scanner stood, in SCAN's coordinates; may be given again. Faces hidden from the scanner are ignored; "
               "what it looked through speaks against a pose. none: nor is the place in SCAN's file used.")  # fmt: skip
