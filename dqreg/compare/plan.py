@@ -146,8 +146,7 @@ def _told_apart(items: list[PlannedRun]) -> list[PlannedRun]:
         keys = alike[item.case, item.setting, item.has_initial_pose]
         if item.case and len(keys) > 1:
             name = f"{item.case} ({keys.index(item.key) + 1})"
-            words = f"{name}{item.words.removeprefix(item.case)}"
-            item = dataclasses.replace(item, case=name, title=name, words=words)
+            item = dataclasses.replace(item, case=name, title=name, words=f"{name}, {item.setting}")
         numbered.append(item)
     return numbered
 

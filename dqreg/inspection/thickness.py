@@ -53,7 +53,7 @@ class Wall:
         away = self.values - base - middle
         k = int(np.argmax(np.abs(away)))
         # Places that noise alone may tell from the farthest one, all as far as each other: a wall has steps.
-        level = np.abs(away) > abs(away[k]) - PLATEAU_SIGMAS * self.differences.sigma
+        level = np.abs(away) >= abs(away[k]) - PLATEAU_SIGMAS * self.differences.sigma
         flat = np.where(level, np.sign(away) * np.abs(away)[level].mean() - above, self.differences.values)
         size, spread = self.differences.corrected(
             float(abs(away[k])), lambda z: np.abs(z + above).max(axis=1), flat=np.asarray(flat)

@@ -29,11 +29,9 @@ from dqreg.odometry.voxel_map import VoxelMap
 from dqreg.registration.register import register
 from dqreg.registration.result import Registration
 from dqreg.rigid import pose
-from dqreg.trust.code_sets import Codes
+from dqreg.trust.code_sets import PLACE_IN_DOUBT
 from dqreg.trust.records import Reason
 
-# What is said of frames that may lie elsewhere.
-ASKING: Codes = frozenset({"lost", "low_inlier_fraction", "falling_inlier_fraction", "looked_through"})
 # Frames that wait after a search that told nothing new: so many times those after the one before and one, and at most.
 LONGER_PAUSES, LONGEST_PAUSE = 2, 64
 
@@ -74,7 +72,7 @@ class SeekingTracker(ColdStartTracker):
         found = super()._register(kiss, world, lengths, frame, raw, ratio, expected, insert=insert)
         # What entered the map stays in it, and so does another map that was begun.
         is_settled = not self._timeline.missed or self._at.world is not world
-        is_asked = expected is None and ASKING.intersection(found.verdict.codes)
+        is_asked = expected is None and PLACE_IN_DOUBT.intersection(found.verdict.codes)
         if is_settled or waiting or not is_asked:
             return found
         sought = sought_in_map(world, frame.without(before.at.motion), lengths, self.settings)

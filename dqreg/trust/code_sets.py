@@ -43,18 +43,9 @@ OF_A_DEVIATING_PART: Codes = REMARKS | frozenset(
     {"stretched", "bent", "deformed", "wavy", "deviating_patches", "large_residuals", "drift", "contradicting_surface"}
 )
 
-# Of a drive: reasons after which the place of a frame is not known.
-PLACE_UNKNOWN: Codes = frozenset(
-    {
-        "unconstrained",
-        "alternative_poses",
-        "low_inlier_fraction",
-        "falling_inlier_fraction",
-        "lost",
-        "no_correspondences",
-        "looked_through",
-    }
-)
+# Of a drive: what is said of a frame that may lie elsewhere, and reasons after which its place is not known.
+PLACE_IN_DOUBT: Codes = frozenset({"lost", "low_inlier_fraction", "falling_inlier_fraction", "looked_through"})
+PLACE_UNKNOWN: Codes = PLACE_IN_DOUBT | {"unconstrained", "alternative_poses", "no_correspondences"}
 
 # Of a scan that fits, among many: how well its motions are known. The first of them are said of single ones.
 HARDLY_HELD: Codes = frozenset({"weakly_constrained", "unconstrained"})
