@@ -64,9 +64,8 @@ class Store:
         self._file = JsonLines(path, FORMAT)
         self.runs: list[RunRecord] = []
         self.sessions: list[dict[str, Any]] = []
-        self.found: list[
-            tuple[RunRecord, str]
-        ] = []  # Runs that stood in the file, with the day on which they were made
+        # Runs that stood in the file, with the day on which they were made.
+        self.found: list[tuple[RunRecord, str]] = []
         self._counts: dict[tuple[str, str, str], int] = {}
         self._closed: set[tuple[str, str, str]] = set()
         for line in self._file.lines:

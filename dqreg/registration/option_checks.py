@@ -63,11 +63,7 @@ def require_scale(scale: object) -> None:
     # Only text is compared: an array would answer with an array.
     if isinstance(scale, str) and scale == "solve":
         return
-    if (
-        isinstance(scale, (bool, str))
-        or not isinstance(scale, numbers.Real)
-        or not 1.0 / MAX_LENGTH < float(scale) < MAX_LENGTH
-    ):
+    if not is_number(scale) or not 1.0 / MAX_LENGTH < as_float(scale) < MAX_LENGTH:
         raise InputError(
             f'scale must be a number above 0 that source lengths are multiplied with, or "solve"; got {scale!r:.60}'
         )
