@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from dqreg.cli.lazy_group import Choice
 from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, read_head, say
 from dqreg.cli.overwriting import require_apart
+from dqreg.cli.registration_options import EFFORTS, METHODS
 from dqreg.cli.signals import SIGNAL_CODE, PoliteSignals
 from dqreg.cli.values import FILE, UNITS, ToleranceType
 from dqreg.errors import printable
@@ -44,8 +46,8 @@ PICTURE_POINTS = 20_000
 @click.option("--threads", type=int, help="Threads of each process  [default: cores divided by workers].")
 @click.option("--start", default="none", show_default=True, metavar="none|identity|FILE", help="Default initial pose, "
               "for rows that name none.")  # fmt: skip
-@click.option("--method", help="Estimator: auto, dq, dq-points, svd, plane or generalised  [default: auto].")
-@click.option("--effort", help="Points in the final refinement: fast, normal or best  [default: normal].")
+@click.option("--method", type=Choice(METHODS), help="Estimator  [default: auto].")
+@click.option("--effort", type=Choice(EFFORTS), help="Closest-point queries of the last level  [default: normal].")
 @click.option("--max-distance", type=float, help="Maximum correspondence distance, target units.")
 @click.option("--max-angle", "max_angle_deg", type=float, help="Maximum angle between the normals of a correspondence, "
               "degrees  [default: 60].")  # fmt: skip

@@ -19,8 +19,18 @@ from dqreg.cli.inspection_outputs import (
     write_failed,
 )
 from dqreg.cli.outputs import consoles, print_json, quiet_option, read_head, require_below_reach
-from dqreg.cli.register import dof_option, search_option, start_option
-from dqreg.cli.values import FILE, UNITS, PlaceCommand, PlaceType, ToleranceType, places_of
+from dqreg.cli.register import exit_code
+from dqreg.cli.registration_options import (
+    dof_option,
+    exclude_option,
+    keep_option,
+    search_option,
+    seed_option,
+    start_option,
+    time_limit_option,
+    viewpoint_option,
+)
+from dqreg.cli.values import FILE, UNITS, PlaceCommand, ToleranceType, places_of
 from dqreg.errors import InputError
 
 if TYPE_CHECKING:
@@ -89,22 +99,19 @@ class InspectCommand(PlaceCommand):
 @click.option("--expected-deviation", type=float, metavar="LENGTH", help="Deviation of the part from PART that does "
               "not speak against the alignment  [default: the plan's, else twice the largest tolerance, 0.0005 of the "
               "part's size at least].")  # fmt: skip
-@click.option("--exclude", type=float, nargs=6, multiple=True, metavar="X Y Z X Y Z", help="Leave the points in this "
-              "box out: two opposite corners, PART's coordinates; may be given again.")  # fmt: skip
-@click.option("--keep", is_flag=True, help="Count surfaces that leave the part (a table, a clamp) and outliers too.")
+@exclude_option
+@keep_option
 @start_option
 @search_option
 @dof_option
-@click.option("--viewpoint", type=PlaceType(), multiple=True, metavar="none|origin|X Y Z", help="Where the "
-              "scanner stood, in SCAN's coordinates; may be given again. Faces hidden from the scanner are ignored. "
-              "none: nor is the place in SCAN's file used.")  # fmt: skip
-@click.option("--time-limit", type=float, metavar="SECONDS", help="Time limit of the registration.")
+@viewpoint_option
+@time_limit_option
 @click.option("--source-units", type=UNITS, help="Length unit of SCAN, where its file does not say.")
 @click.option("--target-units", type=UNITS, help="Length unit of PART, where its file does not say  [default: the "
               "plan's].")  # fmt: skip
 @click.option("--display-units", type=UNITS, help="Length unit of the sheet, and of all lengths given here; those of "
               "the plan are converted  [default: the plan's, else PART's].")  # fmt: skip
-@click.option("--seed", type=int, metavar="N", default=0, show_default=True, help="Seed of all random draws.")
+@seed_option
 @click.option("--json", "as_json", type=FILE, metavar="[FILE.json]",
               help="All that was measured as JSON: in a file, or alone on standard output.")  # fmt: skip
 @quiet_option
@@ -172,9 +179,7 @@ def inspect_command(
         result = found.registration
     if to_screen:
         print_json(record)
-    if result.verdict.level != "accepted":
-        return 1
-    return 0 if record["outcome"] == "pass" else 3
+    return exit_code(trusted=result.verdict.level == "accepted", passes=record["outcome"] == "pass")
 
 
 def _registered(scan: Path, part: Path, unit: ShownTarget, shown: Console, options: dict[str, Any]) -> Registration:

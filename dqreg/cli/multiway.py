@@ -13,6 +13,7 @@ import click
 from dqreg.cli.lazy_group import Choice
 from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, say
 from dqreg.cli.overwriting import require_apart, require_ending
+from dqreg.cli.registration_options import EFFORTS, seed_option
 from dqreg.cli.values import FILE, NO_PLACE, PLACE, PlaceCommand, PlaceType
 from dqreg.errors import InputError
 
@@ -54,13 +55,13 @@ SECTIONS = {
               "each scan: tells the front of a thin sheet from its back.")  # fmt: skip
 @click.option("--anchor", type=int, default=0, show_default=True, metavar="N", help="Scan whose frame is the world, "
               "counted from 0.")  # fmt: skip
-@click.option("--effort", type=Choice(("fast", "normal", "best")), default="normal", show_default=True,
+@click.option("--effort", type=Choice(EFFORTS), default="normal", show_default=True,
               help="Points used of each scan.")  # fmt: skip
 @click.option("--workers", type=int, metavar="N", help="Pairs registered at once  [default: one for each core].")
 @click.option("--time-limit", type=float, metavar="SECONDS", help="Time limit for all scans together; returns the best "
               "poses so far, and a verdict that says so.")  # fmt: skip
 @click.option("--resume", is_flag=True, help="Take the pairs that an interrupted run with the same --out has finished.")
-@click.option("--seed", type=int, default=0, show_default=True, metavar="N", help="Seed of all random draws.")
+@seed_option
 @as_json_option
 @quiet_option
 def multiway_command(scans: tuple[str, ...], quiet: bool, as_json: bool, **options: Any) -> int:

@@ -22,27 +22,22 @@ from dqreg.cli.outputs import (
     tell_result,
 )
 from dqreg.cli.overwriting import require_apart
-from dqreg.cli.values import FILE, UNITS, PlaceCommand, PlaceType, ScaleType, ToleranceType, places_of
+from dqreg.cli.registration_options import (
+    EFFORTS,
+    METHODS,
+    dof_option,
+    exclude_option,
+    keep_option,
+    search_option,
+    seed_option,
+    start_option,
+    time_limit_option,
+    viewpoint_option,
+)
+from dqreg.cli.values import FILE, UNITS, PlaceCommand, ScaleType, ToleranceType, places_of
 from dqreg.errors import InputError
 from dqreg.kernels.compiling.second_process import start_where_nothing_is_kept
 
-# The same words as in the library, which a test compares: importing them would load the solvers for `--help`.
-METHODS = ("auto", "dq", "dq-points", "svd", "plane", "generalised")
-EFFORTS = ("fast", "normal", "best")
-SEARCHES = ("never", "doubt", "always")
-# How a registration begins, in another command too.
-start_option = click.option(
-    "--start", default="none", show_default=True, metavar="none|identity|FILE", help="Initial pose: none: global "
-    "registration; FILE: 4x4 T_target_source as text, a result.json, or result.json#2, its second alternative."
-)  # fmt: skip
-search_option = click.option(
-    "--search", type=Choice(SEARCHES), default="doubt", show_default=True, help="Global search beside an initial pose: "
-    "never, where the pose is in doubt, or always; the better pose is kept."
-)  # fmt: skip
-dof_option = click.option(
-    "--dof", metavar="MOTIONS", help="Degrees of freedom in which the pose may differ from the initial pose, such as "
-    "'rz tx ty'; all others are locked."
-)  # fmt: skip
 if TYPE_CHECKING:
     from dqreg.inspection import Tolerance
 SECTIONS = {
@@ -60,9 +55,7 @@ SECTIONS = {
 @start_option
 @search_option
 @dof_option
-@click.option("--viewpoint", type=PlaceType(), multiple=True, metavar="none|origin|X Y Z", help="Where the "
-              "scanner stood, in SCAN's coordinates; may be given again. Faces hidden from the scanner are ignored; "
-              "what it looked through speaks against a pose. none: nor is the place in SCAN's file used.")  # fmt: skip
+@viewpoint_option
 @click.option("--out", type=FILE, help="The result as JSON; its 4x4 matrix alone for .txt.")
 @click.option(
     "--report", type=FILE, help="One page, HTML or PDF: verdict, view, deviations; with --tolerance, pass or fail."
@@ -82,13 +75,11 @@ SECTIONS = {
 @click.option("--expected-deviation", type=float, metavar="LENGTH", help="Deviation of the part from TARGET that does "
               "not speak against the pose, target units  [default: twice the tolerance, 0.0005 of the size at least]."
               )  # fmt: skip
-@click.option("--exclude", type=float, nargs=6, multiple=True, metavar="X Y Z X Y Z", help="Leave the points in this "
-              "box out: two opposite corners, TARGET's coordinates; may be given again.")  # fmt: skip
-@click.option("--keep", is_flag=True, help="Count surfaces that leave the part (a table, a clamp) and outliers too.")
-@click.option("--effort", type=Choice(EFFORTS), default="normal", show_default=True, help="Points in the final "
-              "refinement: 8,000, 25,000, or all.")  # fmt: skip
-@click.option("--time-limit", type=float, metavar="SECONDS", help="Time limit; returns the best pose so far, and a "
-              "verdict that says so.")  # fmt: skip
+@exclude_option
+@keep_option
+@click.option("--effort", type=Choice(EFFORTS), default="normal", show_default=True, help="Closest-point "
+              "queries of the last level: 8,000, 25,000, or one a point.")  # fmt: skip
+@time_limit_option
 @click.option("--max-distance", type=float, metavar="LENGTH", help="Maximum correspondence distance, target "
               "units  [default: 0.2 of the smaller diagonal of the two].")  # fmt: skip
 @click.option("--max-angle", "max_angle_deg", type=float, metavar="DEGREES", default=60.0, show_default=True,
@@ -97,8 +88,7 @@ SECTIONS = {
               "quaternion closed form with normals (dq) or without (dq-points), Arun's SVD, point-to-plane, or plane-"
               "to-plane (generalised); auto starts with dq and refines with plane.")  # fmt: skip
 @click.option("--no-acceleration", "accelerate", flag_value=False, default=True, help="No Anderson acceleration.")
-@click.option("--seed", type=int, metavar="N", default=0, show_default=True, help="Seed of all random draws: the same "
-              "seed gives the same pose.")  # fmt: skip
+@seed_option
 @click.option("--source-units", type=UNITS, help="Length unit of SCAN, where its file does not say  "
               "[default: TARGET's].")  # fmt: skip
 @click.option("--target-units", type=UNITS, help="Length unit of TARGET, where its file does not say.")
@@ -190,7 +180,14 @@ def register_command(
     if as_json:
         found = None if measured is None else deviation_record(measured, decision, trusted=trusted)
         print_json(result.to_dict() if found is None else result.to_dict() | {"deviations": found})
-    return 1 if not trusted else 3 if decision is not None and decision.outcome != "pass" else 0
+    return exit_code(trusted=trusted, passes=decision is None or decision.outcome == "pass")
+
+
+def exit_code(*, trusted: bool, passes: bool) -> int:
+    """What the shell is told of an alignment, and of the part in it."""
+    if not trusted:
+        return 1
+    return 0 if passes else 3
 
 
 def _check(

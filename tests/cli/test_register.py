@@ -14,7 +14,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from dqreg.cli import attempts
+from dqreg.cli import attempts, registration_options
 from dqreg.cli import register as room
 from dqreg.files import READERS, read_cloud, read_geometry, write_cloud
 from dqreg.files.poses import read_start
@@ -30,10 +30,10 @@ from tests.cli.command import run
 
 
 def test_words_are_those_of_the_library():
-    assert ("auto", *ESTIMATORS) == room.METHODS
-    assert get_args(Method) == room.METHODS
-    assert tuple(EFFORTS) == WORDS["effort"] == room.EFFORTS
-    assert WORDS["search"] == room.SEARCHES
+    assert ("auto", *ESTIMATORS) == registration_options.METHODS
+    assert get_args(Method) == registration_options.METHODS
+    assert tuple(EFFORTS) == WORDS["effort"] == registration_options.EFFORTS
+    assert WORDS["search"] == registration_options.SEARCHES
 
 
 def test_json_is_all_that_standard_output_holds(tmp_path, case, start, capsys):

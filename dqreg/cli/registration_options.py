@@ -1,0 +1,46 @@
+"""Options that several commands give to a registration, each spelled once."""
+
+from __future__ import annotations
+
+import click
+
+from dqreg.cli.lazy_group import Choice
+from dqreg.cli.values import PlaceType
+
+# The same words as in the library, which a test compares: importing them would load the solvers for `--help`.
+METHODS = ("auto", "dq", "dq-points", "svd", "plane", "generalised")
+EFFORTS = ("fast", "normal", "best")
+SEARCHES = ("never", "doubt", "always")
+
+start_option = click.option(
+    "--start", default="none", show_default=True, metavar="none|identity|FILE", help="Initial pose: none: global "
+    "registration; FILE: 4x4 T_target_source as text, a result.json, or result.json#2, its second alternative."
+)  # fmt: skip
+search_option = click.option(
+    "--search", type=Choice(SEARCHES), default="doubt", show_default=True, help="Global search beside an initial pose: "
+    "never, where the pose is in doubt, or always; the better pose is kept."
+)  # fmt: skip
+dof_option = click.option(
+    "--dof", metavar="MOTIONS", help="Degrees of freedom in which the pose may differ from the initial pose, such as "
+    "'rz tx ty'; all others are locked."
+)  # fmt: skip
+viewpoint_option = click.option(
+    "--viewpoint", type=PlaceType(), multiple=True, metavar="none|origin|X Y Z", help="Where the scanner stood, in "
+    "SCAN's coordinates; may be given again. Faces hidden from the scanner are ignored; what it looked through speaks "
+    "against a pose. none: nor is the place in SCAN's file used."
+)  # fmt: skip
+exclude_option = click.option(
+    "--exclude", type=float, nargs=6, multiple=True, metavar="X Y Z X Y Z", help="Leave the points in this box out: "
+    "two opposite corners, in the coordinates of the part; may be given again."
+)  # fmt: skip
+keep_option = click.option(
+    "--keep", is_flag=True, help="Count surfaces that leave the part (a table, a clamp) and outliers too."
+)
+time_limit_option = click.option(
+    "--time-limit", type=float, metavar="SECONDS", help="Time limit of the registration; returns the best pose so far, "
+    "and a verdict that says so."
+)  # fmt: skip
+seed_option = click.option(
+    "--seed", type=int, metavar="N", default=0, show_default=True, help="Seed of all random draws: the same seed gives "
+    "the same pose."
+)  # fmt: skip
