@@ -73,19 +73,19 @@ def gallery(seed: int = 0) -> Iterator[Failure]:
                   "will do, or choose by a feature")  # fmt: skip
 
 
-def main(folder: Path | None = None) -> dict[str, tuple[str, str]]:
-    """Level (or the error) and first sentence of each case."""
-    answers: dict[str, tuple[str, str]] = {}
+def main(folder: Path | None = None) -> dict[str, tuple[str, tuple[str, ...]]]:
+    """Level (or the error) and codes of each case."""
+    answers: dict[str, tuple[str, tuple[str, ...]]] = {}
     for case in gallery():
         try:
             result = dqreg.register(case.scan, case.part, case.start, effort="fast")
         except dqreg.DqregError as error:
-            level, reasons = type(error).__name__, (str(error),)
+            level, codes, reasons = type(error).__name__, (), (str(error),)
         else:
-            level, reasons = result.verdict.level, result.verdict.reasons
+            level, codes, reasons = result.verdict.level, result.verdict.codes, result.verdict.reasons
             if folder is not None:
                 picture(result, folder / f"failure_{case.name.replace(' ', '_')}.png")
-        answers[case.name] = level, reasons[0]
+        answers[case.name] = level, codes
         print(f"{case.name}: {level}", *reasons, f"what to do: {case.remedy}", sep="\n  ")
     return answers
 

@@ -78,7 +78,7 @@ class Target:
 
     @property
     def nbytes(self) -> int:
-        """Memory in bytes: its arrays, and an estimate for Open3D's trees, good to a fifth."""
+        """Memory in bytes: its arrays, its trees, and an estimate of what Open3D holds, good to a fifth."""
         return bytes_of(self.indexed)
 
     def save(self, path: str | Path) -> None:

@@ -6,18 +6,18 @@
 - `dqreg.synth.raycast`, `dqreg.synth.scanner`: what rays meet, and the scan.
 - `dqreg.synth.faults`: waves on a face, a feature moved or of another size.
 - `dqreg.synth.coverage`: the fraction of the surface that is seen.
-- `dqreg.synth.truth`, `dqreg.synth.cramer_rao`: known motions, pose errors, and the least error there is.
+- `dqreg.synth.truth`, `dqreg.synth.range_bound`: known motions, pose errors, and the least error there is.
 - `dqreg.synth.recipe`, `dqreg.synth.cases`: a case as a text file, and as a folder.
 """
 
 from dqreg.synth.cameras import Scanner
 from dqreg.synth.cases import Case, demo_case, load_case, write_case
 from dqreg.synth.coverage import visible_share
-from dqreg.synth.cramer_rao import cramer_rao_bound
 from dqreg.synth.faults import form_error, moved_feature
 from dqreg.synth.motion import Motion
 from dqreg.synth.noise import Noise
 from dqreg.synth.patterns import Lidar, StructuredLight
+from dqreg.synth.range_bound import cramer_rao_bound
 from dqreg.synth.recipe import Recipe, read_recipe
 from dqreg.synth.scan import Scan
 from dqreg.synth.scanner import scan_mesh

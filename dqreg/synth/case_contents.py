@@ -15,11 +15,11 @@ from dqreg.files.strict_json import plain
 from dqreg.files.write import ply_bytes
 from dqreg.rigid import pose
 from dqreg.synth.coverage import visible_share
-from dqreg.synth.cramer_rao import cramer_rao_bound
 from dqreg.synth.motion import Motion
 from dqreg.synth.noise import Noise
 from dqreg.synth.parts import Symmetry
 from dqreg.synth.parts.plain import Mesh
+from dqreg.synth.range_bound import cramer_rao_bound
 from dqreg.synth.raycast import centre_and_diagonal
 from dqreg.synth.recipe import Recipe
 from dqreg.synth.recipe_keys import named
