@@ -131,10 +131,8 @@ if not TYPE_CHECKING:
 
 
 def _moved(room: str, name: str) -> object:
-    from dqreg._arrays import warn_of_old_name
-
     home = _MOVED[room][name]
-    warn_of_old_name(f"{room}.{name}", f"{home}.{name}")
+    errors.warn_of_old_name(f"{room}.{name}", f"{home}.{name}")
     return getattr(importlib.import_module(home), name)
 
 

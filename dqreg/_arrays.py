@@ -6,14 +6,14 @@ Inside the package the types are trusted; every public function checks its array
 from __future__ import annotations
 
 import math
-import sys
-import warnings
+import os
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dqreg.errors import InputError
+from dqreg.errors import InputError, warn_of_old_name
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -133,8 +133,15 @@ def as_float(value: Any, name: str, kinds: str = "fiubO") -> FloatArray:
         with np.errstate(invalid="ignore", over="ignore"):
             return np.ascontiguousarray(array, dtype=np.float64).reshape(array.shape)
     except (TypeError, ValueError, OverflowError) as error:
-        wanted = f"must be an array of real numbers; got {type(value).__name__} ({error})"
-        raise InputError.of(wanted, name=name) from error
+        raise InputError.of(f"must be an array of real numbers; got {_words_of(value, error)}", name=name) from error
+
+
+def _words_of(value: Any, error: Exception) -> str:
+    if isinstance(value, (str, os.PathLike)) and Path(value).suffix:
+        return f"{str(value)!r:.80}; a file is read by dqreg.geometry.as_geometry"
+    if isinstance(value, tuple) and list(map(np.shape, value)) == [(3, 3), (3,)]:
+        return "a pair (R, t), which goes in as dqreg.rigid.pose.from_parts(R, t)"
+    return f"{type(value).__name__} ({error})"
 
 
 def as_vectors(value: Any, name: str, *, finite: bool = True) -> FloatArray:
@@ -289,11 +296,3 @@ def renamed(old: str, old_value: Any, new: str, new_value: Any, default: Any) ->
         raise InputError(f"{old} is the old name of {new}; give {new} alone, got {new_value!r} and {old_value!r}")
     warn_of_old_name(old, new)
     return old_value
-
-
-def warn_of_old_name(old: str, new: str, what: str = "name") -> None:
-    """Warn whoever called this package; Python shows it where that is the user's own program."""
-    level, frame = 1, sys._getframe()
-    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == "dqreg":
-        level, frame = level + 1, frame.f_back
-    warnings.warn(f"{old} is the old {what} of {new}; use {new}", DeprecationWarning, stacklevel=level)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib
+import sys
+import warnings
 
 # Every type checker takes this name for true; the root imports this file, and `typing` would be most of what it costs.
 TYPE_CHECKING = False
@@ -76,6 +78,14 @@ def moved_name(room: str, name: str) -> object:
     if (room, name) not in MOVED:
         raise AttributeError(f"module {room!r} has no attribute {name!r}")
     return MOVED[room, name](room, name)
+
+
+def warn_of_old_name(old: str, new: str, what: str = "name") -> None:
+    """Warn whoever called this package; Python shows it where that is the user's own program."""
+    level, frame = 1, sys._getframe()
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == "dqreg":
+        level, frame = level + 1, frame.f_back
+    warnings.warn(f"{old} is the old {what} of {new}; use {new}", DeprecationWarning, stacklevel=level)
 
 
 # Share of letters that a typing error leaves in their order: "diamter" is near diameter, "flatness" not straightness.

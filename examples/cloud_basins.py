@@ -20,7 +20,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 import dqreg
-from dqreg.geometry.opening import open_geometry
+from dqreg.geometry.opening import as_geometry
 from dqreg.synth import Noise, Scanner, disturbance, scan_mesh, worst_vertex_displacement
 
 # Worst displacement of a vertex that is right, in sizes; largest distances of GICP.
@@ -104,7 +104,7 @@ def main(arguments: list[str] | None = None) -> dict[str, np.ndarray]:
     parser.add_argument("--degrees", type=float, nargs=2, default=(0.5, 3.0))
     given = parser.parse_args(arguments)
     # The unit is that of the file: nothing here has a length of its own.
-    parts = [part for part in (open_geometry(path, "m") for path in given.parts) if isinstance(part, dqreg.Mesh)]
+    parts = [part for part in (as_geometry(path, "m") for path in given.parts) if isinstance(part, dqreg.Mesh)]
     asked = engines()
     errors = np.array(
         [

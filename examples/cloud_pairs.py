@@ -27,7 +27,7 @@ import numpy as np
 
 import dqreg
 from dqreg._open3d import load_open3d
-from dqreg.geometry.opening import open_geometry
+from dqreg.geometry.opening import as_geometry
 from dqreg.rigid import pose
 from dqreg.synth import Noise, Scanner, disturbance, scan_mesh
 from dqreg.synth.many_views import street_drive
@@ -119,7 +119,7 @@ SETS: dict[str, Callable[[Path], Iterator[Pair]]] = {
 
 def points(path: Path) -> np.ndarray:
     """Points of a file, (n, 3)."""
-    return open_geometry(path, path.name).points
+    return as_geometry(path, path.name).points
 
 
 def T(folder: Path, name: str) -> np.ndarray:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 import dqreg
-from dqreg.geometry.opening import open_geometry
+from dqreg.geometry.opening import as_geometry
 from dqreg.rigid import pose
 
 # Box that holds the part and little of the table, in metres, from the scene's own settings.
@@ -62,7 +62,7 @@ def real_pairs(data: Path) -> Iterator[Pair]:
 
 def _weld(folder: Path) -> Iterator[Pair]:
     scan = _points(folder / "table_8in10in_tee_x4y24_45.pcd")
-    part = open_geometry(folder / "tee_nominal.stl", "part")
+    part = as_geometry(folder / "tee_nominal.stl", "part")
     T = pose.inverse(_pose(folder / "T_scan_part_fit_table_8in10in_tee_x4y24_45.txt"))
     low, high = np.array(WELD_BOX)
     inside = ((scan > low) & (scan < high)).all(axis=1)
@@ -74,7 +74,7 @@ def _weld(folder: Path) -> Iterator[Pair]:
 def _bunny(folder: Path) -> Iterator[Pair]:
     scans = {name: _points(folder / f"{name}.ply") for name in BUNNY}
     poses = {name: _pose(folder / f"T_world_{name}.txt") for name in BUNNY}
-    merged = open_geometry(folder / "bun_zipper.ply", "mesh")
+    merged = as_geometry(folder / "bun_zipper.ply", "mesh")
     for name in BUNNY:
         yield _pair(f"bunny {name} to mesh", scans[name], merged, poses[name])
     for source, target in FAR:
@@ -116,7 +116,7 @@ def _milk(folder: Path) -> Iterator[Pair]:
 
 
 def _car(folder: Path) -> Iterator[Pair]:
-    target = open_geometry(folder / "car_cloud400.csv", "target")
+    target = as_geometry(folder / "car_cloud400.csv", "target")
     T = _pose(folder / "T_400_401_utest_validT3d.txt")
     yield _pair("LiDAR on a car", _points(folder / "car_cloud401.csv"), dqreg.PointCloud(target.points), T)
 
@@ -143,7 +143,7 @@ def _diagonal(points: np.ndarray) -> float:
 
 
 def _points(path: Path) -> np.ndarray:
-    return open_geometry(path, path.name).points
+    return as_geometry(path, path.name).points
 
 
 def _pose(path: Path) -> np.ndarray:

@@ -113,7 +113,7 @@ def _ground_truth(truth: Path, target: Path | None, scan: Path | None) -> tuple[
 
     from dqreg.compare import from_pair, read_truth
     from dqreg.compare.judge import GroundTruth
-    from dqreg.geometry.opening import open_geometry
+    from dqreg.geometry.opening import as_geometry
 
     true = read_truth(truth)
     beside = truth.parent / "part.stl"
@@ -124,12 +124,12 @@ def _ground_truth(truth: Path, target: Path | None, scan: Path | None) -> tuple[
             raise InputError("--scan needs --target, the part or cloud that its points shall lie on")
         # Without a part there is nothing but the frames: the origin is the one point that can be followed.
         return GroundTruth(np.zeros((1, 3)), float("nan"), true.poses, true.axis), true.units
-    part = open_geometry(target, "target")
+    part = as_geometry(target, "target")
     unit = true.units or part.units
     known = from_pair(part if scan is None else scan, part, "identity", true).ground_truth
     if scan is None:
         return dataclasses.replace(known, held_out=np.zeros((0, 3))), unit
-    whole = open_geometry(scan, "scan")
+    whole = as_geometry(scan, "scan")
     points = getattr(whole, "points", None)
     return (known if points is None else dataclasses.replace(known, held_out=points)), unit
 

@@ -25,7 +25,7 @@ def run_many(
     from dqreg.files.atomic import require_writable, write_atomically
     from dqreg.files.strict_json import plain
     from dqreg.geometry import Mesh
-    from dqreg.geometry.opening import open_geometry
+    from dqreg.geometry.opening import as_geometry
     from dqreg.multiway.pairwise.starts import read_starts_file
     from dqreg.multiway.peers import compare_many
     from dqreg.multiway.scores import many_table
@@ -48,7 +48,7 @@ def run_many(
         raise InputError(f"{options['truth']} holds scans without a pose; --truth has one for each scan")
     clouds = []
     for path in inputs:
-        geometry = open_geometry(path, "scan")
+        geometry = as_geometry(path, "scan")
         if isinstance(geometry, Mesh):
             raise InputError(f"{path} is a mesh; --multiway compares on clouds")
         clouds.append(geometry)

@@ -24,7 +24,7 @@ from dqreg.compare.truth import TruePoses, truth_of
 from dqreg.errors import InputError
 from dqreg.files.units import factor
 from dqreg.geometry import Mesh, PointCloud, sample_mesh
-from dqreg.geometry.opening import open_geometry
+from dqreg.geometry.opening import as_geometry
 from dqreg.registration.source import MESH_SAMPLES
 from dqreg.rigid import pose
 from dqreg.synth import Case, load_case, read_recipe, write_case
@@ -35,7 +35,7 @@ def from_case(
 ) -> BenchmarkCase:
     """Task of a case folder."""
     case = case if isinstance(case, Case) else load_case(case)
-    source, target = open_geometry(case.scan, "scan"), open_geometry(case.part, "part")
+    source, target = as_geometry(case.scan, "scan"), as_geometry(case.part, "part")
     if not isinstance(source, PointCloud):
         raise InputError(f"{case.scan} holds a mesh; a case's scan is a cloud of points")
     truth = truth_of(case.truth, case.T_target_source, str(case.folder / "truth.json"))
@@ -55,7 +55,7 @@ def from_pair(
     **options: Any,
 ) -> BenchmarkCase:
     """Task of a scan and a target."""
-    source, goal = open_geometry(scan, "scan"), open_geometry(target, "target")
+    source, goal = as_geometry(scan, "scan"), as_geometry(target, "target")
     if isinstance(source, Mesh):
         source = sample_mesh(source, MESH_SAMPLES, np.random.default_rng(0))
     scale = factor(source_units or source.units, target_units or goal.units)

@@ -9,10 +9,10 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.errors import InputError
-from dqreg.geometry import CloudSurface, Mesh, PointCloud, Scan, as_geometry
+from dqreg.geometry import CloudSurface, Mesh, PointCloud, Scan
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import fit_planes
-from dqreg.geometry.objects import recognise
+from dqreg.geometry.objects import object_geometry, recognise
 from dqreg.geometry.sides import have_sides
 
 
@@ -36,7 +36,7 @@ def read_sides(source: Any, target: Any, *, with_normals: bool) -> GivenClouds:
 
 
 def _cloud(value: Any, name: str) -> tuple[PointCloud, IntArray, int]:
-    geometry = as_geometry(value, name)
+    geometry = object_geometry(value, name)
     if isinstance(geometry, Mesh):
         raise InputError(f"{name} is a mesh; this call is for two clouds, as in Open3D. Use dqreg.register for meshes")
     count = len(geometry) + geometry.dropped

@@ -10,7 +10,7 @@ from dqreg.geometry.cloud import PointCloud
 from dqreg.geometry.cloud_surface import CloudSurface
 from dqreg.geometry.mesh import Mesh
 from dqreg.geometry.mesh_surface import MeshSurface
-from dqreg.geometry.objects import as_geometry
+from dqreg.geometry.opening import as_geometry
 from dqreg.geometry.sampling import sample_mesh
 from dqreg.geometry.scan import Scan
 from dqreg.geometry.scan_preparation import prepare_scan

@@ -24,37 +24,8 @@ ACCEPTED = (
 )
 
 
-def as_geometry(value: Any, name: str) -> PointCloud | Mesh:
-    """The cloud or mesh that an object holds.
-
-    Parameters
-    ----------
-    value : object
-        An (n, 3) array or tensor; a structured array, DataFrame or dictionary with x, y and z (pye57's too); a ROS
-        PointCloud2 message; ``(vertices, faces)``; `PointCloud`, `Mesh`; what `dqreg.files` reads; an Open3D cloud or
-        mesh (legacy or tensor), a trimesh cloud, mesh or scene, a PyVista PolyData, a laspy LasData, a small_gicp
-        cloud.
-    name : str
-        What the caller calls it, for the message.
-
-    Returns
-    -------
-    PointCloud or Mesh
-        Float64 copies or views; the object itself is never changed.
-
-    Raises
-    ------
-    InputError
-        If the object is none of these, or what it holds cannot be used.
-
-    Examples
-    --------
-    >>> as_geometry([[0, 0, 0], [1, 0, 0]], "source").points.shape
-    (2, 3)
-    >>> named = np.array([(0, 1, 2, 0.5)], dtype=[("x", "f4"), ("y", "f4"), ("z", "f4"), ("intensity", "f4")])
-    >>> as_geometry(named, "source").points.tolist()
-    [[0.0, 1.0, 2.0]]
-    """
+def object_geometry(value: Any, name: str) -> PointCloud | Mesh:
+    """The cloud or mesh that an object holds."""
     try:
         found = recognise(value, name)
         return PointCloud(found.points, found.normals, times=found.times) if isinstance(found, RawCloud) else found

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 
-from dqreg._arrays import FloatArray, warn_of_old_name
+from dqreg._arrays import FloatArray
 from dqreg._records import made_of, read_only
+from dqreg.errors import warn_of_old_name
 from dqreg.solvers.search_stage import SearchStage
 
 

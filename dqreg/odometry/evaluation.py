@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, as_float, warn_of_old_name
-from dqreg.errors import InputError
+from dqreg._arrays import FloatArray, as_float
+from dqreg.errors import InputError, warn_of_old_name
 from dqreg.files.trajectories import found_rows
 from dqreg.odometry.kiss import load_kiss, rigid
 from dqreg.odometry.trajectory import bridge_gaps

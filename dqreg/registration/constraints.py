@@ -42,7 +42,7 @@ class PoseConstraints:
             if isinstance(prior, str):
                 raise TypeError("text")
         except (TypeError, ValueError):
-            raise InputError(f"prior must be (pose, covariance), a 4x4 and a 6x6; got {prior!r:.80}") from None
+            raise InputError(f"prior must be (pose, covariance), a 4x4 and a 6x6; got {type(prior).__name__}") from None
         # Turned about the middle of the target, as the covariance of a `Registration` is.
         middle = pose.from_parts(np.eye(3), origin_target)
         return PoseConstraints(

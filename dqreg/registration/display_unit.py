@@ -36,12 +36,12 @@ class ShownTarget:
     @contextlib.contextmanager
     def source_units(self, source: Path, given: str | None) -> Iterator[str | None]:
         """Length unit of a scan: where nobody names one, that of the target's file, not the one it was converted to."""
-        from dqreg.geometry.opening import open_geometry
+        from dqreg.geometry.opening import as_geometry
 
         if given is not None or self.scale == 1.0:
             yield given
             return
-        named = open_geometry(source, "source").units
+        named = as_geometry(source, "source").units
         try:
             yield named or self.own
         except UnitsError as error:
@@ -78,12 +78,12 @@ def shown_target(path: Path, own: str | None, wanted: str | None, planned: str |
 
     ``own`` is the unit of a file that does not say.
     """
-    from dqreg.geometry.opening import open_geometry
+    from dqreg.geometry.opening import as_geometry
 
     shown = wanted or planned
     if shown is None:
         return ShownTarget(path, own, own, 1.0)
-    geometry = open_geometry(path, "target")
+    geometry = as_geometry(path, "target")
     unit = own or geometry.units or planned
     if unit is None:
         raise InputError(

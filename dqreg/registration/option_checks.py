@@ -10,14 +10,18 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import MAX_LENGTH
-from dqreg.errors import InputError
+from dqreg.errors import InputError, did_you_mean
+
+# What other libraries call what is meant.
+ELSEWHERE = {"point-to-plane": "plane", "point-to-point": "dq-points", "gicp": "generalised"}
 
 
 def require_word(name: str, value: object, words: Sequence[str]) -> None:
     """Raise unless an option is one of the words that it takes."""
     # Only text is looked up: a list has no hash, and would end in an error without a name.
     if not isinstance(value, str) or value not in words:
-        raise InputError(f"unknown {name} {value!r:.60}; known are {', '.join(words)}")
+        meant = did_you_mean(ELSEWHERE.get(str(value), str(value)), words)
+        raise InputError(f"unknown {name} {value!r:.60}; known are {', '.join(words)}{meant}")
 
 
 def require_flag(name: str, value: object) -> None:

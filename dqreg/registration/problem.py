@@ -265,7 +265,8 @@ def read_start(start: Any, prior: Any, dof: Any) -> FloatArray | None:
         return None
     if isinstance(start, str):
         if start != "identity":
-            raise InputError(f'start must be None, "identity" or a 4x4 pose T_target_source; got {start!r}')
+            meant = "; did you mean None?" if start.lower() == "none" else ""
+            raise InputError(f'start must be None, "identity" or a 4x4 pose T_target_source; got {start!r:.60}{meant}')
         return np.eye(4)
     return as_pose(start, "start")
 

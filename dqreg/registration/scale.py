@@ -16,7 +16,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.geometry import Mesh, PointCloud, sample_mesh
-from dqreg.geometry.opening import describe, open_geometry
+from dqreg.geometry.opening import as_geometry, describe
 from dqreg.geometry.unit_check import principal_spreads
 from dqreg.icp import Correspondences, InlierMixture
 from dqreg.icp.noise_by_face import without_creases
@@ -82,7 +82,7 @@ class ScaleProblem:
                     f'scale="solve" cannot be combined with {name}=: solve the scale first, then register with '
                     f"scale=result.scale and {name}="
                 )
-        index, cloud = index_target(target), open_geometry(source, "source")
+        index, cloud = index_target(target), as_geometry(source, "source")
         if isinstance(cloud, Mesh):
             cloud = sample_mesh(cloud, MESH_SAMPLES, np.random.default_rng(options.seed))
         at_one = dataclasses.replace(options, scale=1.0, units="ignore")

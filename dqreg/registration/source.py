@@ -12,7 +12,7 @@ from dqreg._arrays import FloatArray
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.files.units import factor
 from dqreg.geometry import Mesh, PointCloud, sample_mesh
-from dqreg.geometry.opening import open_geometry
+from dqreg.geometry.opening import as_geometry
 from dqreg.geometry.sides import without_signs
 from dqreg.icp.loop import MIN_CORRESPONDENCES
 from dqreg.registration.strays import Strays, without_strays
@@ -101,7 +101,7 @@ class ReadSource(NamedTuple):
 
 def read_source(source: Any, seed: int | np.random.Generator) -> ReadSource:
     """A source from whatever `dqreg.register` takes."""
-    geometry = open_geometry(source, "source")
+    geometry = as_geometry(source, "source")
     mesh = geometry if isinstance(geometry, Mesh) else None
     strays = None
     if isinstance(geometry, Mesh):

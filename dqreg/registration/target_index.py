@@ -20,7 +20,7 @@ from dqreg.files.units import factor
 from dqreg.files.untrusted import require_own_kind, require_readable
 from dqreg.geometry import Closest, CloudSurface, Mesh, MeshSurface, PointCloud, Surface, prepare_scan
 from dqreg.geometry.mesh_normals import smooth_normals_of
-from dqreg.geometry.opening import describe, open_geometry
+from dqreg.geometry.opening import as_geometry, describe
 from dqreg.geometry.sides import without_signs
 from dqreg.geometry.unit_check import principal_spreads
 from dqreg.geometry.visibility import VisibleSurface, visible_faces
@@ -234,7 +234,7 @@ def index_target(target: Any) -> TargetIndex:
     target = getattr(target, "indexed", target)
     if isinstance(target, TargetIndex):
         return target
-    geometry = open_geometry(target, "target")
+    geometry = as_geometry(target, "target")
     if isinstance(geometry, Mesh):
         return TargetIndex(geometry._shifted(-geometry.centre), geometry.centre, describe(target))
     geometry, strays = without_strays(geometry)
@@ -255,7 +255,7 @@ def cut_for(target: Path, source: Any, source_units: str | None) -> tuple[Mesh, 
     """The part of a STEP file for a scan, and the largest distance of its triangles from its surfaces."""
     path = require_readable(target)
     require_own_kind(path, path.suffix.lower())
-    scan = open_geometry(source, "source")
+    scan = as_geometry(source, "source")
     points = scan.points if isinstance(scan, PointCloud) else scan.vertices
     found = prepare_scan(PointCloud(points), FITTED)
     unit, own = file_unit(path), source_units or scan.units

@@ -11,7 +11,8 @@ from typing import Any, ParamSpec
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import FloatArray, warn_of_old_name
+from dqreg._arrays import FloatArray
+from dqreg.errors import warn_of_old_name
 from dqreg.solvers.feature_sums import BLOCK_ROWS, FeatureSums, Pair, feature_sums
 from dqreg.solvers.matches import Matches, read_rows
 from dqreg.solvers.narrow_data import Aligned, is_narrow, long_axes, products_in_axes
@@ -21,7 +22,6 @@ from dqreg.solvers.rounding import grain_of
 SAMPLE_ROWS = 64
 # Squared distance of the origin from the mean, in squared spreads, up to which sums are taken as they come.
 FAR_SQUARED_SPREADS = 16.0
-
 # Arguments of `moments_of` beyond the points, in the order that they had.
 OLD_ORDER = "point_weights", "directions_source", "directions_target", "direction_weights"
 
@@ -160,8 +160,8 @@ def _understood_in_old_order(function: Callable[Given, Moments]) -> Callable[Giv
     def either(*args: Given.args, **named: Given.kwargs) -> Moments:
         if not _is_old(args[2:]):
             return function(*args, **named)
-        old, new = "moments_of(points, points, weights, ..)", "moments_of(points, points, directions, ..)"
-        warn_of_old_name(old, new, "order")
+        call = "moments_of(points, points, {}, ..)"
+        warn_of_old_name(call.format("weights"), call.format("directions"), "order")
         given: Any = dict(zip(OLD_ORDER, args[2:], strict=False))
         points: Any = args[:2]
         return function(*points, **given, **named)

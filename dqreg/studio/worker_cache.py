@@ -16,7 +16,7 @@ from dqreg.files.atomic import write_atomically
 from dqreg.files.strict_json import plain
 from dqreg.files.units import factor
 from dqreg.geometry import Mesh, PointCloud
-from dqreg.geometry.opening import open_geometry
+from dqreg.geometry.opening import as_geometry
 from dqreg.studio.visit import Side, Visit
 
 Value = TypeVar("Value")
@@ -83,13 +83,13 @@ class Place:
     def scan(self) -> PointCloud | Mesh:
         """The scan: as it was given, or its mirror image."""
         path = self.scan_path
-        given = cached("geometry", _mark(path), lambda: open_geometry(path, "scan"))
+        given = cached("geometry", _mark(path), lambda: as_geometry(path, "scan"))
         return cached("mirrored", _mark(path), lambda: mirrored(given)) if self.visit.mirrored else given
 
     def part(self) -> PointCloud | Mesh:
         """The part, as it was given."""
         path = self.part_path
-        return cached("geometry", _mark(path), lambda: open_geometry(path, "part"))
+        return cached("geometry", _mark(path), lambda: as_geometry(path, "part"))
 
     def units(self) -> tuple[str | None, str | None]:
         """Units of scan and part: what was named, else what the files say; None where neither does."""

@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 import dqreg
-from dqreg.geometry.opening import open_geometry
+from dqreg.geometry.opening import as_geometry
 from dqreg.rigid import pose
 from dqreg.synth import Noise, Scanner, disturbance, scan_mesh, worst_vertex_displacement
 from dqreg.synth.many_views import street_drive
@@ -74,7 +74,7 @@ def in_turns(runs: dict[str, Callable[[], object]], rounds: int, calls: int = 1)
 @pytest.mark.parametrize("effort", ["fast", "normal"])
 def test_a_lidar_pair_beside_small_gicp(benchmark, capsys, real_data: Path, effort: str, verdict: bool) -> None:
     folder = real_data / "small_gicp_kitti_pair"
-    source, target = (open_geometry(folder / f"{name}.ply", name).points for name in ("source", "target"))
+    source, target = (as_geometry(folder / f"{name}.ply", name).points for name in ("source", "target"))
     T_truth = np.loadtxt(folder / "T_target_source.txt")
 
     def ours() -> np.ndarray:

@@ -13,7 +13,6 @@ from dqreg._open3d import load_open3d
 from dqreg.errors import InputError
 from dqreg.files import read_geometry
 from dqreg.geometry import Mesh, PointCloud, as_geometry
-from dqreg.geometry.opening import open_geometry
 from dqreg.synth.parts import box
 
 VERTICES, FACES = box((3.0, 2.0, 1.0))
@@ -134,6 +133,21 @@ def test_units_that_trimesh_knows_come_along(spelled: str | None, unit: str | No
     assert as_geometry(mesh, "target").units == unit
 
 
+def test_a_file_comes_with_all_that_it_names(tmp_path: Path) -> None:
+    path, rows = tmp_path / "scan.pcd", "\n".join(" ".join(map(str, row)) for row in VERTICES.tolist())
+    head = "VERSION 0.7\nFIELDS x y z\nSIZE 8 8 8\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 8\nHEIGHT 1\nPOINTS 8\nDATA ascii\n"
+    path.write_text(head.replace("POINTS", "VIEWPOINT 1 2 3 1 0 0 0\nPOINTS") + rows)
+    cloud = as_geometry(path)
+    assert isinstance(cloud, PointCloud)
+    np.testing.assert_array_equal(cloud.points, VERTICES)
+    np.testing.assert_array_equal(cloud.viewpoint, [1.0, 2.0, 3.0])
+
+
+def test_a_path_in_place_of_points_is_told_what_reads_it() -> None:
+    with pytest.raises(InputError, match=r"'scan.ply'; a file is read by dqreg.geometry.as_geometry"):
+        PointCloud("scan.ply")
+
+
 def lines() -> Any:
     return load_open3d().geometry.LineSet()
 
@@ -174,7 +188,7 @@ def test_what_a_file_holds_is_taken_as_the_file_is(tmp_path: Path, name: str) ->
         np.savetxt(path, np.hstack([VERTICES, NORMALS]))
     else:
         trimesh.Trimesh(VERTICES, FACES).export(path)
-    ours, theirs = as_geometry(read_geometry(path), "source"), open_geometry(path, "source")
+    ours, theirs = as_geometry(read_geometry(path), "source"), as_geometry(path, "source")
     assert type(ours) is type(theirs)
     for field in dataclasses.fields(theirs):
         np.testing.assert_array_equal(getattr(ours, field.name), getattr(theirs, field.name))

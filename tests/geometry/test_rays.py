@@ -10,7 +10,7 @@ import pytest
 from dqreg import register
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh, PointCloud, sample_mesh
-from dqreg.geometry.opening import open_geometry
+from dqreg.geometry.opening import as_geometry
 from dqreg.geometry.rays import is_sweep
 from dqreg.synth.parts import bracket
 from dqreg.synth.street import street, swept
@@ -32,7 +32,7 @@ def drive(rings: int, half_deg: float, seed: int) -> FloatArray:
 @pytest.mark.parametrize(("rings", "half_deg"), [(16, 180.0), (64, 180.0), (64, 45.0)])
 def test_a_sweep_is_seen_from_its_origin_in_metres(tmp_path: Path, rings: int, half_deg: float) -> None:
     points = drive(rings, half_deg, 63_201)
-    cloud = open_geometry(saved(tmp_path / "a.bin", points), "source")
+    cloud = as_geometry(saved(tmp_path / "a.bin", points), "source")
     assert isinstance(cloud, PointCloud)
     assert (cloud.units, cloud.viewpoint is not None) == ("m", True)
     # In any order; but not in the frame of a map.
@@ -47,7 +47,7 @@ def test_a_part_has_no_viewpoint_and_no_unit_and_is_accepted(tmp_path: Path, sha
     cloud = sample_mesh(part, 20_000, rng)
     points = cloud.points + rng.normal(0.0, 0.02, cloud.points.shape) - origin
     path = saved(tmp_path / "a.bin", points)
-    found = open_geometry(path, "source")
+    found = as_geometry(path, "source")
     assert isinstance(found, PointCloud)
     assert (found.units, found.viewpoint) == (None, None)
     start = np.eye(4)

@@ -22,7 +22,7 @@ from dqreg.errors import DqregError
 from dqreg.files import read_geometry
 from dqreg.files.poses import read_pose, read_start
 from dqreg.geometry import Mesh
-from dqreg.geometry.opening import open_geometry
+from dqreg.geometry.opening import as_geometry
 from dqreg.odometry.scans import open_scans
 from dqreg.odometry.trajectory import read_trajectory
 from dqreg.registration.batch import Defaults, read_manifest
@@ -59,7 +59,7 @@ class Kind:
 
 def _geometry(path: Path) -> None:
     assert_sound(read_geometry(path))
-    open_geometry(path, "scan")
+    as_geometry(path, "scan")
 
 
 def _result(path: Path) -> None:

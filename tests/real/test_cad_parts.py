@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dqreg.geometry import Mesh, PointCloud
-from dqreg.geometry.opening import open_geometry
+from dqreg.geometry.opening import as_geometry
 from dqreg.registration.register import register
 from dqreg.synth import Noise, Scanner, disturbance, scan_mesh, worst_vertex_displacement
 
@@ -22,7 +22,7 @@ PARTS = ["featuretype.STL", "octagonal_pocket.ply", "angle_block.STL", "idler_ri
 def test_a_noisy_scan_of_two_views_lands_on_its_part(real_data: Path, name: str, seed: int) -> None:
     # The truth is the identity, exactly: the scan is made in the part's frame. Noise of 3e-4 S along the ray. The bound
     # is a tenth of what point-to-point ICP reaches on 100,000 samples of the same CAD (2e-4 S).
-    part = open_geometry(real_data / "trimesh_cad" / name, "part")
+    part = as_geometry(real_data / "trimesh_cad" / name, "part")
     assert isinstance(part, Mesh)
     size, rng = part.diagonal, np.random.default_rng(seed)
     scanner = Scanner(views=((1.0, 1.0, 1.0), (-1.0, 0.3, -0.8)), pixels=400)
@@ -36,7 +36,7 @@ def test_a_noisy_scan_of_two_views_lands_on_its_part(real_data: Path, name: str,
 def test_a_start_that_leads_to_the_nearly_symmetric_pose_is_recovered(real_data: Path) -> None:
     # The part looks almost the same after half a turn; from this start the loop ends there, 0.7 of the size off, and
     # the scan tells the poses apart by eight standard errors. The truth is the identity: the scan is made on the part.
-    part = open_geometry(real_data / "trimesh_cad" / "fixed_top.ply", "part")
+    part = as_geometry(real_data / "trimesh_cad" / "fixed_top.ply", "part")
     assert isinstance(part, Mesh)
     size, rng = part.diagonal, np.random.default_rng(21)
     scanner = Scanner(views=((1.0, 1.0, 1.0), (-1.0, 0.3, -0.8)), pixels=200)

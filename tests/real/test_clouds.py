@@ -10,7 +10,7 @@ import pytest
 from dqreg._arrays import FloatArray
 from dqreg._open3d import load_open3d
 from dqreg.geometry import PointCloud
-from dqreg.geometry.opening import open_geometry
+from dqreg.geometry.opening import as_geometry
 from dqreg.registration.options import Effort
 from dqreg.registration.register import register
 from dqreg.rigid import pose, twist
@@ -34,7 +34,7 @@ def assert_close(T: FloatArray, T_expected: FloatArray, at: FloatArray, angle_de
 
 
 def middle(path: Path) -> FloatArray:
-    cloud = open_geometry(path, "scan")
+    cloud = as_geometry(path, "scan")
     assert isinstance(cloud, PointCloud)
     return cloud.points.mean(axis=0)
 
@@ -95,7 +95,7 @@ def test_two_sweeps_of_a_lidar_in_a_yard_from_identity(real_data: Path) -> None:
     # The reference is "from visual inspection" and good to about 2 cm and 0.2 degrees, whose owners ask for 0.1 m and
     # 0.1 rad; identity is 15 degrees off. Measured: 0.135 degrees and 1 cm at the sensor.
     folder = real_data / "libpointmatcher_car"
-    target = open_geometry(folder / "car_cloud400.csv", "target")
+    target = as_geometry(folder / "car_cloud400.csv", "target")
     assert isinstance(target, PointCloud)
     result = register(folder / "car_cloud401.csv", target.points, "identity")
     assert result.verdict.level == "accepted"
@@ -138,7 +138,7 @@ def test_a_lidar_pair_is_no_worse_than_small_gicp_finds_it(real_data: Path, effo
     # comes to 0.15 and 17, normal to 0.19 and 21.
     gicp = pytest.importorskip("small_gicp")
     folder = real_data / "small_gicp_kitti_pair"
-    source, target = (open_geometry(folder / f"{side}.ply", side).points for side in ("source", "target"))
+    source, target = (as_geometry(folder / f"{side}.ply", side).points for side in ("source", "target"))
     fixed, tree = gicp.preprocess_points(target, downsampling_resolution=0.25)
     moving, _ = gicp.preprocess_points(source, downsampling_resolution=0.25)
     peer = gicp.align(fixed, moving, tree, registration_type="GICP", max_correspondence_distance=1.0).T_target_source

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import dqreg
-from dqreg.geometry.opening import open_geometry
+from dqreg.geometry.opening import as_geometry
 from dqreg.rigid import pose
 from dqreg.synth import Noise, Scanner, random_pose, scan_mesh, worst_vertex_displacement
 
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.real
     ["featuretype.STL", *(pytest.param(name, marks=pytest.mark.soak) for name in ("counterXP.3MF", "plate_holes.STL"))],
 )
 def test_two_views_from_a_random_pose(real_data: Path, name: str) -> None:
-    part = open_geometry(real_data / "trimesh_cad" / name, "part")
+    part = as_geometry(real_data / "trimesh_cad" / name, "part")
     assert isinstance(part, dqreg.Mesh)
     rng = np.random.default_rng(1)
     views = [tuple(v) for v in rng.normal(size=(2, 3))]
@@ -37,7 +37,7 @@ def test_a_welded_part_is_found_on_its_table(real_data: Path) -> None:
     # The scan is cropped to a box of 0.5 m around the part, most of which is table. The reference is the data set's
     # own robust fit, no truth: 2 mm and 0.5 degrees are what it may be off.
     folder, name = real_data / "weld_tee_scan_cad", "table_8in10in_tee_x4y24_45"
-    scan, part = open_geometry(folder / f"{name}.pcd", "scan").points, open_geometry(folder / "tee_nominal.stl", "part")
+    scan, part = as_geometry(folder / f"{name}.pcd", "scan").points, as_geometry(folder / "tee_nominal.stl", "part")
     inside = ((scan > (0.0, -0.9, -0.01)) & (scan < (0.5, -0.4, 0.23))).all(axis=1)
     reference = pose.inverse(np.loadtxt(folder / f"T_scan_part_fit_{name}.txt"))
     result = dqreg.register(scan[inside], part)
@@ -55,7 +55,7 @@ def test_a_welded_part_is_found_on_its_table(real_data: Path) -> None:
 )
 def test_scans_that_overlap_in_part(real_data: Path, folder: str, source: str, target: str) -> None:
     at = real_data / folder
-    sides = [open_geometry(at / f"{name}.ply", name).points for name in (source, target)]
+    sides = [as_geometry(at / f"{name}.ply", name).points for name in (source, target)]
     if folder == "simpleicp":
         truth = np.loadtxt(at / "T_part1_part2_reference_icp.txt")
     else:

@@ -14,7 +14,7 @@ import pytest
 
 import dqreg
 from dqreg._arrays import FloatArray
-from dqreg.geometry.opening import open_geometry
+from dqreg.geometry.opening import as_geometry
 from dqreg.registration.result import Registration
 from dqreg.rigid import pose
 
@@ -35,16 +35,16 @@ def rounded(points: FloatArray, seed: int) -> FloatArray:
 
 def bench(folder: Path) -> tuple[FloatArray, object, FloatArray]:
     """A steel T on a weld table, to its mesh; the scan cropped to half a metre around the part."""
-    scan = open_geometry(folder / WELD / f"{TABLE}.pcd", "scan").points
+    scan = as_geometry(folder / WELD / f"{TABLE}.pcd", "scan").points
     inside = ((scan > (0.0, -0.9, -0.01)) & (scan < (0.5, -0.4, 0.23))).all(axis=1)
     reference = pose.inverse(np.loadtxt(folder / WELD / f"T_scan_part_fit_{TABLE}.txt"))
-    return scan[inside], open_geometry(folder / WELD / "tee_nominal.stl", "part"), reference
+    return scan[inside], as_geometry(folder / WELD / "tee_nominal.stl", "part"), reference
 
 
 def milk(folder: Path) -> tuple[FloatArray, object, FloatArray]:
     """A carton's view, to a cluttered scene that it is in."""
-    scene = open_geometry(folder / MILK / "milk_cartoon_all_small_clorox.pcd", "scene")
-    scan = open_geometry(folder / MILK / "milk.pcd", "scan").points
+    scene = as_geometry(folder / MILK / "milk_cartoon_all_small_clorox.pcd", "scene")
+    scan = as_geometry(folder / MILK / "milk.pcd", "scan").points
     return scan, scene, np.loadtxt(folder / MILK / "T_scene_milk.txt")
 
 
@@ -52,7 +52,7 @@ def kitchen(source: int, target: int) -> Callable[[Path], tuple[FloatArray, obje
     """Fragments of a room, to each other."""
 
     def read(folder: Path) -> tuple[FloatArray, object, FloatArray]:
-        sides = [open_geometry(folder / KITCHEN / f"cloud_bin_{n}.ply", str(n)) for n in (source, target)]
+        sides = [as_geometry(folder / KITCHEN / f"cloud_bin_{n}.ply", str(n)) for n in (source, target)]
         return sides[0].points, sides[1], np.loadtxt(folder / KITCHEN / f"T_{target}_{source}.txt")
 
     return read

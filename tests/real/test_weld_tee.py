@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dqreg.geometry import Mesh
-from dqreg.geometry.opening import open_geometry
+from dqreg.geometry.opening import as_geometry
 from dqreg.registration.register import register
 from dqreg.rigid import pose
 from dqreg.synth import disturbance
@@ -32,7 +32,7 @@ def test_the_part_is_found_among_three_quarters_of_table(folder: Path, seed: int
     # the jig should be; "fit" is a robust point-to-mesh fit made for the data set, a reference and no truth: its
     # inliers have an rms of 1.16 mm over a part of 376 mm, and it shares the data. The bounds are the data set's own
     # expectation of a good ICP (1 mm, 0.3 degrees) with some air; nominal itself is 10 mm and 1.2 degrees from it.
-    part = open_geometry(folder / "tee_nominal.stl", "part")
+    part = as_geometry(folder / "tee_nominal.stl", "part")
     assert isinstance(part, Mesh)
     nominal, fit = (pose.inverse(np.loadtxt(folder / f"T_scan_part_{kind}_{NAME}.txt")) for kind in ("nominal", "fit"))
     start = nominal
@@ -49,7 +49,7 @@ def test_the_part_is_found_among_three_quarters_of_table(folder: Path, seed: int
 @pytest.mark.parametrize("axis", [0, 2])
 def test_a_start_half_a_turn_off_is_no_worse_than_none(folder: Path, axis: int) -> None:
     # Against the same robust fit, which is a reference and no truth; wrong poses were 100 degrees and more off.
-    scan = open_geometry(folder / f"{NAME}.pcd", "scan")
+    scan = as_geometry(folder / f"{NAME}.pcd", "scan")
     fit = pose.inverse(np.loadtxt(folder / f"T_scan_part_fit_{NAME}.txt"))
     middle = pose.apply(fit, scan.points.mean(axis=0))
     turn = pose.from_parts(np.diag(np.where(np.arange(3) == axis, 1.0, -1.0)), np.zeros(3))

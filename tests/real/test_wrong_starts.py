@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import dqreg
-from dqreg.geometry.opening import open_geometry
+from dqreg.geometry.opening import as_geometry
 from dqreg.registration.result import Registration
 from dqreg.rigid import pose
 
@@ -136,7 +136,7 @@ def told(name: str, start: str, result: Registration, is_right: bool | None) -> 
 @pytest.mark.parametrize("name", PAIRS)
 def test_nothing_wrong_is_accepted_whatever_the_start(real_data: Path, name: str) -> None:
     pair = PAIRS[name]
-    source, target = open_geometry(real_data / pair.source, "source"), open_geometry(real_data / pair.target, "target")
+    source, target = as_geometry(real_data / pair.source, "source"), as_geometry(real_data / pair.target, "target")
     reference, size = pair.reference(real_data), float(np.linalg.norm(np.ptp(corners(target), axis=0)))
     centre = pose.apply(reference, source.points.mean(axis=0))
     verdicts = {}
@@ -157,8 +157,8 @@ def test_nothing_wrong_is_accepted_whatever_the_start(real_data: Path, name: str
 @pytest.mark.parametrize("index", range(len(OTHERS)))
 def test_a_scan_of_something_else_is_not_accepted(real_data: Path, index: int) -> None:
     one, other = OTHERS[index], OTHERS[(index + 1) % len(OTHERS)]
-    source = open_geometry(real_data / PAIRS[one].source, "source")
-    target = open_geometry(real_data / PAIRS[other].target, "target")
+    source = as_geometry(real_data / PAIRS[one].source, "source")
+    target = as_geometry(real_data / PAIRS[other].target, "target")
     places = corners(target)
     scale = np.linalg.norm(np.ptp(places, axis=0)) / np.linalg.norm(np.ptp(source.points, axis=0))
     # Of one size, their middles on each other.

@@ -12,7 +12,7 @@ import pytest
 from dqreg.errors import InputError, UnitsError
 from dqreg.files import read_cloud, write_cloud
 from dqreg.geometry import Mesh, PointCloud
-from dqreg.geometry.opening import open_geometry
+from dqreg.geometry.opening import as_geometry
 from dqreg.registration.display_unit import in_unit, shown_target
 from dqreg.registration.register import register
 from dqreg.registration.result import Registration
@@ -41,7 +41,7 @@ def test_a_result_in_metres_maps_the_same_points(found: Registration) -> None:
 
 def test_every_setting_is_what_it_is_where_the_data_come_in_that_unit(found: Registration) -> None:
     case, k = load_case(demo_case()), 1e-3
-    scan, part = open_geometry(case.scan, "scan"), open_geometry(case.part, "part")
+    scan, part = as_geometry(case.scan, "scan"), as_geometry(case.part, "part")
     T = case.T_target_source.copy()
     T[:3, 3] *= k
     in_m = register(

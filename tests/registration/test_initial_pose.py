@@ -10,7 +10,7 @@ import pytest
 import dqreg
 from dqreg.compare.trust.kinds import KINDS
 from dqreg.geometry import Mesh
-from dqreg.geometry.opening import open_geometry
+from dqreg.geometry.opening import as_geometry
 from dqreg.kernels.threads import TimeUpError, until
 from dqreg.registration.initial_pose import AFTER, HALF, PAIRS, GlobalSearch
 from dqreg.synth.truth import displacements
@@ -57,7 +57,7 @@ def test_a_part_in_clutter_is_found_alike_however_the_scan_is_rounded(seed: int,
     ids=["weld", "milk", "kitchen"],
 )
 def test_a_real_scene_gives_one_answer_however_it_is_rounded(real_data: Path, source: str, target: str) -> None:
-    one_answer(open_geometry(real_data / source, "source").points, open_geometry(real_data / target, "target"), 20)
+    one_answer(as_geometry(real_data / source, "source").points, as_geometry(real_data / target, "target"), 20)
 
 
 @pytest.mark.parametrize(("limit", "preparing"), [(100.0, 3.0), (100.0, 80.0), (None, 3.0)])

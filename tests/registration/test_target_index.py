@@ -10,7 +10,7 @@ import pytest
 
 from dqreg.errors import DegenerateGeometryError, InputError, UnitsError
 from dqreg.geometry import CloudSurface, Mesh, MeshSurface, PointCloud
-from dqreg.geometry.opening import open_geometry
+from dqreg.geometry.opening import as_geometry
 from dqreg.kernels import kept, threads
 from dqreg.registration.source import MESH_SAMPLES, centre_source, require_spread
 from dqreg.registration.target_index import index_target
@@ -147,9 +147,9 @@ def test_paths_are_read_and_named_in_messages(tmp_path: Path) -> None:
     path = tmp_path / "cloud.xyz"
     np.savetxt(path, CLOUD)
     for given in (path, str(path)):
-        np.testing.assert_array_equal(open_geometry(given, "source").points, CLOUD)
+        np.testing.assert_array_equal(as_geometry(given, "source").points, CLOUD)
     with pytest.raises(InputError, match=r"gone\.xyz"):
-        open_geometry(tmp_path / "gone.xyz", "target")
+        as_geometry(tmp_path / "gone.xyz", "target")
 
 
 def test_the_arrays_given_are_as_they_were() -> None:

@@ -11,7 +11,7 @@ import dqreg
 from dqreg.geometry import sample_mesh
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import fit_planes
-from dqreg.geometry.opening import open_geometry
+from dqreg.geometry.opening import as_geometry
 from dqreg.registration.source import centre_source
 from dqreg.rigid import pose
 from dqreg.synth import demo_case, load_case
@@ -23,7 +23,7 @@ TURN = pose.exp([0.05, -0.06, 0.04, 0.0, 0.0, 0.0])
 
 @cache
 def part() -> dqreg.Mesh:
-    found = open_geometry(load_case(demo_case()).part, "part")
+    found = as_geometry(load_case(demo_case()).part, "part")
     assert isinstance(found, dqreg.Mesh)
     return found
 

@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("starlette", reason="the studio is an extra: dqreg[studio]")
 
 from dqreg.files import write_cloud
-from dqreg.geometry.opening import open_geometry
+from dqreg.geometry.opening import as_geometry
 from dqreg.rigid import pose
 from tests.studio.studio_page import BRACKET, browsing, busy_over, drop, keep_picture, opened, running
 
@@ -25,7 +25,7 @@ def browser():
 
 
 def test_a_mirrored_scan_is_told_before_it_is_aligned(browser, tmp_path):
-    scan = open_geometry(BRACKET / "scan.ply", "scan")
+    scan = as_geometry(BRACKET / "scan.ply", "scan")
     write_cloud(tmp_path / "left.ply", scan.points * [1.0, 1.0, -1.0])
     with running() as address, opened(browser, address) as page:
         drop(page, BRACKET / "part.stl", tmp_path / "left.ply")

@@ -11,7 +11,7 @@ from dqreg.errors import InputError
 from dqreg.files import read_geometry, write_cloud
 from dqreg.geometry import Mesh, sample_mesh
 from dqreg.geometry.mesh_faces import faces_of
-from dqreg.geometry.opening import open_geometry
+from dqreg.geometry.opening import as_geometry
 from dqreg.inspection import inspect, read_plan
 from dqreg.registration.part_inspection import inspect_registration
 from dqreg.registration.register import register
@@ -199,7 +199,7 @@ def known_scan(tmp_path, *comments: str) -> Place:
 @pytest.mark.parametrize("is_mirrored", [False, True])
 def test_what_is_left_of_a_scan_is_known_as_before(tmp_path, is_mirrored):
     place = changed(known_scan(tmp_path, "viewpoint 0.1 -2 1e1"), cuts=(CORNER,), mirrored=is_mirrored)
-    scan, left = place.scan(), open_geometry(cleaning.cleaned_file(place), "scan")
+    scan, left = place.scan(), as_geometry(cleaning.cleaned_file(place), "scan")
     stays = cleaning.kept_rows(scan.points, place.visit.cuts)
     assert 100 < len(left) == np.count_nonzero(stays) < len(scan)
     np.testing.assert_array_equal(left.points, scan.points[stays])
@@ -221,7 +221,7 @@ def test_a_cut_scan_is_registered_in_the_unit_of_its_file(tmp_path):
 
 def test_what_is_left_of_a_mesh_has_the_normals_of_its_faces(tmp_path):
     place = changed(known_scan(tmp_path), scan=Side("part.stl", "part.stl", "mm"), cuts=(CORNER,))
-    left, drawn = open_geometry(cleaning.cleaned_file(place), "scan"), cleaning.scan_cloud(place.scan())
+    left, drawn = as_geometry(cleaning.cleaned_file(place), "scan"), cleaning.scan_cloud(place.scan())
     np.testing.assert_allclose(left.normals, drawn.normals[cleaning.kept_rows(drawn.points, (CORNER,))], atol=1e-6)
 
 

@@ -14,7 +14,7 @@ from dqreg.compare.trust import chance, good, scans, shapes
 from dqreg.compare.trust.task import Kind, TrustTask, on_part
 from dqreg.compare.trust.trial import Trial, is_right, trial
 from dqreg.geometry import Mesh, PointCloud
-from dqreg.geometry.opening import open_geometry
+from dqreg.geometry.opening import as_geometry
 from dqreg.registration.register import register
 from dqreg.registration.result import Registration
 from dqreg.rigid import pose
@@ -76,7 +76,7 @@ def real_start(data: Path, degrees: float, share: float) -> Callable[[np.random.
     """A virtual scan of a real part from a start so far off."""
 
     def make(rng: np.random.Generator) -> TrustTask:
-        mesh = open_geometry(data / "trimesh_cad" / CAD[rng.integers(len(CAD))], "part")
+        mesh = as_geometry(data / "trimesh_cad" / CAD[rng.integers(len(CAD))], "part")
         assert isinstance(mesh, Mesh)
         scan = scans.two_views(mesh, rng) if rng.uniform() < 0.7 else scans.one_view(mesh, rng)
         return on_part(scan, mesh, rng, noise=scans.NOISE_DIAGONALS, start=(degrees, share))
@@ -90,7 +90,7 @@ def figure_from_behind(data: Path) -> Callable[[np.random.Generator], TrustTask]
     def make(rng: np.random.Generator) -> TrustTask:
         folder = data / "stanford_bunny_range"
         names = rng.permutation(OPPOSITE[rng.integers(len(OPPOSITE))])
-        source, target = (open_geometry(folder / f"{name}.ply", str(name)).points for name in names)
+        source, target = (as_geometry(folder / f"{name}.ply", str(name)).points for name in names)
         one, other = (np.loadtxt(folder / f"T_world_{name}.txt") for name in names)
         T = pose.inverse(other) @ one
         size = float(np.linalg.norm(np.ptp(target, axis=0)))

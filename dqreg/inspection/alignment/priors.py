@@ -16,7 +16,7 @@ def prior_about(prior: Any, centre: FloatArray, origin: FloatArray) -> PoseCost:
     try:
         T, covariance = prior
     except (TypeError, ValueError):
-        raise InputError(f"prior must be (pose, covariance), a 4x4 and a 6x6; got {prior!r:.80}") from None
+        raise InputError(f"prior must be (pose, covariance), a 4x4 and a 6x6; got {type(prior).__name__}") from None
     return PoseCost.prior(T, covariance, centre + origin).recentred(origin, origin)
 
 

@@ -16,7 +16,7 @@ from dqreg._arrays import FloatArray, as_float, bounds
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.files.untrusted import require_readable
 from dqreg.geometry import CloudSurface, Mesh, PointCloud, Scan, prepare_scan, sample_mesh
-from dqreg.geometry.opening import open_geometry
+from dqreg.geometry.opening import as_geometry
 from dqreg.multiway.scans.kept_pairs import digest_of
 from dqreg.registration.source import MESH_SAMPLES
 from dqreg.registration.strays import Strays, without_strays
@@ -143,7 +143,7 @@ def _read(given: Any, number: int, seed: int, place: FloatArray | None) -> View:
             require_readable(Path(given))
         name = Path(given).stem
     try:
-        geometry = open_geometry(given, f"scans[{number}]")
+        geometry = as_geometry(given, f"scans[{number}]")
         if isinstance(geometry, Mesh):
             geometry = sample_mesh(geometry, MESH_SAMPLES, np.random.default_rng([seed, number]))
         if place is not None:

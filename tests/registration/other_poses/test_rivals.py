@@ -10,7 +10,7 @@ from dqreg.compare.trust.kinds import KINDS
 from dqreg.compare.trust.periodic import thread
 from dqreg.compare.trust.task import TrustTask
 from dqreg.geometry import sample_mesh
-from dqreg.geometry.opening import open_geometry
+from dqreg.geometry.opening import as_geometry
 from dqreg.registration.other_poses import rivals
 from dqreg.rigid import pose
 from dqreg.synth import Noise, Scanner, load_case, scan_mesh, worst_vertex_displacement
@@ -94,7 +94,7 @@ def test_what_stands_near_the_part_draws_the_pose_no_more_than_noise() -> None:
     # A shipped scene: 913 of 7,189 points are on the part, the rest on a table and other parts. The truth is that of
     # the virtual scan; Cramer and Rao's bound is 0.032 mm, and the loop alone stays 0.6 mm off.
     case = load_case(SHIPPED / "feeder_table")
-    part = open_geometry(case.part, "part")
+    part = as_geometry(case.part, "part")
     assert isinstance(part, dqreg.Mesh)
     result = dqreg.register(case.scan, part, case.T_target_source, effort="fast", search="never")
     assert worst_vertex_displacement(result.T_target_source, case.T_target_source, part.vertices) <= 0.2
