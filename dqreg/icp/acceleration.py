@@ -53,23 +53,30 @@ class Anderson:
         self._plain: FloatArray | None = None
         self._energy = np.inf
 
-    def propose(self, T: FloatArray, T_next: FloatArray, energy: float) -> tuple[FloatArray, bool]:
-        """Next pose from T, given that of the plain iteration; False where the last extrapolation is rejected."""
+    def taken_back(self, T: FloatArray, T_next: FloatArray, energy: float) -> FloatArray | None:
+        """Plain step before the extrapolation to T, where that is rejected; None where it holds.
+
+        Given the pose that the plain iteration comes to from T, and the energy at T.
+        """
         position, target = self._coordinates(T), self._coordinates(T_next)
         if self._plain is not None:
             shorter = np.linalg.norm(target - position) < np.linalg.norm(self._steps[-1])
             if energy > self._energy * (1.0 + (self._tolerated if shorter else ENERGY_ROUNDING)):
                 back = self._plain
                 self.restart()
-                return back, False
+                return back
         self._positions.append(position)
         self._steps.append(target - position)
         del self._positions[: -WINDOW_STEPS - 1], self._steps[: -WINDOW_STEPS - 1]
         self._energy, self._plain = energy, None
+        return None
+
+    def ahead(self, T_next: FloatArray) -> FloatArray:
+        """Where to go on from the end of the last plain iteration, once it is known that the loop does."""
         if len(self._steps) < 2:
-            return T_next, True
+            return T_next
         self._plain = T_next
-        return self._pose(limit_of(self._positions, self._steps, MIN_DIRECTION_RATIO)), True
+        return self._pose(limit_of(self._positions, self._steps, MIN_DIRECTION_RATIO))
 
     def _coordinates(self, T: FloatArray) -> FloatArray:
         T_change = self._back @ T @ self._off_base

@@ -169,16 +169,16 @@ class Icp:
                 return Run(T, "no correspondences", tuple(history), pairs, weights)
             if T_next is None:
                 return Run(T, "degenerate correspondences", tuple(history), pairs, weights)
-            T_new, sound = anderson.propose(T, T_next, weighed.energy) if anderson else (T_next, True)
-            motions.append(spread.motion(T, T_next) / surface.diagonal if sound else np.inf)
+            back = anderson.taken_back(T, T_next, weighed.energy) if anderson else None
+            motions.append(spread.motion(T, T_next) / surface.diagonal if back is None else np.inf)
             # Where an extrapolation is taken back, the plain step before it is the best pose so far.
-            T_next = T_next if sound else T_new
+            T_next = T_next if back is None else back
             record = self._record(first + len(history), pairs, weighed, T_next, motions[-1], began)
             history.append(record)
             answer = None if observe is None else observe(record)
             if status := _ended_by(answer) or self.stopping.status(motions):
                 return Run(T_next, status, tuple(history), pairs, weights)
-            T, slid = T_new, slid + motions[-1]
+            T, slid = anderson.ahead(T_next) if anderson else T_next, slid + motions[-1]
             if slid <= self.slides:
                 before = propagate(pairs, T)
             else:

@@ -8,7 +8,18 @@ import pytest
 from dqreg._arrays import FloatArray
 from dqreg.geometry import CloudSurface, MeshSurface, PointCloud, Scan, Surface, prepare_scan
 from dqreg.geometry.spacing import Spread
-from dqreg.icp import Huber, Icp, NormalAngle, Run, Stopping, Trimmed, WithinDistance, find_correspondences, points_only
+from dqreg.icp import (
+    Huber,
+    Icp,
+    NormalAngle,
+    Run,
+    Stopping,
+    Trimmed,
+    WithinDistance,
+    acceleration,
+    find_correspondences,
+    points_only,
+)
 from dqreg.icp.history import Iteration
 from dqreg.rigid import pose
 from tests.icp.scenes import bracket_mesh, bracket_points, bumpy_cloud, motion
@@ -72,6 +83,18 @@ def test_acceleration_ends_at_the_same_pose_in_fewer_iterations(mesh_task: tuple
     assert pose.angle_between(plain.T_target_source, fast.T_target_source) <= 2e-6
     assert pose.offset_between(plain.T_target_source, fast.T_target_source) <= 2e-6 * SIZE
     assert len(fast.history) < 0.5 * len(plain.history)
+
+
+def test_no_pose_is_extrapolated_that_nobody_goes_on_from(
+    mesh_task: tuple[Scan, Surface, FloatArray], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+    limit_of = acceleration.limit_of
+    monkeypatch.setattr(acceleration, "limit_of", lambda *given: asked.append(given) or limit_of(*given))
+    run = Icp(points_only, stopping=Stopping(iterations=4)).run(*mesh_task)
+    # The first step is plain, and the last one is the end.
+    assert len(run.history) == 4
+    assert len(asked) == 2
 
 
 def test_a_run_cut_off_anywhere_is_never_worse_than_one_cut_off_earlier(
