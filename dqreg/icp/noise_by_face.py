@@ -32,7 +32,6 @@ from dqreg.geometry.scan_measures import CLOUD_PARTS
 from dqreg.icp.constrained_steps import motions_of_smooth_surface, planes_along
 from dqreg.icp.correspondences import Correspondences
 from dqreg.icp.estimators import points_to_planes
-from dqreg.rigid import pose
 from dqreg.solvers import Fit
 from dqreg.solvers.row_sums import squared
 
@@ -150,7 +149,8 @@ def points_to_weighted_faces(pairs: Correspondences, weights: FloatArray, noise:
         return points_to_planes(pairs, weighed, noise)
     by_all = planes_along(held.alone)(pairs, weighed, noise)
     by_others = planes_along(held.beside)(pairs, np.where(held.others, weighed, 0.0), noise)
-    both = by_all.T_target_source @ pose.inverse(pairs.T_target_source) @ by_others.T_target_source
+    # Not by the transpose: rounding would grow threefold with each run that goes on from the last one.
+    both = by_all.T_target_source @ np.linalg.inv(pairs.T_target_source) @ by_others.T_target_source
     return dataclasses.replace(by_all, T_target_source=both)
 
 

@@ -60,6 +60,23 @@ def test_beside_a_blade_are_as_many_more_as_the_noise_carries_to_its_other_side(
     np.testing.assert_array_equal(near[inside], places[inside, 0] < margin / np.tan(np.deg2rad(10.0)))
 
 
+def test_a_pose_departs_from_a_rotation_no_further_after_many_runs() -> None:
+    """Held by creases and by the other points in turn: products with a transposed pose tripled what it departed by."""
+    width, T = 0.02, np.eye(4)
+    T[0, 1] = 1e-8
+    rng = np.random.default_rng(2)
+    # A slab without its rims: along them its creases alone hold it.
+    samples = sample_mesh(PART, 20_000, rng)
+    flat = np.abs(samples.normals[:, 2]) > 0.5
+    points = samples.points[flat] + width * rng.normal(size=(int(flat.sum()), 3))
+    scan = prepare_scan(PointCloud(points), 200)
+    for _ in range(3):
+        pairs = find_correspondences(scan, MeshSurface(PART), T)
+        assert noise_by_face.motions_of_creases(pairs, np.ones(len(points)), width) is not None
+        T = points_to_weighted_faces(pairs, np.ones(len(points)), width).T_target_source
+    assert np.abs(T[:3, :3].T @ T[:3, :3] - np.eye(3)).max() <= 1.01e-8
+
+
 def test_a_pose_of_range_data_is_more_accurate_without_them(monkeypatch: pytest.MonkeyPatch) -> None:
     # Two views with noise along their rays: a point of a face seen from above that is carried over an edge meets one
     # seen at a slant, whose points are more exact.
