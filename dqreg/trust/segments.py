@@ -1,9 +1,9 @@
 """Smooth segments of the scan: on the target, on other objects, or contradicting the pose.
 
 Neighbouring points whose tangent planes agree are one segment. A segment that goes on beyond the target, or that lies
-off it and meets a segment on it in a convex edge, is of the same body, and contradicts the pose. What meets the part in
-a concave edge (a table, a clamp) or nowhere is another object: the convexity criterion of Stein et al. (2014), with the
-target's outward normals for the sign.
+off it and meets a segment on it in a convex edge, where both end, is of the same body, and contradicts the pose. What
+meets the part in a concave edge (a table, a clamp), goes on beyond it, or meets it nowhere is another object: the
+convexity criterion of Stein et al. (2014), with the target's outward normals for the sign.
 """
 
 from __future__ import annotations
@@ -46,6 +46,9 @@ BORROWED_SHARE = 0.05
 LEVEL_WIDTHS = 2.0
 # The points at an edge belong to no segment: links over it are this many usual distances long at most.
 EDGE_LINK_SPACINGS = 5.0
+# A segment goes on above a plane where it has points within so many usual distances of where they meet, and as near to
+# a place that much farther on.
+THERE_SPACINGS, ABOVE_SPACINGS = 1.5, 2.5
 # Points on the target, and off it, that say something.
 MIN_SEGMENT_POINTS = 12
 # Links over an edge that do, and the share of them that must be convex.
@@ -199,15 +202,35 @@ class _Sides:
         # Where a face runs on beyond the target, its outward side is that of its nearest point on it.
         outward = self.normals[on[NeighbourTree(self.points[on]).nearest(self.points[one], 1)[0][:, 0]]]
         side = np.sign(np.einsum("ij,ij->i", outward, self.own[one]))
-        height = side * np.einsum("ij,ij->i", self.own[one], self.points[two] - self.points[one])
+        up = side[:, None] * self.own[one]
+        height = np.einsum("ij,ij->i", up, self.points[two] - self.points[one])
+        below = height < -CONVEX_SLOPE * apart
+        below[below] &= ~self._go_on_above(two[below], up[below], height[below], b)
         convex, concave = (
             np.bincount(self.labels[two[side]], minlength=len(whole))
-            for side in (height < -CONVEX_SLOPE * apart, height > CONVEX_SLOPE * apart)
+            for side in (below, ~below & (np.abs(height) > CONVEX_SLOPE * apart))
         )
         # An edge is about as long as the root of the number of points on the face behind it.
         return (convex >= np.maximum(MIN_EDGE_LINKS, np.sqrt(count_off))) & (
             convex >= CONVEX_LINK_SHARE * (convex + concave)
         )
+
+    def _go_on_above(self, two: IntArray, up: FloatArray, height: FloatArray, b: IntArray) -> BoolArray:
+        """Which points below planes, (k,), are of segments that go on above these, where they meet them.
+
+        Faces of one body end where they meet in a convex edge; a table beyond the rim of a face goes on. Given the
+        points of those segments, and the normals of the planes and the heights of the points over them.
+        """
+        own, spacing = self.own[two], self.spacing[two]
+        climb = up - np.einsum("ij,ij->i", up, own)[:, None] * own
+        steepness = np.linalg.norm(climb, axis=1)
+        climb /= steepness[:, None]
+        meet = self.points[two] + (-height / steepness)[:, None] * climb
+        tree, goes_on = NeighbourTree(self.points[b]), np.ones(len(two), dtype=bool)
+        for place in (meet, meet + (ABOVE_SPACINGS * spacing)[:, None] * climb):
+            found, apart = tree.nearest(place, 1)
+            goes_on &= (apart[:, 0] <= THERE_SPACINGS * spacing) & (self.labels[b[found[:, 0]]] == self.labels[two])
+        return goes_on
 
 
 def _planes(tree: NeighbourTree, points: FloatArray) -> tuple[PlaneFits, BoolArray]:

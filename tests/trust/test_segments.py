@@ -96,6 +96,22 @@ def test_a_face_that_meets_the_part_in_a_convex_edge_is_not_another_object() -> 
     assert seen(lean, 50.0).other[end].mean() >= 0.5
 
 
+@pytest.mark.parametrize(("below", "contradicts"), [(3.0, False), (0.0, True)])
+def test_a_face_that_goes_on_beyond_the_rim_of_another_meets_it_in_no_edge(below: float, contradicts: bool) -> None:
+    """A slope beside the part, whose plane lies below the rim of its top or begins at it: seen from above both fit."""
+    rng = np.random.default_rng(6)
+    top = np.column_stack([rng.uniform(LOW[:2], HIGH[:2], (6_000, 2)), np.full(6_000, HIGH[2])])
+    # Down from beyond the rim; the one that lies lower rises above the plane of the top farther on.
+    along, across = rng.uniform(0.0, 60.0, 4_000), rng.uniform(LOW[1], HIGH[1], 4_000)
+    angle = np.deg2rad(50.0)
+    slope = np.column_stack([HIGH[0] + along * np.cos(angle), across, HIGH[2] - below + along * np.sin(angle)])
+    if contradicts:
+        slope[:, 2] = HIGH[2] - along * np.sin(angle)
+    scan = np.vstack([top, slope]) + NOISE * rng.normal(size=(10_000, 3))
+    found = seen(scan)
+    assert (found.contradicting[6_000:].mean() > 0.8) == contradicts
+
+
 def test_the_end_of_a_block_that_is_a_little_longer_is_of_the_same_body() -> None:
     # Its sides run on beyond the target by a few spacings only; its end hangs in the air.
     points = faces((114.0, 60.0, 40.0), LOW, 5_000, 12)
