@@ -68,6 +68,24 @@ def test_a_keyway_holds_a_shaft_without_noise_in_its_own_place_alone(turn: float
     assert code in result.verdict.codes, result.verdict.reasons
 
 
+@pytest.mark.parametrize("noise", [0.0, 1e-4])
+def test_a_keyway_of_which_few_points_were_seen_is_found_from_any_turn(noise: float) -> None:
+    """The search finds it: its pose is the given one turned about the axis, but for the points in the key."""
+    heights = [0.0, 20.0, 20.01, 27.99, 28.0, 33.0]
+    round_one = turned([(0.0, 0.0), *((10.0, z) for z in heights), (6.0, 33.0), (6.0, 45.0), (0.0, 45.0)], 256)
+    vertices = round_one.vertices.copy()
+    in_key = (np.abs(vertices[:, 1]) < 1.5) & (vertices[:, 0] > 9.0) & (np.abs(vertices[:, 2] - 24.0) < 3.995)
+    vertices[in_key, :2] *= 0.9
+    part, rng = dqreg.Mesh(vertices, round_one.faces), np.random.default_rng(0)
+    samples = sample_mesh(part, 12_000, rng)
+    points = samples.points[samples.normals @ [0.8, 0.3, 0.5] > 0.1][:4_000]
+    points = points + noise * part.diagonal * rng.normal(size=points.shape)
+    result = dqreg.register(points, part, pose.exp([0.02, 0.02, -2.0, 0.1, 0.1, 0.1]))
+    # Truth: the identity. It stayed where it was begun, 117 degrees off, without noise accepted.
+    assert result.verdict.level == "accepted", result.verdict.reasons
+    assert abs(about_axis_rad(result.T_target_source)) < 0.02
+
+
 def test_residuals_are_of_the_inliers_however_far_the_part_may_deviate() -> None:
     part, rng = dqreg.Mesh(*bracket()), np.random.default_rng(0)
     scan = sample_mesh(part, 8_000, rng)

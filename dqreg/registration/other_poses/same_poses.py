@@ -92,9 +92,9 @@ def but_slid(fit: Fit, others: FloatArray) -> FloatArray:
         if not any(_is_slid(fit, others[j - 1] if j else fit.T_target_source, T) for j in (0, *kept)):
             kept.append(k)
             continue
-        # Farther along something may hold the motion: a key in its way.
+        # Farther along something may hold the motion: a key in its way, which few points may see.
         deficit, error = scores.deficit(0)
-        if -deficit[k] > max(MIN_LOG_GAIN, MIN_GAIN_SIGMAS * error[k]):
+        if -deficit[k] > max(MIN_LOG_GAIN, MIN_GAIN_SIGMAS * error[k]) or scores.distinguishable(k)[0]:
             kept.append(k)
     return np.asarray(others[np.array(kept, dtype=int) - 1])
 
