@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dqreg._arrays import FloatArray, IntArray, bounds
-from dqreg.geometry.moved_points import UNMOVED
+from dqreg.geometry.moved_points import UNMOVED, moved
 
 CodeArray = NDArray[np.uint64]
 # Lowest and highest coordinates of points.
@@ -25,8 +25,8 @@ def morton_order(points: FloatArray) -> IntArray:
     return sorted_rows(morton_codes(points))
 
 
-def distinct_in_order(points: FloatArray, ends: Ends | None = None) -> IntArray:
-    """Rows in Morton order, each place once; the ends are what `bounds` gives, where they are known.
+def distinct_in_order(points: FloatArray, ends: Ends | None = None, move: FloatArray = UNMOVED) -> IntArray:
+    """Rows in Morton order, each place once; the ends are what `bounds` gives, after the move where there is one.
 
     Sensors write missing returns as copies of one point, often the origin: a thousand duplicates would bias the pose.
 
@@ -35,28 +35,28 @@ def distinct_in_order(points: FloatArray, ends: Ends | None = None) -> IntArray:
     from dqreg.kernels.order.morton import new_places
     from dqreg.kernels.threads import as_plain
 
-    points = as_plain(points)
-    order, keys = sorted_codes(morton_codes(points, ends=ends))
-    new, mixed = new_places(points, keys, order)
+    points, ends = as_plain(points), bounds(points) if ends is None else ends
+    order, keys = sorted_codes(codes_on_grid(points, *corner_and_cells(points, ends=ends), move))
+    new, mixed = new_places(points, move, keys, order)
     if mixed:
         # Different points share a cell and may stand between copies: there, coordinates are sorted too.
         shared = np.zeros(len(order), dtype=bool)
         shared[1:] = keys[1:] == keys[:-1]
         shared[:-1] |= shared[1:]
         rows = order[shared]
-        order[shared] = rows[np.lexsort((*points[rows].T, keys[shared]))]
-        new, _ = new_places(points, keys, order)
+        order[shared] = rows[np.lexsort((*moved(points[rows], move).T, keys[shared]))]
+        new, _ = new_places(points, move, keys, order)
     # Without copies nothing is left out.
     return order if new.all() else order[new]
 
 
-def in_order(points: FloatArray, order: IntArray) -> FloatArray:
-    """Points in an order of their rows, (m, 3), on all threads: most of them come from far away in memory."""
+def in_order(points: FloatArray, order: IntArray, move: FloatArray = UNMOVED) -> FloatArray:
+    """Points in an order of their rows, (m, 3), on all threads, after a move: most come from far away in memory."""
     from dqreg.kernels.order.morton import take_points
     from dqreg.kernels.threads import as_plain, over_chunks
 
     taken = np.zeros((len(order), 3))
-    over_chunks(take_points, len(order), as_plain(points), order, taken, chunk=CHUNK_POINTS)
+    over_chunks(take_points, len(order), as_plain(points), move, order, taken, chunk=CHUNK_POINTS)
     return taken
 
 

@@ -66,8 +66,9 @@ def scan_of(
     quiet: bool,
 ) -> Scan:
     """The same; whether the noise of the quieter faces is measured, which nobody asks for between two clouds."""
-    order = distinct_in_order(cloud.points, cloud._ends) if surface is None else surface.order
-    points = in_order(cloud.points, order) if surface is None else surface._distinct.points
+    given, move = cloud._unmoved
+    order = distinct_in_order(given, cloud._ends, move) if surface is None else surface.order
+    points = in_order(given, order, move) if surface is None else surface._distinct.points
     if len(points) < FEWEST_POINTS:
         raise InputError(
             f"a scan needs finite points at {FEWEST_POINTS} places at least to fix a pose; the {len(cloud)} points of "

@@ -170,10 +170,11 @@ class FaceFans:
 
     def find(self, faces: IntArray) -> FaceFans:
         """Itself, with what is around some faces, (n,); a negative number is none."""
-        known = np.take(self._known, faces)
-        if not known.all():
-            unknown = faces[~known]
-            self._find(np.unique(unknown[unknown >= 0]))
+        if not np.take(self._known, faces).all():
+            asked = np.zeros(len(self._known) + 1, dtype=bool)
+            # The last is none.
+            asked[faces] = True
+            self._find(np.flatnonzero(asked[:-1] & ~self._known))
         return self
 
     def _find(self, faces: IntArray) -> None:

@@ -15,7 +15,7 @@ from dqreg.geometry.surface import Closest, Surface
 from dqreg.geometry.vector_rows import row_dots
 
 # Rows that are moved in one go.
-CHUNK_ROWS = 16_384
+CHUNK_ROWS = 8_192
 # No choice of rows.
 ALL_ROWS = np.zeros(0, dtype=np.int64)
 # Normals farther apart than 125 degrees look the other way.

@@ -3,7 +3,9 @@
 The point-to-plane cost is additive: points whose closest points lie inside one and the same face enter it through their
 number, mean and scatter. So one query a run of neighbouring points finds the face, arithmetic decides which points of
 the run lie on it, and only the others are queried individually. On five CAD parts 60 to 85 % of 300,000 points are
-settled by 10,000 queries, and the pose is as exact as with one query a point.
+settled by 10,000 queries, and the pose is as exact as with one query a point. Where all others are queried, points of
+one part of the scan are taken together, so that what each part says of a face still has a weight of its own: without
+that the error is 3 % larger. With few others it was 12 % less on one of five parts, 3 % more on another, 5 % slower.
 
 On clouds, and for other estimators, each level draws its points, the last one those with the largest information gain.
 """
@@ -38,6 +40,8 @@ INSIDE_SCALES, OFF_SCALES = 3.0, 4.0
 # Where the points of a run scatter about the face by more widths than this, and about their mean by more than that,
 # there is more than one face: a sheet, say. Noise that the run shares lifts its mean alone.
 ONE_FACE_SCALES, ONE_HEIGHT_SCALES = 1.5, 1.25
+# Runs by which it is seen whether the order of a scan tells its parts, and their share of all parts that says no.
+MIXED_RUNS, MIXED_SHARE = 200, 0.75
 # Points looked at in one go: what is in between stays in the cache.
 CHUNK_POINTS = 65_536
 
@@ -66,58 +70,83 @@ def gather(
     """
     runs = len(pairs.scan)
     length = len(scan) // runs
-    on, counts, means, within = _on_faces(scan.points, length, surface, pairs, T, width)
-    gathered = np.flatnonzero(counts)
+    of_scan = _parts_of_runs(scan, runs, length) if count >= len(scan) else None
+    on, counts, means, within = _on_faces(scan.points, of_scan, length, surface, pairs, T, width)
+    runs_of, parts = np.nonzero(counts)
+    counts, lengths = counts[runs_of, parts], length - counts.sum(axis=1)
     gone = np.zeros(len(scan), dtype=bool)
     gone[: on.size] = on.ravel()
-    lengths = length - counts
     lengths[-1] += len(scan) - on.size
     asked = sample_runs_by_gain(information_gain(pairs, weights), lengths, count, gone)
-    order = np.argsort(np.r_[gathered * length + length // 2, asked], kind="stable")
+    order = np.argsort(np.r_[runs_of * length + length // 2, asked], kind="stable")
+    rows, rows_alone = np.flatnonzero(order < len(runs_of)), np.flatnonzero(order >= len(runs_of))
 
-    def both(of_runs: NDArray[Any], of_alone: NDArray[Any]) -> NDArray[Any]:
-        return np.take(np.concatenate([of_runs, of_alone]), order, axis=0)
+    def both(of_runs: NDArray[Any] | int, of_alone: NDArray[Any]) -> NDArray[Any]:
+        # Both stand in their order among themselves: to be written to their places takes half of a sort's time.
+        merged = np.zeros((len(order), *of_alone.shape[1:]), dtype=of_alone.dtype)
+        merged[rows], merged[rows_alone] = of_runs, of_alone
+        return merged
 
-    alone = find_correspondences(scan.taken(asked), surface, T)
-    moved = pose.apply(T, means[gathered])
-    normals = np.take(pairs.closest.normals, gathered, axis=0)
-    heights = row_dots(moved - np.take(pairs.closest.points, gathered, axis=0), normals)
+    alone, means = find_correspondences(scan.taken(asked), surface, T), means[runs_of, parts]
+    moved = pose.apply(T, means)
+    normals = np.take(pairs.closest.normals, runs_of, axis=0)
+    heights = row_dots(moved - np.take(pairs.closest.points, runs_of, axis=0), normals)
     found, others = alone.closest, alone.scan
     closest = Closest(
         both(moved - heights[:, None] * normals, found.points),
         both(normals, found.normals),
         both(np.abs(heights), found.distances),
-        both(pairs.closest.elements[gathered], found.elements),
+        both(pairs.closest.elements[runs_of], found.elements),
     )
-    none, mixed = np.zeros((len(gathered), 3)), np.full(len(gathered), CLOUD_PARTS, dtype=np.uint8)
+    none = np.zeros((len(runs_of), 3))
     together = dataclasses.replace(
         scan,
-        points=both(means[gathered], others.points),
+        points=both(means, others.points),
         normals=both(none, others.normals),
         levers=both(none[:, 0], others.levers),
         residuals=both(none[:, 0] * np.nan, others.residuals),
         fitted=np.zeros(0, dtype=np.int64),
-        counts=both(counts[gathered], np.ones(len(asked))),
-        within=both(within[gathered], np.zeros(len(asked))),
-        parts=None if others.parts is None else both(mixed, others.parts),
+        counts=both(counts, np.ones(len(asked))),
+        within=both(within[runs_of, parts], np.zeros(len(asked))),
+        parts=None if others.parts is None else both(CLOUD_PARTS if of_scan is None else parts, others.parts),
     )
     return Correspondences(together, T, closest, pairs.same_sign, surface)
 
 
+def _parts_of_runs(scan: Scan, runs: int, length: int) -> NDArray[np.uint8] | None:
+    """Part of the scan that each point stands in, (n,); None where runs are of most parts, as in a shuffled scan."""
+    if scan.parts is None:
+        return None
+    some = scan.parts[: runs * length].reshape(runs, length)[:: max(runs // MIXED_RUNS, 1)]
+    seen, most = np.bitwise_or.reduce(np.left_shift(np.uint8(1), some), axis=1), int(some.max()) + 1
+    held = np.unpackbits(seen).sum() / len(seen)
+    return None if most > 1 and held > MIXED_SHARE * min(length, most) else scan.parts
+
+
 def _on_faces(
-    points: FloatArray, length: int, surface: MeshSurface, pairs: Correspondences, T: FloatArray, width: float
+    points: FloatArray,
+    parts: NDArray[np.uint8] | None,
+    length: int,
+    surface: MeshSurface,
+    pairs: Correspondences,
+    T: FloatArray,
+    width: float,
 ) -> tuple[BoolArray, IntArray, FloatArray, FloatArray]:
-    """Which points of each run lie on its face, (m, k); how many, (m,); their mean, (m, 3); scatter along it, (m,)."""
+    """Which points of each run lie on its face, (m, k), and what those of each part of the scan come to.
+
+    How many they are, (m, p), their mean, (m, p, 3), and their scatter along it, (m, p).
+    """
     from dqreg.kernels.steps.points_on_faces import points_on_faces
     from dqreg.kernels.threads import as_plain, over_chunks
 
     runs = len(pairs.scan)
-    on, counts = np.zeros((runs, length), dtype=bool), np.zeros(runs, dtype=np.int64)
-    means, within = np.zeros((runs, 3)), np.zeros(runs)
+    shape = runs, 1 if parts is None else CLOUD_PARTS
+    on, counts = np.zeros((runs, length), dtype=bool), np.zeros(shape, dtype=np.int64)
+    means, within = np.zeros((*shape, 3)), np.zeros(shape)
     faces = as_plain(surface.mesh.corners), pairs.closest.elements, as_plain(pairs.closest.normals)
     limits = INSIDE_SCALES * width, OFF_SCALES * width, ONE_FACE_SCALES * width, ONE_HEIGHT_SCALES * width
-    step = max(CHUNK_POINTS // length, 1)
-    given = as_plain(points), length, *faces, as_plain(T), *limits
+    step, parts = max(CHUNK_POINTS // length, 1), np.zeros(len(points), dtype=np.uint8) if parts is None else parts
+    given = as_plain(points), length, *faces, as_plain(T), *limits, parts
     over_chunks(points_on_faces, runs, *given, on, counts, means, within, chunk=step)
     return on, counts, means, within
 
@@ -130,6 +159,8 @@ RIM_SCHEDULE = replaced(FINE_SCHEDULE, iterations=40)
 # Where points are taken together, of the points that the plan has for its last level: one run of neighbours for so
 # many, and one point that is asked about by itself for so many.
 POINTS_PER_RUN, POINTS_PER_SINGLE = 6, 4
+# Runs where the plan takes all points, and each that does not lie on the face of its run is asked about by itself.
+RUNS_OF_ALL = 20_000
 # The shortest run.
 MIN_RUN_POINTS = 4
 # Width of the kernel beyond which two clouds differ in shape, in spacings or noises of the scan, whichever is more:
@@ -142,12 +173,12 @@ def finish(level: Level, scan: Scan, counts: list[int], run: Alignment, observe:
     """Resume on the finer levels; where the time is up within one, what was there before it stays."""
     surface, finest, counts = level.surface, level.plan.finest, _level_counts(level, scan, counts, run)
     planes = level.plan.fine is not None and run.near
-    # Where all points are asked for, each gets an answer of its own.
-    long = finest is not None and len(scan) >= MIN_RUN_POINTS * (finest // POINTS_PER_RUN)
+    asked = (RUNS_OF_ALL, len(scan)) if finest is None else (finest // POINTS_PER_RUN, finest // POINTS_PER_SINGLE)
+    long = len(scan) >= MIN_RUN_POINTS * asked[0]
     try:
         with until(level.plan.deadline):
-            if counts and planes and long and finest is not None and isinstance(surface, MeshSurface):
-                return _runs_and_singles(level, scan, surface, finest, run, observe)
+            if counts and planes and long and isinstance(surface, MeshSurface):
+                return _runs_and_singles(level, scan, surface, asked, run, observe)
             for count in counts:
                 if run.ended_early:
                     break
@@ -176,18 +207,17 @@ def _level_counts(level: Level, scan: Scan, counts: list[int], run: Alignment) -
 
 
 def _runs_and_singles(
-    level: Level, scan: Scan, surface: MeshSurface, finest: int, run: Alignment, observe: Observer | None
+    level: Level, scan: Scan, surface: MeshSurface, asked: tuple[int, int], run: Alignment, observe: Observer | None
 ) -> Alignment:
     """All points: those on the face of their run of neighbours together, and a choice of the others individually."""
     if run.ended_early:
         return run
-    level = _level_on(level, run, scan.taken(run_centres(len(scan), finest // POINTS_PER_RUN)[0]))
+    runs, singles = asked
+    level = _level_on(level, run, scan.taken(run_centres(len(scan), runs)[0]))
     run = _continued(level, run, observe)
     if run.ended_early:
         return run
-    pairs = gather(
-        scan, surface, run.pairs, run.weights, run.T_target_source, run.mixture.scale, finest // POINTS_PER_SINGLE
-    )
+    pairs = gather(scan, surface, run.pairs, run.weights, run.T_target_source, run.mixture.scale, singles)
     level = replaced(_level_on(level, run, pairs.scan), last=True)
     return _joined(run, level.once(run.mixture, FINE_SCHEDULE, observe, run.next_number, pairs))
 

@@ -249,17 +249,17 @@ def verdict_on(fit: Fit, evidence: Evidence) -> Verdict:
 def _drift(fit: Fit) -> tuple[float, float, Vector]:
     """Significant displacement, rotation and direction of a drift along a scan, by the times or order of its points."""
     surface, source = fit.prepared.surface, fit.problem.source
-    points, times = source.cloud.points, moments(source.cloud.times)
+    count, times = len(source.cloud), moments(source.cloud.times)
     # Between the points of two clouds planes are guesses: their order alone tells nothing.
     if not fit.found or fit.is_late or (fit.between_clouds and times is None) or source.mesh:
         return NO_DRIFT
     if fit.agreement.width < SHOWN * MIN_DRIFT_DIAGONALS * surface.diagonal:
         # A drift that matters would have left larger residuals.
         return NO_DRIFT
-    rows = sample_rows(len(points), DRIFTING)
-    placed = pose.apply(fit.T_target_source, points[rows])
+    rows = sample_rows(count, DRIFTING)
+    placed = pose.apply(fit.T_target_source, source.cloud._at(rows))
     order = distinct_in_order(placed)
-    placed, times = placed[order], rows[order] / len(points) - 0.5 if times is None else times[rows[order]]
+    placed, times = placed[order], rows[order] / count - 0.5 if times is None else times[rows[order]]
     closest = surface.closest(placed)
     # Farther off, tables and clamps begin.
     near = closest.distances <= min(fit.agreement.near, OFF_WIDTHS * INLIER_SIGMAS * fit.run.mixture.scale)

@@ -99,6 +99,9 @@ def align(problem: Problem) -> Registration:
         fit = best_seen(fit, start.T_target_source)
         if options.verdict:
             fit = begun_to_judge(fit)
+    if options.keep_inputs:
+        # Beside what is asked about the pose.
+        Later(problem.kept)
     if not options.verdict:
         return not_judged(fit)
     with watch.stage("second try"):
@@ -181,8 +184,6 @@ def _left_by(fit: Fit) -> str:
 
 def not_judged(fit: Fit) -> Registration:
     """The answer where the loop ended, with its covariance; where there is no pose the verdict says why."""
-    if fit.problem.options.keep_inputs:
-        Later(fit.problem.kept)
     fit.problem.await_target()
     fit = seen_alone(fit)
     uncertainty = uncertainty_of(fit, by_rims=False)

@@ -133,7 +133,8 @@ class Problem(SourceAndTarget):
             # What was prepared is built already, and clouds are built as they are asked.
             is_kept = index is getattr(target, "indexed", target)
             whole, index = index, index if is_kept else _target_in_time(index, options.time_limit)
-            building = None if is_kept or index.kind == "cloud" else index.build_beside(watch.deadline)
+            is_built = is_kept or index.kind == "cloud"
+            building = None if is_built else index.build_beside(watch.deadline, judged=options.verdict)
             # A search sees all points first.
             cells = options.cells_from_a_stand if T_start is not None and index.kind == "cloud" else None
             evening = None if cells is None else index.begin_evened(cells)
@@ -142,8 +143,7 @@ class Problem(SourceAndTarget):
             if viewpoints is not None:
                 require_one_place(viewpoints, index.geometry)
                 centred = centred.oriented_from(viewpoints)
-            if options.without_viewpoint:
-                centred = centred.without_viewpoint
+            centred = centred.without_viewpoint if options.without_viewpoint else centred
             units = options.source_units or centred.cloud.units, unit
             if options.units == "check":
                 require_same_units(centred.cloud, index.geometry, *units, index.spreads)

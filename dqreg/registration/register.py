@@ -73,12 +73,12 @@ def register(
     source_units, target_units : {"mm", "cm", "m", "inch", "ft"}, optional
         Length units. Where both are known and differ, the source is converted to the target's unit.
     effort : {"fast", "normal", "best"}
-        Closest-point queries of the last stage on a mesh: about 8,000, 25,000, or one a point; points on the face of a
-        query enter the cost with it. With an initial pose, clouds of more than 18,000 or 30,000 points are downsampled
-        to about 6,000 or 10,000 cells (``settings["cell_size"]``), their means moved to the surface of their
-        neighbours, unless they lie so near to it that all points improve the pose ("fast": much, where their noise is
-        small); "best" has no cells, but 15,000 where a sensor saw them from its stand (a LiDAR, a depth camera), where
-        all points say less.
+        Closest-point queries of the last stage on a mesh: about 8,000, 25,000, or as many as it takes to ask about all
+        points; those on the face of a query enter the cost with it. With an initial pose, clouds of more than 18,000 or
+        30,000 points are downsampled to about 6,000 or 10,000 cells (``settings["cell_size"]``), their means moved to
+        the surface of their neighbours, unless they lie so near to it that all points improve the pose ("fast": much,
+        where their noise is small); "best" has no cells, but 15,000 where a sensor saw them from its stand (a LiDAR, a
+        depth camera), where all points say less.
     seed : int
         For whatever is drawn (samples of a mesh that is the source).
     accelerate : bool

@@ -124,9 +124,9 @@ class TargetIndex:
         _ = self.surface
         beside.result()
 
-    def build_beside(self, deadline: float = np.inf) -> Building:
-        """A running thread that builds a mesh: the surface, then the rest by a deadline; to be joined before that."""
-        building = Building(self, deadline)
+    def build_beside(self, deadline: float = np.inf, *, judged: bool = True) -> Building:
+        """A running thread that builds a mesh: the surface, then what a verdict asks, by a deadline; to be joined."""
+        building = Building(self, deadline, judged=judged)
         building.start()
         return building
 
@@ -283,9 +283,9 @@ class Evening(NamedTuple):
 class Building(threading.Thread):
     """Builds a mesh; the surface is ready before all is."""
 
-    def __init__(self, index: TargetIndex, deadline: float) -> None:
+    def __init__(self, index: TargetIndex, deadline: float, *, judged: bool) -> None:
         super().__init__(daemon=True)
-        self._index, self._deadline, self.surface_is_ready = index, deadline, threading.Event()
+        self._index, self._deadline, self._judged, self.surface_is_ready = index, deadline, judged, threading.Event()
 
     def run(self) -> None:
         """Build."""
@@ -295,5 +295,5 @@ class Building(threading.Thread):
                 self._index._build_surface()
                 self.surface_is_ready.set()
                 with until(self._deadline):
-                    _ = self._index.near_rotations
+                    _ = self._index.near_rotations if self._judged else None
         self.surface_is_ready.set()

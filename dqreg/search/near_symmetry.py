@@ -17,7 +17,7 @@ from dqreg.geometry import Mesh, Surface
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.sampling import places_on
 from dqreg.kernels.threads import ask_clock
-from dqreg.rigid import pose
+from dqreg.rigid import pose, single_pose
 from dqreg.rigid.rotations import angle_of
 from dqreg.search.axes import cube_rotations, face_axes, half_sphere, moments, principal_axes
 from dqreg.search.poses import Poses
@@ -91,8 +91,9 @@ def _about(mesh: Mesh, turns: Sequence[FloatArray], ring: Sequence[FloatArray] =
     """Orthogonal matrices in the frame of the principal axes and in that of the faces, as those of the part's frame."""
     frames = _frames(mesh)
     # The identity and the inversion are the same in every frame.
-    maps = [axes @ turn @ axes.T for axes in frames for turn in turns if axes is frames[0] or abs(np.trace(turn)) < 3.0]
-    return maps + [frames[0] @ R @ frames[0].T for R in ring]
+    others = [turn for turn in turns if abs(np.trace(turn)) < 3.0]
+    maps = [axes @ np.array(turns if axes is frames[0] else others) @ axes.T for axes in frames]
+    return [*np.concatenate(maps), *(frames[0] @ R @ frames[0].T for R in ring)]
 
 
 def _frames(mesh: Mesh) -> list[FloatArray]:
@@ -107,7 +108,7 @@ def _frames(mesh: Mesh) -> list[FloatArray]:
 def _about_centre(mesh: Mesh, turns: Sequence[FloatArray]) -> list[FloatArray]:
     """Orthogonal matrices as motions about the centre of a part's surface."""
     centre = moments(mesh)[0]
-    return [pose.from_parts(R, centre - R @ centre) for R in turns]
+    return [single_pose.from_parts(R, centre - R @ centre) for R in turns]
 
 
 def _in_any_plane(mesh: Mesh, surface: Surface) -> FloatArray:
@@ -122,63 +123,62 @@ def _in_any_plane(mesh: Mesh, surface: Surface) -> FloatArray:
     return refined_on(kept.matrices, points, surface, REFINEMENT)
 
 
-def _laid_into_itself(mesh: Mesh, turns: Sequence[FloatArray], size: float) -> list[FloatArray]:
-    """Turns along a part's axes with shifts that lay most of it into itself, where they are not about its centre.
+def _laid_into_itself(mesh: Mesh, turns: Sequence[FloatArray], size: float) -> FloatArray:
+    """Turns along a part's axes with shifts that lay most of it into itself, (k, 4, 4), where not about its centre.
 
     Along each axis the shift is that of its centre, of its ends or of its planes. Turns are signed permutations, proper
     or not.
     """
-    points, laid = places_on(mesh, PROFILE_POINTS, np.random.default_rng(0))[0], []
+    points, laid, all_turns = places_on(mesh, PROFILE_POINTS, np.random.default_rng(0))[0], [], np.array(turns)
+    before = np.abs(all_turns).argmax(axis=2)
+    is_flipped = (all_turns.sum(axis=2) < 0.0).astype(np.int64)
     for axes in _frames(mesh):
-        profile, centre = _Profile(mesh, points, axes, BIN_DIAGONALS * size), moments(mesh)[0] @ axes
-        for turn in turns:
-            shift = np.array([profile.shift(int(k), j, turn[j, k]) for j, k in enumerate(np.abs(turn).argmax(axis=1))])
-            if np.abs(shift - (centre - turn @ centre)).max() > SAME_SHIFT_DIAGONALS * size:
-                laid.append(pose.from_parts(axes @ turn @ axes.T, axes @ shift))
-    return laid
-
-
-class _Profile:
-    """How much of a part, by points on it, lies at which height along each of its axes."""
-
-    def __init__(self, mesh: Mesh, points: FloatArray, axes: FloatArray, edge: float) -> None:
         ask_clock()
-        # Of faces alone: a vertex without one may be anywhere.
-        used = np.zeros(len(mesh.vertices), dtype=bool)
-        used[mesh.faces] = True
-        low, high = bounds(mesh.vertices[used] @ axes)
-        self._middles = moments(mesh)[0] @ axes, 0.5 * (low + high)
-        self._heights = points @ axes
-        self._edge, self._low = edge, self._heights.min(axis=0)
-        self._bins = int(np.ptp(self._heights, axis=0).max() / edge) + 2
-        self._full = [self._counts(self._heights[:, k], k) for k in range(3)]
-        self._shifts: dict[tuple[int, int, float], float] = {}
+        centre = moments(mesh)[0] @ axes
+        shifts = _shifts_along(mesh, points, axes, BIN_DIAGONALS * size)[before, np.arange(3), is_flipped]
+        moves = np.abs(shifts - (centre - all_turns @ centre)).max(axis=1) > SAME_SHIFT_DIAGONALS * size
+        laid.append(pose.from_parts(axes @ all_turns[moves] @ axes.T, shifts[moves] @ axes.T))
+    return np.concatenate(laid)
 
-    def shift(self, one: int, other: int, sign: float) -> float:
-        """Shift after which most of the heights along one axis, of a sign, lie at heights along another."""
-        if one == other and sign > 0.0:
-            return 0.0
-        if (one, other, sign) not in self._shifts:
-            of_middles = [float(middle[other] - sign * middle[one]) for middle in self._middles]
-            shifts, moved = [*of_middles, *self._of_planes(one, other, sign)], sign * self._heights[:, one]
-            alike = [np.minimum(self._counts(moved + shift, other), self._full[other]).sum() for shift in shifts]
-            self._shifts[one, other, sign] = shifts[int(np.argmax(alike))]
-        return self._shifts[one, other, sign]
 
-    def _counts(self, heights: FloatArray, axis: int) -> FloatArray:
-        """Points in every two bins that follow each other, from the lowest of an axis on."""
-        rows = np.floor((heights - self._low[axis]) / self._edge).astype(np.int64)
-        counts = np.bincount(rows[(rows >= 0) & (rows < self._bins)], minlength=self._bins)
+def _shifts_along(mesh: Mesh, points: FloatArray, axes: FloatArray, edge: float) -> FloatArray:
+    """Shifts after which most of the heights along an axis, or turned over, lie at those along another, (3, 3, 2)."""
+    # Of faces alone: a vertex without one may be anywhere.
+    used = np.zeros(len(mesh.vertices), dtype=bool)
+    used[mesh.faces] = True
+    ends, heights = bounds(mesh.vertices[used] @ axes), (points @ axes).T
+    low, number = heights.min(axis=1), int(np.ptp(heights, axis=1).max() / edge) + 2
+
+    def counts(heights: FloatArray, axis: IntArray) -> FloatArray:
+        """Points in every two bins that follow each other, from the lowest of an axis on, of each row of heights."""
+        bins, each = np.floor((heights - low[axis][:, None]) / edge), number + 1
+        # Outside of them all is in a bin of its own.
+        rows = np.where((bins >= 0) & (bins < number), bins, number).astype(np.int64)
+        rows += each * np.arange(len(rows))[:, None]
+        found = np.bincount(rows.ravel(), minlength=each * len(rows)).reshape(-1, each)
         # A plane may lie where two bins meet.
-        return np.asarray(counts[1:] + counts[:-1], dtype=np.float64)
+        return np.asarray(found[:, 1:-1] + found[:, :-2], dtype=np.float64)
 
-    def _of_planes(self, one: int, other: int, sign: float) -> list[float]:
-        """Shifts with the largest sum of products of the counts, and of their squares: the largest planes decide."""
-        there, here = self._full[other], self._full[one][:: int(sign)]
-        # The lower end of the first bin of what is moved.
-        first = self._low[one] if sign > 0.0 else -(self._low[one] + self._bins * self._edge)
-        steps = [int(np.correlate(there**p, here**p, "full").argmax()) - len(here) + 1 for p in (1, 2)]
-        return [float(self._low[other] - first + step * self._edge) for step in steps]
+    one, other, is_flipped = np.indices((3, 3, 2)).reshape(3, -1)
+    sign, full = 1.0 - 2.0 * is_flipped, counts(heights, np.arange(3))
+    here = np.where(is_flipped[:, None] > 0, full[one, ::-1], full[one])
+    # The lower end of the first bin of what is moved.
+    first = np.where(is_flipped > 0, -(low[one] + number * edge), low[one])
+    shifts = [middle[other] - sign * middle[one] for middle in (moments(mesh)[0] @ axes, 0.5 * np.add(*ends))]
+    # The largest sum of products of the counts, and of their squares: the largest planes decide.
+    shifts += [low[other] - first + edge * _best_steps(full[other] ** p, here**p) for p in (1, 2)]
+    moved = sign[:, None] * heights[one] + np.array(shifts)[:, :, None]
+    alike = np.minimum(counts(moved.reshape(-1, len(points)), np.tile(other, 4)).reshape(4, len(one), -1), full[other])
+    best = np.array(shifts)[alike.sum(axis=2).argmax(axis=0), np.arange(len(one))]
+    return np.where((one == other) & (is_flipped == 0), 0.0, best).reshape(3, 3, 2)
+
+
+def _best_steps(there: FloatArray, here: FloatArray) -> IntArray:
+    """Steps of the second rows, (m, k), of whole numbers, at which their products with the first ones are largest."""
+    count = there.shape[1]
+    spectra = [np.fft.rfft(rows, 2 * count) for rows in (there, here)]
+    products = np.rint(np.fft.irfft(spectra[0] * spectra[1].conj(), 2 * count))
+    return np.asarray(products[:, np.arange(1 - count, count)].argmax(axis=1) - count + 1)
 
 
 def _near_maps(mesh: Mesh, surface: Surface, motions: list[FloatArray], same: float) -> FloatArray:

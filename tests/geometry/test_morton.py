@@ -5,7 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dqreg._arrays import bounds
 from dqreg.geometry.morton import distinct_in_order, in_order, morton_codes, morton_order
+from dqreg.geometry.moved_points import moved
 from tests.strategies import FloatArray, floats, points
 
 
@@ -39,6 +41,16 @@ def test_every_place_appears_once_by_its_first_row(cloud: FloatArray) -> None:
     kept = distinct_in_order(cloud)
     _, first = np.unique(cloud + 0.0, axis=0, return_index=True)
     assert sorted(kept.tolist()) == sorted(first.tolist())
+
+
+@settings(deadline=None)
+@given(copies())
+def test_points_that_are_moved_where_they_are_read_stand_as_if_they_had_been_before(cloud: FloatArray) -> None:
+    move = np.array([0.1, 1.0, -2.0, 0.3])
+    there = moved(cloud, move)
+    order = distinct_in_order(cloud, bounds(there), move)
+    np.testing.assert_array_equal(order, distinct_in_order(there))
+    np.testing.assert_array_equal(in_order(cloud, order, move), there[order])
 
 
 def test_copies_are_found_between_other_points_of_their_cell() -> None:

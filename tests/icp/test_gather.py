@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dqreg.geometry import Mesh, MeshSurface, PointCloud, Scan, prepare_scan
+from dqreg.geometry.scan_measures import CLOUD_PARTS
 from dqreg.icp import Correspondences, find_correspondences, points_to_planes
 from dqreg.icp.full_resolution import gather, run_centres
 from dqreg.rigid import pose
@@ -87,6 +88,21 @@ def test_the_information_is_that_of_all_points(scan: Scan) -> None:
     np.testing.assert_allclose(together.carriers, each.carriers, rtol=1e-2)
     assert together.sigma == pytest.approx(each.sigma, rel=2e-3)
     assert together.weight == pytest.approx(each.weight, rel=1e-12)
+
+
+def test_points_of_several_views_are_taken_together_view_by_view(scan: Scan) -> None:
+    # One view may scatter less across a face than another, and each is weighted by what it scatters.
+    pairs = gathered(scan, SURFACE, np.eye(4), 2_000, count=len(scan))
+    assert scan.parts is not None
+    assert pairs.scan.parts is not None
+    np.testing.assert_array_equal(np.bincount(pairs.scan.parts, pairs.scan.counts), np.bincount(scan.parts))
+
+
+def test_the_order_of_a_shuffled_scan_tells_no_views() -> None:
+    points = np.random.default_rng(0).permutation(bracket_points(300, seed=0))
+    pairs = gathered(prepare_scan(PointCloud(points), fitted=2_000), SURFACE, np.eye(4), 2_000, count=len(points))
+    assert pairs.scan.parts is not None
+    assert (pairs.scan.parts[pairs.scan.counts > 1] == CLOUD_PARTS).all()
 
 
 def test_a_few_of_the_others_are_asked_about(scan: Scan) -> None:

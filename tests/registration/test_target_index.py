@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dqreg._records import remembered
 from dqreg.errors import DegenerateGeometryError, InputError, UnitsError
 from dqreg.geometry import CloudSurface, Mesh, MeshSurface, PointCloud
 from dqreg.geometry.opening import as_geometry
@@ -197,3 +198,12 @@ def test_near_symmetries_are_there_once_asked_for_and_go_along(monkeypatch: pyte
     np.testing.assert_array_equal(vars(again)["near_rotations"], expected)
     np.testing.assert_array_equal(target.near_rotations, expected)
     assert expected.shape[1:] == (4, 4)
+
+
+def test_near_symmetries_are_found_for_a_verdict_alone() -> None:
+    index = index_target(Mesh(VERTICES, FACES))
+    index.build_beside(judged=False).join()
+    assert remembered(index, "surface") is not None
+    assert remembered(index, "near_rotations") is None
+    index.build_beside().join()
+    assert remembered(index, "near_rotations") is not None

@@ -156,9 +156,9 @@ def _dense_scans() -> None:
     systematic_rows(NOTHING, FIRST[:0], np.zeros(0, np.bool_), FIRST)
     on = np.zeros((1, 3), dtype=bool)
     lengths = 1.0, 1.0, 1.0, 1.0
-    counts = np.zeros(1, dtype=np.int64)
-    places = on, counts, np.zeros((1, 3)), np.zeros(1)
-    points_on_faces(0, 1, rows, 3, CORNERS, FIRST, rows, np.eye(4), *lengths, *places)
+    counts, parts = np.zeros((1, 1), dtype=np.int64), np.zeros(3, dtype=np.uint8)
+    places = on, counts, np.zeros((1, 1, 3)), np.zeros((1, 1))
+    points_on_faces(0, 1, rows, 3, CORNERS, FIRST, rows, np.eye(4), *lengths, parts, *places)
 
 
 def _shared_noise() -> None:

@@ -57,8 +57,8 @@ def order_points() -> None:
     """Morton order and cells."""
     codes, move = np.zeros(2, dtype=np.uint64), np.array([1.0, 0.0, 0.0, 0.0])
     morton_cells(0, 2, CORNERS, move, np.zeros(3), 1.0, codes)
-    new_places(CORNERS, codes, sorted_rows(codes)[0])
-    take_points(0, 2, CORNERS, sorted_rows(codes)[0], np.zeros((2, 3)))
+    new_places(CORNERS, move, codes, sorted_rows(codes)[0])
+    take_points(0, 2, CORNERS, move, sorted_rows(codes)[0], np.zeros((2, 3)))
     split_sorted_rows(codes)
     count_cells(codes)
     filled_cells(CORNERS, move, np.zeros(3), 1.0, 0)

@@ -130,10 +130,10 @@ def settled(rows: IntArray, keys: Codes) -> bool:
 
 
 @compiled
-def new_places(points: FloatArray, keys: Codes, order: IntArray) -> tuple[BoolArray, bool]:
+def new_places(points: FloatArray, move: FloatArray, keys: Codes, order: IntArray) -> tuple[BoolArray, bool]:
     """Which points differ from the one before them in an order by codes, and whether two such share a cell. O(n).
 
-    The keys are the codes in that order: they are walked along, not looked up.
+    The keys are the codes in that order: they are walked along, not looked up. Points are moved as for these.
     """
     new, mixed = np.zeros(len(order), np.bool_), False
     for i in range(len(order)):
@@ -141,20 +141,26 @@ def new_places(points: FloatArray, keys: Codes, order: IntArray) -> tuple[BoolAr
         if i == 0:
             continue
         if keys[i - 1] == keys[i]:
-            a, b = order[i - 1], order[i]
-            same = points[a, 0] == points[b, 0] and points[a, 1] == points[b, 1] and points[a, 2] == points[b, 2]
+            a, b, same = order[i - 1], order[i], True
+            for k in range(3):
+                same = same and move[0] * points[a, k] + move[1 + k] == move[0] * points[b, k] + move[1 + k]
             new[i] = not same
             mixed = mixed or not same
     return new, mixed
 
 
 @compiled
-def take_points(first: int, last: int, points: FloatArray, order: IntArray, taken: FloatArray) -> None:
-    """Write points, (n, 3), in an order of their rows, at places first to last. O(n), in half of NumPy's time."""
+def take_points(
+    first: int, last: int, points: FloatArray, move: FloatArray, order: IntArray, taken: FloatArray
+) -> None:
+    """Write points, (n, 3), after a move in an order of their rows, at places first to last. O(n)."""
+    scale, x, y, z = move[0], move[1], move[2], move[3]
     # Unsigned: of a signed number each access asks whether it counts from the end.
     for i in range(np.uint64(first), np.uint64(last)):
         row = np.uint64(order[i])
-        taken[i, 0], taken[i, 1], taken[i, 2] = points[row, 0], points[row, 1], points[row, 2]
+        taken[i, 0] = scale * points[row, 0] + x
+        taken[i, 1] = scale * points[row, 1] + y
+        taken[i, 2] = scale * points[row, 2] + z
 
 
 @compiled

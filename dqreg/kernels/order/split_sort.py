@@ -12,11 +12,11 @@ from dqreg.kernels.threads import over_chunks
 
 # Bits of the leading digit at most, and codes for each of its values: a bucket of a surface, which fills a part of
 # them, fits into a core's cache and is still worth sorting by itself.
-DIGIT, EACH = 11, 1 << 12
+DIGIT, EACH = 11, 1 << 11
 # Codes that are split at once, and shares of the buckets that are sorted at once.
 CHUNK, SHARES = 1 << 16, 256
 # Bits of a digit within a bucket; codes up to which two of them put most in order, and three beyond.
-INNER, FEW = 11, 1 << 21
+INNER, FEW = 10, 1 << 21
 BUCKETS, REST = 1 << INNER, np.uint64((1 << INNER) - 1)
 Counts = NDArray[np.int64]
 

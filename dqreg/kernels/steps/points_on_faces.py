@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.kernels.compiling.compiled import compiled, inside_kernels
+
+Plane = tuple[float, float, float, float]
 
 
 @compiled
@@ -22,6 +25,7 @@ def points_on_faces(
     off: float,
     thick: float,
     spread: float,
+    parts: NDArray[np.uint8],
     on: BoolArray,
     counts: IntArray,
     means: FloatArray,
@@ -29,46 +33,49 @@ def points_on_faces(
 ) -> None:
     """Write which points of runs first to last lie on their face, (m, k), how many, their means and scatter. O(n).
 
-    A point lies on a face if it is farther than ``inside`` from its sides and no farther than ``off`` from it; a run
-    whose points scatter about it by more than ``thick``, and about their mean by more than ``spread``, has none. Points
-    come back as given.
+    These are of each part of the scan, (m, p), given the part of each point, (n,). A point lies on a face if it is
+    farther than ``inside`` from its sides and no farther than ``off`` from it; a run whose points scatter about it by
+    more than ``thick``, and about their mean by more than ``spread``, has none. Points come back as given.
     """
-    planes = np.zeros((4, 4))
+    planes, totals = np.zeros((4, 4)), np.zeros(counts.shape[1])
     for r in range(first, last):
         face_planes(corners, faces[r], normals, r, T, planes)
-        count, total, squares, x, y, z = 0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for j in range(length):
-            i = r * length + j
-            h, least = 0.0, np.inf
-            for k in range(4):
-                above = height(planes, k, points, i)
-                if k == 0:
-                    h = above
-                else:
-                    least = min(least, above)
-            on[r, j] = least > inside and abs(h) <= off
+        totals[:] = 0.0
+        count, total, squares = 0, 0.0, 0.0
+        # Numbers of their own: those of an array would be read anew for every point, as others are written to.
+        face, one, two, three = plane(planes, 0), plane(planes, 1), plane(planes, 2), plane(planes, 3)
+        for j in range(np.uint64(length)):
+            i = np.uint64(r * length) + j
+            x, y, z = points[i, 0], points[i, 1], points[i, 2]
+            h, inset = height(face, x, y, z), min(height(one, x, y, z), height(two, x, y, z), height(three, x, y, z))
+            on[r, j] = inset > inside and abs(h) <= off
             if on[r, j]:
-                count += 1
-                total, squares = total + h, squares + h * h
-                x, y, z = x + points[i, 0], y + points[i, 1], z + points[i, 2]
-        if count > 0:
-            within[r] = squares - total * total / count
-        counts[r] = count
-        if squares > count * thick * thick and within[r] > count * spread * spread:
+                part = parts[i]
+                count, counts[r, part] = count + 1, counts[r, part] + 1
+                total, totals[part] = total + h, totals[part] + h
+                squares, within[r, part] = squares + h * h, within[r, part] + h * h
+                means[r, part, 0] += x
+                means[r, part, 1] += y
+                means[r, part, 2] += z
+        if squares > count * thick * thick and squares - total * total / count > count * spread * spread:
             counts[r] = 0
-            for j in range(length):
-                on[r, j] = False
-        if count > 0:
-            means[r, 0], means[r, 1], means[r, 2] = x / count, y / count, z / count
+            on[r] = False
+        for part in range(counts.shape[1]):
+            if counts[r, part] > 0:
+                within[r, part] -= totals[part] * totals[part] / counts[r, part]
+                means[r, part] /= counts[r, part]
 
 
-@compiled
-def height(planes: FloatArray, k: int, points: FloatArray, i: int) -> float:
+@inside_kernels
+def plane(planes: FloatArray, k: int) -> Plane:
+    """The four numbers of a plane."""
+    return planes[k, 0], planes[k, 1], planes[k, 2], planes[k, 3]
+
+
+@inside_kernels
+def height(plane: Plane, x: float, y: float, z: float) -> float:
     """Height of a point above a plane."""
-    found: float = (
-        planes[k, 0] * points[i, 0] + planes[k, 1] * points[i, 1] + planes[k, 2] * points[i, 2] + planes[k, 3]
-    )
-    return found
+    return plane[0] * x + plane[1] * y + plane[2] * z + plane[3]
 
 
 @inside_kernels

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dqreg._arrays import FloatArray
+from dqreg.geometry.moved_points import UNMOVED
 from dqreg.kernels.order.morton import BITS, count_cells, morton_cells, new_places, sorted_rows
 from dqreg.kernels.order.split_sort import sort_buckets, split_sorted_rows
 
@@ -93,7 +94,7 @@ def test_new_is_what_differs_from_the_one_before(seed: int, count: int) -> None:
     order = np.argsort(codes, kind="stable")
     differ = [bool((points[a] != points[b]).any()) for a, b in itertools.pairwise(order)]
     shared = [bool(codes[a] == codes[b]) for a, b in itertools.pairwise(order)]
-    new, mixed = new_places(points, codes[order], order)
+    new, mixed = new_places(points, UNMOVED, codes[order], order)
     assert new.tolist() == [True] + [d or not s for d, s in zip(differ, shared, strict=True)]
     assert mixed == any(d and s for d, s in zip(differ, shared, strict=True))
 
