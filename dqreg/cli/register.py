@@ -78,7 +78,7 @@ SECTIONS = {
 @exclude_option
 @keep_option
 @click.option("--effort", type=Choice(EFFORTS), default="normal", show_default=True, help="Closest-point "
-              "queries of the last level: 8,000, 25,000, or one a point.")  # fmt: skip
+              "queries of the last level: 8,000, 25,000, or as many as all points need.")  # fmt: skip
 @time_limit_option
 @click.option("--max-distance", type=float, metavar="LENGTH", help="Maximum correspondence distance, target "
               "units  [default: 0.2 of the smaller diagonal of the two].")  # fmt: skip
