@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import contextlib
 import datetime
-import importlib.metadata
 import os
 import platform
 import subprocess
 from collections.abc import Iterable
 from pathlib import Path
 
-ALWAYS = ("dqreg", "numpy", "scipy", "numba", "trimesh", "open3d", "open3d-cpu")
+from dqreg.files.code_identity import ALWAYS, installed_versions
+
+# Every session names them, and whatever its engines need.
+NAMED = (*ALWAYS, "open3d", "open3d-cpu")
 
 
 def session(needs: Iterable[str], threads: int) -> dict[str, object]:
@@ -21,7 +23,7 @@ def session(needs: Iterable[str], threads: int) -> dict[str, object]:
         "machine": machine_line(),
         "load": round(os.getloadavg()[0], 1) if hasattr(os, "getloadavg") else None,
         "commit": _commit(),
-        "versions": installed_versions((*ALWAYS, *needs)),
+        "versions": installed_versions((*NAMED, *needs)),
         "threads": threads,
     }
 
@@ -41,15 +43,6 @@ def machine_line() -> str:
         f"Python {platform.python_version()}",
     ]
     return ", ".join(word for word in words if word)
-
-
-def installed_versions(distributions: Iterable[str]) -> dict[str, str]:
-    """Versions of those distributions that are installed."""
-    found = {}
-    for name in dict.fromkeys(distributions):
-        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
-            found[name] = importlib.metadata.version(name)
-    return found
 
 
 def machine_memory() -> float:

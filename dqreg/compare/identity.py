@@ -2,66 +2,94 @@
 
 from __future__ import annotations
 
-import functools
 import hashlib
+import io
 import pickle
 import sys
 import sysconfig
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
-from types import ModuleType
+from types import FunctionType, ModuleType
+from typing import Any
 
 from dqreg.compare.engines.registry import OURS, EngineSpec, module_of
-from dqreg.compare.environment import ALWAYS, installed_versions
+from dqreg.files.code_identity import PACKAGE, code_identity
 
-PACKAGE = Path(__file__).parents[1]
 # What of dqreg the runs of a peer depend on: how it is called, and the tasks that it is given.
 OF_PEERS = ("compare/engines", "compare/case.py", "compare/sweep_tasks.py", "synth", "geometry", "rigid")
 INSTALLED = frozenset({"site-packages", "dist-packages"})
+# Begins the identity of an engine that cannot be told from others.
+UNTOLD = "untold "
 
 
 def identity(spec: EngineSpec) -> str:
     """Digest of an engine: runs with another one are of other code.
 
-    A method of one's own is its file and the files of one's own that it imports at its top. One that stands in no file,
-    as in a notebook, is another each time.
+    A method of one's own is its file and the files of one's own that it imports at its top. An object is what it holds,
+    and the files of all classes and functions in it. One that cannot be packed, or has code in no file, as in a
+    notebook, is another each time.
     """
-    found = hashlib.blake2b(sys.version.encode(), digest_size=8)
-    for name, version in sorted(installed_versions((*ALWAYS, *spec.needs)).items()):
-        found.update(f"{name} {version}\n".encode())
     peer = spec.origin == "registry" and spec.name not in OURS
-    found.update(_code(OF_PEERS if peer else ("",)).encode())
-    for path in sorted(_own_files(spec)):
-        found.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
+    found = hashlib.blake2b(code_identity(OF_PEERS if peer else ("",), spec.needs).encode(), digest_size=8)
+    files: set[Path] = set()
     if spec.origin == "object":
-        found.update(_state(spec))
+        held = _Held(spec.engine)
+        if not held.told:
+            return UNTOLD + uuid.uuid4().hex
+        found.update(held.values)
+        files = _with_imports([sys.modules[name] for name in held.modules])
+    elif spec.origin != "registry":
+        files = _with_imports([module_of(Path(spec.origin))])
+    for path in sorted(files):
+        found.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
     return found.hexdigest()
 
 
-@functools.cache
-def _code(places: tuple[str, ...]) -> str:
-    """Digest of the sources in some places of the package."""
-    found = hashlib.blake2b()
-    for place in (PACKAGE / name for name in places):
-        for file in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
-            found.update(file.relative_to(PACKAGE).as_posix().encode() + b"\0" + file.read_bytes() + b"\0")
-    return found.hexdigest()
+class _Held(pickle.Pickler):
+    """Values of an object and of its class, and the modules in which its classes and functions stand."""
+
+    def __init__(self, engine: Any) -> None:
+        self._stream = io.BytesIO()
+        super().__init__(self._stream)
+        self.modules: set[str] = set()
+        try:
+            self.dump(engine)
+            for kind in type(engine).__mro__:
+                if _is_own(sys.modules.get(kind.__module__)):
+                    self.dump({name: value for name, value in vars(kind).items() if _is_parameter(name, value)})
+        except Exception:  # whatever an object of somebody's own raises
+            self.told = False
+        else:
+            self.told = all(map(_stands_in_a_file, self.modules))
+        self.values = self._stream.getvalue()
+
+    def reducer_override(self, value: Any) -> Any:
+        if isinstance(value, (type, FunctionType)):
+            self.modules.add(value.__module__)
+        return NotImplemented
 
 
-def _own_files(spec: EngineSpec) -> set[Path]:
-    """Files that hold a method of one's own."""
-    if spec.origin == "registry":
-        return set()
-    first = sys.modules.get(type(spec.engine).__module__) if spec.origin == "object" else module_of(Path(spec.origin))
+def _is_parameter(name: str, value: Any) -> bool:
+    """Whether an attribute of a class is none of its methods, nor of what Python keeps in it."""
+    return not (name.startswith(("__", "_abc_")) or hasattr(value, "__get__"))
+
+
+def _stands_in_a_file(name: str) -> bool:
+    module = sys.modules.get(name)
+    return module is not None and (name.partition(".")[0] in sys.stdlib_module_names or _file(module) is not None)
+
+
+def _with_imports(first: list[ModuleType]) -> set[Path]:
+    """Files of modules, and of those of one's own that they name."""
     seen: dict[str, ModuleType] = {}
-    left = [first]
+    left: list[ModuleType | None] = [*first]
     while left:
         module = left.pop()
         if module is None or module.__name__ in seen or _file(module) is None:
             continue
-        # Of an installed package the module of the engine itself stands for its version.
-        if module is first or _is_own(module):
+        # Of an installed package the module itself stands for its version.
+        if module in first or _is_own(module):
             seen[module.__name__] = module
             left.extend(_named_in(module))
     return {path for module in seen.values() if (path := _file(module)) is not None}
@@ -81,20 +109,10 @@ def _file(module: ModuleType) -> Path | None:
     return Path(name).resolve() if isinstance(name, str) and Path(name).is_file() else None
 
 
-def _is_own(module: ModuleType) -> bool:
+def _is_own(module: ModuleType | None) -> bool:
     """Whether a module is a file that belongs to no installed package, to neither Python nor dqreg."""
-    path = _file(module)
+    path = None if module is None else _file(module)
     if path is None:
         return False
     homes = (PACKAGE, *(Path(sysconfig.get_paths()[key]).resolve() for key in ("stdlib", "platstdlib")))
     return not INSTALLED & set(path.parts) and not any(path.is_relative_to(home) for home in homes)
-
-
-def _state(spec: EngineSpec) -> bytes:
-    """The parameters of an object; what tells nothing apart where it cannot be packed."""
-    if not _own_files(spec):
-        return uuid.uuid4().bytes
-    try:
-        return pickle.dumps(spec.engine)
-    except (pickle.PicklingError, AttributeError, TypeError):
-        return b""

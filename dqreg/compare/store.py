@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from dqreg.compare.engines.registry import EngineSpec
+from dqreg.compare.identity import UNTOLD
 from dqreg.compare.records import RunRecord
 from dqreg.errors import InputError
 from dqreg.files.atomic import require_writable
@@ -118,11 +119,17 @@ def kept_words(store: Store, keys: Collection[str], engines: Iterable[EngineSpec
     here = [(run, day) for run, day in store.found if run.key in keys and run.engine in codes]
     days = sorted({day or "an unknown day" for run, day in here if run.identity == codes[run.engine]})
     taken = sum(run.identity == codes[run.engine] for run, _ in here)
-    others = [run.engine for run, _ in here if run.identity != codes[run.engine]]
+    untold = [name for name, code in codes.items() if code.startswith(UNTOLD)]
+    others = [run.engine for run, _ in here if run.identity != codes[run.engine] and run.engine not in untold]
     words = [f"{_runs(taken)} taken from {store.path}, made on {', '.join(days)}."] if taken else []
     if others:
         names = ", ".join(dict.fromkeys(others))
         words.append(f"{_runs(len(others))} in {store.path} left out, made by other code or versions: {names}.")
+    if untold and store.path is not None:
+        words.append(
+            f"Never taken from a file: {', '.join(untold)}. Such an object may be another each time (it cannot be "
+            "pickled, or its code stands in no file); give the path of a Python file that holds it."
+        )
     return " ".join(words)
 
 

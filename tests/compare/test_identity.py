@@ -3,6 +3,8 @@ from __future__ import annotations
 import importlib
 import sys
 from datetime import date
+from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ import pytest
 from dqreg.compare import Protocol, compare, from_case, identity
 from dqreg.compare.engines.registry import engine_specs
 from dqreg.compare.store import Store
+from dqreg.files import code_identity
 from dqreg.synth import demo_case, load_case
 
 ONCE = Protocol(settings=("manual",), repeats=1, isolate=False)
@@ -73,7 +76,7 @@ def test_kept_runs_of_engines_depend_on_versions_and_on_parameters(task, tmp_pat
     compare(task, [Still(np.eye(4))], protocol=ONCE, out=out)
     assert compare(task, [Still(np.eye(4))], protocol=ONCE, out=out).kept
     assert compare(task, [Still(2.0 * np.eye(4))], protocol=ONCE, out=out).runs[0].kind == "not rigid"
-    monkeypatch.setattr(identity, "installed_versions", lambda needs: dict.fromkeys(needs, "99"))
+    monkeypatch.setattr(code_identity, "installed_versions", lambda needs: dict.fromkeys(needs, "99"))
     assert "left out" in compare(task, [Still(np.eye(4))], protocol=ONCE, out=out).kept
     assert len(Store(out).runs) == 3
 
@@ -81,11 +84,11 @@ def test_kept_runs_of_engines_depend_on_versions_and_on_parameters(task, tmp_pat
 def test_what_peers_run_with_is_less_than_what_ours_do(monkeypatch):
     names = ["dqreg", "open3d point-to-plane"]
     before = [identity.identity(spec) for spec in engine_specs(names)]
-    code = identity._code
-    monkeypatch.setattr(identity, "_code", lambda places: code(places) + ("x" if places == ("",) else ""))
+    sources = code_identity._sources
+    monkeypatch.setattr(code_identity, "_sources", lambda places: sources(places) + ("x" if places == ("",) else ""))
     after = [identity.identity(spec) for spec in engine_specs(names)]
     assert [one != other for one, other in zip(before, after, strict=True)] == [True, False]
-    assert all((identity.PACKAGE / place).exists() for place in identity.OF_PEERS)
+    assert all((code_identity.PACKAGE / place).exists() for place in identity.OF_PEERS)
 
 
 def test_a_method_that_stands_in_no_file_is_another_each_time(monkeypatch):
@@ -94,3 +97,54 @@ def test_a_method_that_stands_in_no_file_is_another_each_time(monkeypatch):
     # One of a package that is installed stands in a file.
     monkeypatch.setattr(identity, "_is_own", lambda module: False)
     assert len({identity.identity(spec) for spec in engine_specs([Still(np.eye(4))]) for _ in range(2)}) == 1
+
+
+def shifting(shift: float) -> SimpleNamespace:
+    return SimpleNamespace(name="mine", register=lambda task: np.eye(4) + shift)
+
+
+@pytest.mark.parametrize("make", [shifting, lambda shift: Holding(lambda: shift)])
+def test_what_cannot_be_packed_is_never_taken_for_the_same(task, tmp_path, make):
+    out = tmp_path / "runs.jsonl"
+    assert compare(task, [make(0.0)], protocol=ONCE, out=out).runs[0].T_target_source[0][3] == 0.0
+    again = compare(task, [make(2.0)], protocol=ONCE, out=out)
+    assert again.runs[0].T_target_source[0][3] == 2.0
+    assert "Never taken from a file: mine." in again.kept
+    assert "left out" not in again.kept
+
+
+class Holding:
+    name, step = "mine", 0.0
+
+    def __init__(self, shift) -> None:
+        self.shift = shift
+
+    def register(self, task):
+        return np.eye(4) + self.shift() + self.step
+
+
+def test_an_object_is_told_by_the_files_of_all_that_it_holds(task, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(str(tmp_path))
+    out = tmp_path / "runs.jsonl"
+
+    def found(shift: float) -> float:
+        (tmp_path / "shifts.py").write_text(f"def shift(of=0.0):\n    return of + {shift}\n")
+        sys.modules.pop("shifts", None)
+        importlib.invalidate_caches()
+        made = partial(importlib.import_module("shifts").shift, 0.0)
+        return compare(task, [Holding(made)], protocol=ONCE, out=out).runs[0].T_target_source[0][3]
+
+    assert [found(shift) for shift in (0.0, 0.0, 10.25)] == [0.0, 0.0, 10.25]
+    assert len(Store(out).runs) == 2
+    # A parameter of the class that was set while the program ran.
+    monkeypatch.setattr(Holding, "step", 2.0)
+    assert found(10.25) == 12.25
+
+
+def test_a_function_that_stands_in_no_file_is_another_each_time(monkeypatch):
+    def shift():
+        return 0.0
+
+    shift.__module__, shift.__qualname__ = "nowhere", "shift"
+    monkeypatch.setitem(sys.modules, "nowhere", SimpleNamespace(shift=shift, __name__="nowhere"))
+    assert len({identity.identity(spec) for spec in engine_specs([Holding(shift)]) for _ in range(2)}) == 2

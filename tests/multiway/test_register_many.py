@@ -14,7 +14,7 @@ import pytest
 
 import dqreg
 from dqreg.errors import InputError
-from dqreg.files import write_cloud
+from dqreg.files import code_identity, write_cloud
 from dqreg.geometry import Mesh, sample_mesh
 from dqreg.multiway.pose_graph.edges import PART
 from dqreg.multiway.report.tables import scans_table
@@ -277,7 +277,9 @@ def test_a_scan_of_something_else_is_left_out_and_named() -> None:
     assert any("scan 2" in reason for reason in result.verdict.reasons)
 
 
-def test_finished_pairs_are_taken_from_the_folder_and_others_are_not(tmp_path: Path) -> None:
+def test_finished_pairs_are_taken_from_the_folder_and_others_are_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     scans, truth = views_of_a_part(2)
     options: dict[str, Any] = {"starts": truth, "effort": "fast", "workers": 1, "folder": tmp_path / "pairs"}
     dqreg.register_many(scans, **options)
@@ -286,7 +288,12 @@ def test_finished_pairs_are_taken_from_the_folder_and_others_are_not(tmp_path: P
     np.testing.assert_array_equal(second.T_world_scan, two_views().T_world_scan)
     assert {path: path.stat().st_mtime_ns for path in (tmp_path / "pairs").iterdir()} == files
     dqreg.register_many(scans, **{**options, "seed": 1})
-    assert all(path.stat().st_mtime_ns > before for path, before in files.items())
+    again = {path: path.stat().st_mtime_ns for path in files}
+    assert all(again[path] > before for path, before in files.items())
+    # An edited dqreg of the same version.
+    monkeypatch.setattr(code_identity, "_sources", lambda places: "edited")
+    dqreg.register_many(scans, **{**options, "seed": 1})
+    assert all(path.stat().st_mtime_ns > before for path, before in again.items())
 
 
 def test_pairs_of_another_part_or_other_viewpoints_are_registered_anew(tmp_path: Path) -> None:

@@ -23,8 +23,8 @@ from dqreg.compare.engines.protocol import Engine, Setting
 from dqreg.compare.engines.simpleicp import SimpleIcp
 from dqreg.compare.engines.small_gicp import SmallGicp
 from dqreg.compare.engines.trimesh import TrimeshIcp, TrimeshMeshOther
-from dqreg.compare.environment import installed_versions
 from dqreg.errors import InputError, did_you_mean
+from dqreg.files.code_identity import installed_versions
 
 _ALL: tuple[Engine, ...] = (
     Dqreg(),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib.metadata
 import os
 import time
 from collections.abc import Callable, Sequence
@@ -15,6 +14,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import DqregError, InputError
+from dqreg.files.code_identity import code_identity
 from dqreg.multiway.pose_graph.edges import PART, Edge
 from dqreg.multiway.scans.kept_pairs import digest_of_part, keep, kept
 from dqreg.multiway.scans.scans import View
@@ -151,7 +151,7 @@ class PairRunner:
     def _fingerprint(self, job: PairJob) -> dict[str, object]:
         start = None if job.start is None else np.round(job.start, 9).tolist()
         return {
-            "version": importlib.metadata.version("dqreg"),
+            "code": code_identity(),
             "target": self._part_digest if job.target == PART else self.views[job.target].whole_digest,
             "source": self.views[job.source].whole_digest,
             "start": start,
