@@ -9,6 +9,7 @@ import gc
 import pickle
 import sys
 import time
+import traceback
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -87,8 +88,10 @@ def warm_up(packed: bytes | tuple[EngineSpec, Task]) -> None:
 
 def call(packed: bytes | tuple[EngineSpec, Task]) -> EngineCall:
     """Run an engine once."""
+    origin = ""
     try:
         spec, task = _unpack(packed)
+        origin = spec.origin
         engine = spec.load()
         before = _settle()
         began = time.perf_counter()
@@ -99,7 +102,13 @@ def call(packed: bytes | tuple[EngineSpec, Task]) -> EngineCall:
     except MemoryError as error:
         return EngineCall("memory", f"MemoryError {error}".strip())
     except Exception as error:
-        return EngineCall("error", f"{type(error).__name__}: {error}")
+        return EngineCall("error", f"{type(error).__name__}{_place(error, origin)}: {error}")
+
+
+def _place(error: Exception, origin: str) -> str:
+    """Line of an engine's own file where an error came about."""
+    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == origin]
+    return f" in {Path(origin).name}, line {lines[-1]}" if lines else ""
 
 
 def _unpack(packed: bytes | tuple[EngineSpec, Task]) -> tuple[EngineSpec, Task]:
@@ -108,20 +117,26 @@ def _unpack(packed: bytes | tuple[EngineSpec, Task]) -> tuple[EngineSpec, Task]:
 
 
 def _checked(answer: Any, seconds: float) -> EngineOutput:
-    if not isinstance(answer, EngineOutput):
-        # A bare pose will do for an engine of a few lines.
-        return EngineOutput(_pose(answer), seconds=seconds)
-    claimed = answer.seconds if 0.0 < answer.seconds <= seconds else seconds
-    return dataclasses.replace(answer, T_target_source=_pose(answer.T_target_source), seconds=claimed)
+    # A bare pose will do for an engine of a few lines.
+    output = answer if isinstance(answer, EngineOutput) else EngineOutput(answer, seconds=seconds)
+    T = _pose(output.T_target_source)
+    claimed = output.seconds if 0.0 < output.seconds <= seconds else seconds
+    words = output.self_report
+    # All NaN says that there is none.
+    if not np.isfinite(T).all() and not np.isnan(T).all():
+        words = "; ".join(filter(None, (words, "NaN or inf in its pose")))
+    return dataclasses.replace(output, T_target_source=T, seconds=claimed, self_report=words)
 
 
 def _pose(value: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
-    T = np.array(value, dtype=np.float64)
-    if T.shape != (4, 4):
-        raise TypeError(
-            f"register must return an EngineOutput or a 4x4 pose; got {type(value).__name__} of shape {T.shape}"
-        )
-    return T
+    try:
+        T = np.array(value)
+    except ValueError:
+        T = np.array(None)
+    if T.dtype.kind not in "fiu" or T.shape != (4, 4):
+        what = f"{T.dtype} {T.shape}" if isinstance(value, np.ndarray) else type(value).__name__
+        raise TypeError(f"register returned {what}; needed: a 4x4 pose or an EngineOutput")
+    return T.astype(np.float64)
 
 
 def _settle() -> float:

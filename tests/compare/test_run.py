@@ -155,17 +155,22 @@ def test_kept_runs_are_judged_by_todays_rules(task, tmp_path):
 
 
 def test_a_killed_comparison_goes_on(tmp_path):
-    out = tmp_path / "runs.jsonl"
-    code = (
-        "import sys\nfrom pathlib import Path\nfrom dqreg.compare import *\n"
-        "from dqreg.compare.engines.registry import engine_specs\nfrom dqreg.synth import demo_case\n"
-        "if __name__ == '__main__':\n"
-        "    engines = [e for e in engine_specs([sys.argv[1]])]\n"
-        "    compare(demo_case(), [e.load() for e in engines if e.name in ('perfect', 'hanging')],\n"
-        "            protocol=Protocol(settings=('manual',), repeats=1, isolate=False), out=sys.argv[2])\n"
+    out, engines = tmp_path / "runs.jsonl", tmp_path / "engines.py"
+    engines.write_text(
+        "import os, time\nimport numpy as np\nclass Still:\n"
+        "    def __init__(self, name):\n        self.name = name\n"
+        "    def register(self, task):\n"
+        "        time.sleep(600.0 if os.environ.get('DQREG_TEST_HANG') == self.name else 0.0)\n"
+        "        return np.eye(4)\n"
+        "first, second = Still('first'), Still('second')\n"
     )
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
-    process = subprocess.Popen([sys.executable, "-c", code, str(FILE), str(out)], env=environment)
+    code = (
+        "import sys\nfrom dqreg.compare import *\nfrom dqreg.synth import demo_case\n"
+        "compare(demo_case(), [sys.argv[1]],\n"
+        "        protocol=Protocol(settings=('manual',), repeats=1, isolate=False), out=sys.argv[2])\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2]), "DQREG_TEST_HANG": "second"}
+    process = subprocess.Popen([sys.executable, "-c", code, str(engines), str(out)], env=environment)
     try:
         deadline = time.monotonic() + 60.0
         while time.monotonic() < deadline and not (out.exists() and len(out.read_bytes().splitlines()) >= 2):
@@ -173,20 +178,21 @@ def test_a_killed_comparison_goes_on(tmp_path):
     finally:
         process.send_signal(signal.SIGKILL)
         process.wait()
-    assert [run.engine for run in Store(out).runs] == ["perfect"]
-    found = compare(CASE, some("perfect", "wrong"), protocol=ONCE, out=out)
-    assert sorted(run.engine for run in found.runs) == ["perfect", "wrong"]
+    assert [run.engine for run in Store(out).runs] == ["first"]
+    found = compare(CASE, [engines], protocol=ONCE, out=out)
+    assert sorted(run.engine for run in found.runs) == ["first", "second"]
     assert len(Store(out).runs) == 2
 
 
 def test_torn_last_line_is_cut_off(task, tmp_path):
     out = tmp_path / "runs.jsonl"
-    compare(task, some("perfect", "wrong"), protocol=ONCE, out=out)
+    engines = [Still("perfect", TRUTH), Still("wrong", np.eye(4))]
+    compare(task, engines, protocol=ONCE, out=out)
     whole = out.read_bytes()
     out.write_bytes(whole[:-40])
     store = Store(out)
     assert [run.engine for run in store.runs] == ["perfect"]
-    compare(task, some("perfect", "wrong"), protocol=ONCE, out=out)
+    compare(task, engines, protocol=ONCE, out=out)
     lines = [json.loads(line) for line in out.read_text().splitlines()]
     assert [line.get("engine") for line in lines] == [None, "perfect", None, "wrong"]
 
@@ -260,12 +266,13 @@ def test_a_truth_that_is_given_inverted_is_said():
 
 def test_different_cases_of_one_name_are_numbered(tmp_path):
     cases = [from_pair(CASE.scan, CASE.part, T, TruePoses(CASE.T_target_source[None])) for T in (np.eye(4), TRUTH)]
-    found = compare([*cases, cases[0]], some("identity"), protocol=ONCE, out=tmp_path / "runs.jsonl")
+    engines = [Still("identity", np.eye(4))]
+    found = compare([*cases, cases[0]], engines, protocol=ONCE, out=tmp_path / "runs.jsonl")
     names = [f"{CASE.scan.name} on {CASE.part.name} ({number})" for number in (1, 2)]
     assert [run.case for run in found.runs] == [run.case for run in found.starts] == names
     assert found.title == ", ".join(names)
     # The order of the tasks counts, not that of the file.
-    again = compare(cases[::-1], some("identity"), protocol=ONCE, out=tmp_path / "runs.jsonl")
+    again = compare(cases[::-1], engines, protocol=ONCE, out=tmp_path / "runs.jsonl")
     assert [(run.case, run.key) for run in again.runs] == [
         (names[1], cases[0].key), (names[0], cases[1].key),
     ]  # fmt: skip
@@ -315,11 +322,38 @@ def test_engine_that_cannot_be_sent_is_refused_with_a_remedy(task):
         compare(task, [Local()], protocol=Protocol(repeats=1))
 
 
-@pytest.mark.parametrize("answer", [None, "pose", np.eye(3)])
-def test_an_answer_that_is_no_pose_is_an_error_of_the_engine(task, answer):
-    found = compare(task, [Still("odd", answer)], protocol=ONCE)
-    assert found.runs[0].status == "error"
-    assert found.runs[0].success is False
+@pytest.mark.parametrize(
+    ("answer", "what"),
+    [
+        (None, "NoneType"),
+        ("pose", "str"),
+        (np.eye(3), "float64 (3, 3)"),
+        (1j * np.eye(4), "complex128 (4, 4)"),
+        ((np.eye(4), 0.3), "tuple"),
+    ],
+)
+def test_an_answer_that_is_no_pose_is_an_error_of_the_engine(task, answer, what):
+    (run,) = compare(task, [Still("odd", answer)], protocol=ONCE).runs
+    words = f"TypeError: register returned {what}; needed: a 4x4 pose or an EngineOutput"
+    assert (run.status, run.message) == ("error", words)
+    assert run.success is False
+
+
+def test_a_pose_that_is_partly_unknown_is_none_and_said(task):
+    half = np.eye(4)
+    half[0, 3] = np.inf
+    runs = compare(task, [Still("half", half), Still("none", np.full((4, 4), np.nan))], protocol=ONCE).runs
+    assert [(run.kind, run.self_report) for run in runs] == [("nothing", "NaN or inf in its pose"), ("nothing", "")]
+
+
+def test_an_error_of_an_engine_file_names_its_line(task, tmp_path):
+    path = tmp_path / "mine.py"
+    path.write_text("class Mine:\n    name = 'mine'\n    def register(self, task):\n        return 1 / 0\n")
+    with pytest.raises(InputError, match=r"make one of its class: ENGINE = Mine\(\)"):
+        compare(task, [path], protocol=ONCE)
+    path.write_text(f"{path.read_text()}ENGINE = Mine()\n")
+    (run,) = compare(task, [path], protocol=ONCE).runs
+    assert run.message == "ZeroDivisionError in mine.py, line 4: division by zero"
 
 
 @pytest.mark.parametrize(

@@ -173,10 +173,15 @@ def module_of(path: Path) -> ModuleType:
 
 def _engines_in(path: Path) -> list[Any]:
     """Engines at the top of a Python file."""
-    found = {id(value): value for value in vars(module_of(path)).values() if _is_engine(value)}
+    held = vars(module_of(path)).values()
+    found = {id(value): value for value in held if _is_engine(value)}
     if not found:
+        kinds = [
+            value.__name__ for value in held if isinstance(value, type) and callable(getattr(value, "register", 0))
+        ]
+        hint = f"; make one of its class: ENGINE = {kinds[-1]}()" if kinds else ""
         raise InputError(
-            f"--engine-file {path} holds no engine; needed: an object with a name and a method register(task)"
+            f"--engine-file {path} holds no engine; needed: an object with a name and a method register(task){hint}"
         )
     return list(found.values())
 

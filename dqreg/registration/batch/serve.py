@@ -43,6 +43,7 @@ def serve(idle: float | None = None) -> None:
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     tasks: queue.SimpleQueue[tuple[dict[str, Any], bytes]] = queue.SimpleQueue()
     threading.Thread(target=_listen, args=(asked, tasks), daemon=True).start()
+    own = os.getpid()
     while True:
         try:
             main, data = tasks.get(timeout=idle)
@@ -56,6 +57,8 @@ def serve(idle: float | None = None) -> None:
             if not isinstance(error, DqregError):
                 error.add_note("in the worker process: " + "".join(traceback.format_exception(error)))
             answer = None, error
+        if os.getpid() != own:
+            os._exit(0)  # a task that forked: its parent answers
         send(answers, answer)
 
 

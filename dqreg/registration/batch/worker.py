@@ -11,6 +11,7 @@ import contextlib
 import dataclasses
 import os
 import pickle
+import signal
 import subprocess
 import sys
 import sysconfig
@@ -31,7 +32,7 @@ Result = TypeVar("Result")
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
 # Starting Python and loading libraries is not the task's doing.
 START_SECONDS = 180.0
-# How often the memory of the process is looked at.
+# How often it is looked at whether the process lives, and its memory.
 POLL_SECONDS = 0.1
 # Nothing is imported before the path is the safe one.
 CODE = "import sys; sys.path[:] = sys.argv[1:]; from dqreg.registration.batch.serve import serve; serve({idle})"
@@ -60,6 +61,7 @@ class Worker:
         self._process: subprocess.Popen[bytes] | None = None
         self._log: IO[bytes] | None = None
         self._tasks = 0
+        self._said = 0  # Bytes of the log that tasks before this one have printed
         self.closed = False
         self._lock = threading.Lock()
 
@@ -102,7 +104,7 @@ class Worker:
         self.closed = True
         with self._lock:
             if self._process is not None:
-                self._process.kill()
+                _kill(self._process)
         self._end()
 
     def _ready(self, watch: _Watch) -> None:
@@ -127,6 +129,7 @@ class Worker:
         assert process.stdin is not None
         assert process.stdout is not None
         data = pickle.dumps(task, protocol=pickle.HIGHEST_PROTOCOL)
+        self._said = 0 if self._log is None else os.fstat(self._log.fileno()).st_size
         with watch.over(process):
             send(process.stdin, (_main_script(data), data))
             result, error = receive(process.stdout)
@@ -148,7 +151,7 @@ class Worker:
         words = f"the worker process died ({how})"
         if log is not None:
             with contextlib.suppress(OSError, ValueError):
-                log.seek(0)
+                log.seek(self._said)
                 lines = log.read()[-10_000:].decode(errors="replace").strip().splitlines()
                 if lines:
                     return code, f"{words}: {lines[-1][:200]}"
@@ -160,7 +163,7 @@ class Worker:
             self._process = self._log = None
             self._tasks = 0
         if process is not None:
-            process.kill()
+            _kill(process)
             process.wait()
             for pipe in (process.stdin, process.stdout):
                 # A task that was not taken is still in the buffer, and has nowhere to go.
@@ -196,9 +199,8 @@ class _Watch:
     def _run(self, process: subprocess.Popen[bytes], done: threading.Event) -> None:
         end = None if self._timeout is None else time.monotonic() + self._timeout
         begun = 0.0 if self._cpu is None else cpu_seconds(process.pid)
-        pauses = [POLL_SECONDS] if self._memory is not None or self._cpu is not None else []
         while self.failure is None:
-            if done.wait(min(pauses if end is None else [*pauses, max(0.0, end - time.monotonic())])):
+            if done.wait(POLL_SECONDS if end is None else min(POLL_SECONDS, max(0.0, end - time.monotonic()))):
                 return
             used = 0.0 if self._memory is None else resident_memory(process.pid)
             if self._memory is not None and used > self._memory:
@@ -208,7 +210,17 @@ class _Watch:
                 self.failure = Failure("timeout", f"no answer within {self._cpu:g} s of CPU time")
             elif end is not None and time.monotonic() >= end:
                 self.failure = Failure("timeout", f"no answer within {self._timeout:g} s")
-        process.kill()
+            elif process.poll() is not None:
+                break
+        _kill(process)
+
+
+def _kill(process: subprocess.Popen[bytes]) -> None:
+    """End a process and what it has forked: as long as a child lives, the pipe to it stays open."""
+    if os.name != "nt":
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(process.pid, signal.SIGKILL)
+    process.kill()
 
 
 def cpu_seconds(pid: int) -> float:

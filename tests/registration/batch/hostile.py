@@ -25,10 +25,21 @@ def behave(kind):
     """A task of a worker process, and its process number where it ends well."""
     if kind == "hang":
         time.sleep(600.0)
+    if kind == "speak":
+        os.write(1, b"all is well\n")
     if kind == "leave":
         os._exit(3)
     if kind == "raise":
         raise LookupError("nobody home")
+    if kind == "leave a child" and os.fork():
+        os._exit(3)
+    elif kind == "leave a child":
+        time.sleep(600.0)
+    if kind == "answer twice":
+        child = os.fork()
+        if child:
+            os.waitpid(child, 0)
+        return "child" if child == 0 else "parent"
     if kind == "threads":
         from dqreg._open3d import load_open3d
         from dqreg.kernels.threads import thread_count

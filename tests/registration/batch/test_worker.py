@@ -58,6 +58,19 @@ def test_it_is_replaced_when_it_dies_is_late_or_takes_too_much(worker):
             os.kill(number, 0)
 
 
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="Windows has no fork")
+def test_what_a_task_forks_neither_answers_nor_keeps_its_caller_waiting(worker):
+    worker.call(GOOD, 60.0)
+    assert worker.call(partial(behave, "leave a child"), 20.0) == Failure(
+        "crashed", "the worker process died (exit code 3)"
+    )
+    # Its last words are its own, not those of a task before it.
+    worker.call(partial(behave, "speak"), 60.0)
+    assert worker.call(LEAVE, 60.0).message == "the worker process died (exit code 3)"
+    assert worker.call(partial(behave, "answer twice"), 60.0) == "parent"
+    assert worker.call(GOOD, 60.0) > 0
+
+
 def test_cpu_time_is_what_the_process_works_not_what_it_waits(worker):
     # A process that gets no core ages as one that sleeps: only work counts.
     assert worker.call(partial(behave, "wait"), cpu=0.2) > 0.4
