@@ -8,6 +8,7 @@ import statistics
 import textwrap
 from collections.abc import Iterable, Sequence
 
+from dqreg.compare.proportions import interval
 from dqreg.compare.records import RunRecord
 
 # An engine may leave as much out of its time as it tells, and this: what is copied before and after it.
@@ -34,6 +35,12 @@ class SummaryRow:
     place: SummaryKey
     runs: int
     found: int | None  # Successful runs; None where no truth is known
+    # tasks, tasks_found: Different tasks, and those of which every run was successful: repeats tell nothing of others
+    tasks: int
+    tasks_found: int
+    # found_low, found_high: 95 % interval of the fraction of such tasks that is found; NaN for a single one
+    found_low: float
+    found_high: float
     # worst, rms, angle_rad: Of successful runs: worst and rms displacement in S, angle
     worst: float
     rms: float
@@ -119,12 +126,19 @@ def _row(key: SummaryKey, engine: str, runs: list[RunRecord]) -> SummaryRow:
     posed = [run for run in back if run.kind != "nothing"]
     seconds = [run.seconds for run in back if not math.isnan(run.seconds)]
     truth = any(run.success is not None for run in runs)
+    tasks = {run.key for run in runs}
+    tasks_found = len(tasks - {run.key for run in runs if not run.success})
+    low, high = interval(tasks_found, len(tasks)) if truth and len(tasks) > 1 else (math.nan, math.nan)
     last, bad = runs[-1], [run for run in runs if run.success is not True]
     return SummaryRow(
         engine=engine,
         place=key,
         runs=len(runs),
         found=len(good) if truth else None,
+        tasks=len(tasks),
+        tasks_found=tasks_found,
+        found_low=low,
+        found_high=high,
         worst=median(run.worst / run.size for run in good),
         rms=median(run.rms / run.size for run in good),
         angle_rad=median(run.angle_rad for run in good),

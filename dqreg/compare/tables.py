@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from dqreg.compare.proportions import interval
+from dqreg.compare.proportions import share_words
 from dqreg.compare.run import Comparison
 from dqreg.compare.summary import SummaryRow, largest_reliable, median, summarise, summary_key, time_exponent
 from dqreg.report.table import Column, Table
 
 MISSING, REMARK = "-", "remark"
+INTERVAL = "95 % intervals (Clopper and Pearson)"
 LESS = "Give a smaller --home than the initial pose is off."
 AXES = {
     "start_angle_deg": ("initial rotation [deg]", "Convergence basin: rotation of the initial pose"),
@@ -41,6 +42,8 @@ def tables(found: Comparison) -> list[Table]:
         for place in places
         if place.axis == "case"
     ]
+    for setting in dict.fromkeys(place.setting for place in places if place.axis == "case"):
+        made += _over_cases(found, setting, [line for line in lines if line.place.axis == "case"])
     axes = list(dict.fromkeys((place.axis, place.setting) for place in places if place.axis != "case"))
     if axes:
         made.append(_answers(found, lines))
@@ -72,12 +75,32 @@ def _case(found: Comparison, lines: list[SummaryRow], given: SummaryRow | None) 
         )
         for line in ([] if given is None else [given]) + _in_order(found, lines)
     ]
-    note = ("Worst vertex: median over all runs of the greatest displacement of a point of the part. On surface: rms "
-            "distance of scan points that no engine was given, of those that lie on the target; overlap: their "
-            "fraction. Peak MB: growth of the process above its inputs.")  # fmt: skip
+    note = ("Found: of repeats of this one task, which tell nothing of others. Worst vertex: median over all runs of "
+            "the greatest displacement of a point of the part. On surface: rms distance of scan points that no engine "
+            "was given, of those that lie on the target; overlap: their fraction. Peak MB: growth of the process above "
+            "its inputs.")  # fmt: skip
     if given is not None and given.found:
         note = f"The initial pose already counts as found: whoever does nothing has found it too. {LESS} {note}"
     return Table(f"case-{place.case}-{place.setting}", title, _columns(*head), tuple(rows), note)
+
+
+def _over_cases(found: Comparison, setting: str, lines: list[SummaryRow]) -> list[Table]:
+    """One row an engine over all cases with a truth, where there are several."""
+    chosen = [line for line in lines if line.place.setting == setting and line.found is not None]
+    if len({line.place for line in chosen}) < 2:
+        return []
+    rows = []
+    for engine in found.engines:
+        mine = [line for line in chosen if line.engine == engine]
+        if mine:
+            rows.append((engine, _sum(mine), number(median(line.worst for line in mine)), _seconds_of(mine)))
+    note = f"A case is found if every run of it was. Medians over the cases that were found. In brackets: {INTERVAL}."
+    head = ("engine", "cases found", "worst vertex [S]", "seconds")
+    return [Table(f"cases-{setting}", f"All cases, {_words(setting)}", _columns(*head), tuple(rows), note)]
+
+
+def _seconds_of(lines: list[SummaryRow]) -> str:
+    return number(median(line.seconds for line in lines if line.found))
 
 
 def _answers(found: Comparison, lines: list[SummaryRow]) -> Table:
@@ -94,16 +117,16 @@ def _answers(found: Comparison, lines: list[SummaryRow]) -> Table:
             engine,
             *(number(largest_reliable(mine, engine, axis, "manual"))
               for axis in ("start_angle_deg", "start_offset", "noise", "outliers", "overlap")),
-            _with_interval(blind),
+            _sum(blind),
             _of_found(base),
-            number(median(line.seconds for line in base if line.found)),
+            _seconds_of(base),
             number(million[0].seconds) if million else MISSING,
             number(time_exponent(mine, engine)),
         ))  # fmt: skip
     note = ("Rotation to overlap: the largest value up to which all runs succeeded, in the setting as its "
             "manual says; '-' if not even the first. Worst vertex and seconds: medians at initial poses 5 and 10 "
             "degrees off, of those that were found; how many were stands behind. Growth: exponent of time over "
-            "points, 1 is linear. In brackets: 95 % interval (Clopper and Pearson).")  # fmt: skip
+            f"points, 1 is linear. In brackets: {INTERVAL}.")  # fmt: skip
     return Table("answers", "Summary", _columns(*head), tuple(rows), note)
 
 
@@ -120,20 +143,20 @@ def _axis(found: Comparison, axis: str, setting: str, lines: list[SummaryRow]) -
             f"{axis}-{setting}-{key}", f"{title} ({_words(setting)}): {what} by {label}", _columns(*heads), rows, note
         )
 
-    found_of = "Found: successful runs of all runs"
+    found_of = f"Found: successful runs of all runs.{_intervals(lines)}"
     worst = "Worst vertex [S]: median of those that were found."
     if axis == "points":
         return [
             grid("seconds", "seconds", _seconds, "From raw points to pose; '>' : not within the time limit."),
             grid("memory", "peak MB", _memory, "Growth of the process above its inputs."),
-            grid("worst", "found, worst vertex [S]", _found_and_worst, f"{found_of}. {worst}"),
+            grid("worst", "found, worst vertex [S]", _found_and_worst, f"{found_of} {worst}"),
         ]
     if axis == "frame":
         note = "All three are the same task: a method that knows no absolute lengths gives three times the same number."
-        return [grid("worst", "found, worst vertex [S]", _found_and_worst, f"{found_of}. {worst} {note}")]
+        return [grid("worst", "found, worst vertex [S]", _found_and_worst, f"{found_of} {worst} {note}")]
     if axis == "nothing":
-        return [grid("found", "found, worst vertex [S], seconds", _found_worst_seconds, f"{found_of}. {worst}")]
-    return [grid("found", "found, worst vertex [S]", _found_and_worst, f"{found_of}. {worst}")]
+        return [grid("found", "found, worst vertex [S], seconds", _found_worst_seconds, f"{found_of} {worst}")]
+    return [grid("found", "found, worst vertex [S]", _found_and_worst, f"{found_of} {worst}")]
 
 
 def _found_and_worst(line: SummaryRow | None) -> str:
@@ -185,9 +208,10 @@ def _share(line: SummaryRow) -> str:
 
 
 def _sum(lines: list[SummaryRow]) -> str:
+    """Tasks found of all tasks, with the interval."""
     if not lines:
         return MISSING
-    return f"{sum(line.found or 0 for line in lines)}/{sum(line.runs for line in lines)}"
+    return share_words(sum(line.tasks_found for line in lines), sum(line.tasks for line in lines))
 
 
 def _of_found(lines: list[SummaryRow]) -> str:
@@ -195,11 +219,12 @@ def _of_found(lines: list[SummaryRow]) -> str:
     return f"{number(median(line.worst for line in lines))}, {_sum(lines)}" if lines else MISSING
 
 
-def _with_interval(lines: list[SummaryRow]) -> str:
-    if not lines:
-        return MISSING
-    low, high = interval(sum(line.found or 0 for line in lines), sum(line.runs for line in lines))
-    return f"{_sum(lines)} ({100 * low:.0f} to {100 * high:.0f} %)"
+def _intervals(lines: list[SummaryRow]) -> str:
+    """The interval of each count of a table, most successful first."""
+    counts = {(line.tasks_found, line.tasks) for line in lines if line.found is not None and line.tasks > 1}
+    if not counts:
+        return ""
+    return f" {INTERVAL}: {', '.join(share_words(*each) for each in sorted(counts, reverse=True))}."
 
 
 def _words(setting: str) -> str:

@@ -42,7 +42,11 @@ def of(*runs: RunRecord) -> Comparison:
 
 
 def sweep_of(axis: str, values: dict, **more) -> list[RunRecord]:
-    return [run(axis=axis, value=value, found=found, **more) for value, list_ in values.items() for found in list_]
+    return [
+        run(key=f"{axis} {value} {trial}", axis=axis, value=value, found=found, **more)
+        for value, list_ in values.items()
+        for trial, found in enumerate(list_)
+    ]
 
 
 def test_records_survive_json():
@@ -105,7 +109,7 @@ def test_accuracy_in_the_summary_says_of_how_many():
     )
     table = next(table for table in tables(of(*runs)) if table.key == "answers")
     cells = {row[0]: row[table.head.index("worst vertex [S]")] for row in table.rows}
-    assert cells == {"a": "2.0e-3, 1/4", "b": "-, 0/1"}
+    assert cells == {"a": "2.0e-3, 1/4 (1 to 81 %)", "b": "-, 0/1"}
     assert "of those that were found" in table.note
 
 
@@ -117,6 +121,24 @@ def test_remarks_end_with_a_word_and_say_what_time_an_engine_does_not_tell():
     assert remarks[:2] == ["", "tells 1e-06 s, 0.5 s passed"]
     assert remarks[2].endswith("something ...")
     assert len(remarks[2]) <= 90
+
+
+def test_counts_of_a_grid_have_their_intervals_below_and_repeats_of_a_task_have_none():
+    runs = sweep_of("start_angle_deg", {5: [True] * 5, 10: [True] * 4 + [False], 20: [False]})
+    table = next(table for table in tables(of(*runs)) if table.key.startswith("start_angle_deg"))
+    assert "95 % intervals (Clopper and Pearson): 5/5 (48 to 100 %), 4/5 (28 to 99 %). Worst" in table.note
+    (one,) = tables(of(run(), run(repeat=1)))
+    assert one.rows[0][1] == "2/2"
+    first, second = summarise(sweep_of("noise", {0.0: [True] * 4 + [False], 1e-3: [True]}))
+    assert (first.found_low, first.found_high) == pytest.approx((0.2836, 0.9949), abs=1e-4)
+    assert math.isnan(second.found_low)
+
+
+def test_many_cases_have_a_table_over_all_of_them():
+    runs = [run(name, key=case, case=case, found=(name, case) != ("b", "y")) for name in "ab" for case in "xyz"]
+    table = tables(of(*runs))[-1]
+    assert [row[:2] for row in table.rows] == [("a", "3/3 (29 to 100 %)"), ("b", "2/3 (9 to 99 %)")]
+    assert not any(table.key.startswith("cases-") for table in tables(of(run(), run("b"))))
 
 
 def test_successes_without_an_initial_pose_have_their_interval():

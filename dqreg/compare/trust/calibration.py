@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from dqreg._arrays import FloatArray
-from dqreg.compare.proportions import interval
+from dqreg.compare.proportions import interval, interval_words
 from dqreg.compare.trust.rates import percent
 from dqreg.compare.trust.trial import Trial
 from dqreg.errors import InputError
@@ -80,7 +80,7 @@ def calibration_table(found: Calibration) -> Table:
     rows = tuple(
         (
             f"{percent(one.low)} - {percent(one.high)}", one.trials, percent(one.confidence), percent(one.right),
-            f"{percent(one.right_low)} - {percent(one.right_high)}",
+            interval_words(round(one.right * one.trials), one.trials),
         )
         for one in found.bins
     )  # fmt: skip

@@ -6,7 +6,7 @@ import dataclasses
 from collections import Counter
 from collections.abc import Sequence
 
-from dqreg.compare.proportions import interval
+from dqreg.compare.proportions import interval, interval_words, share_words
 from dqreg.compare.trust.sweep import TrustSweep
 from dqreg.compare.trust.trial import Trial
 from dqreg.report.table import Column, Table
@@ -37,6 +37,11 @@ class Rate:
     codes: dict[str, int]  # How many verdicts each code stands in, of those that were not accepted
     rivals: int  # Tasks with equally good poses, and how many of them named one
     named: int
+
+    @property
+    def counted(self) -> tuple[int, int]:
+        """Of what the rate is the share: how many, of how many."""
+        return (self.accepted_right, self.tasks) if self.good else (self.accepted_wrong, self.tasks - self.right)
 
 
 def rates(sweep: TrustSweep) -> list[Rate]:
@@ -118,10 +123,10 @@ def _kinds(title: str, chosen: Sequence[Rate], *, good: bool) -> Table:
             rate.accepted_wrong,
             rate.errors,
             percent(rate.rate),
-            f"{percent(rate.low)} - {percent(rate.high)}",
+            interval_words(*rate.counted) if rate.counted[1] else "-",
             f"{rate.seconds:.1f}",
             ", ".join(f"{code} {count}" for code, count in list(rate.codes.items())[:SHOWN_CODES]),
-            rate.words + (f"; rivals named {rate.named} of {rate.rivals}" if rate.rivals else ""),
+            rate.words + (f"; rivals named {share_words(rate.named, rate.rivals)}" if rate.rivals else ""),
         )
         for rate in chosen
     )
