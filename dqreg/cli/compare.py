@@ -63,7 +63,7 @@ NOT_OF_TRUST = ("engines", "files", "start", "truth", "source_units", "target_un
 @click.option("--report", type=FILE, help="One page, HTML or PDF, with tables and plots.")
 @click.option("--markdown", type=FILE, help="Tables as Markdown.")
 @click.option("--csv", type=FILE, help="Summary at full precision.")
-@click.option("--plots", type=FILE, help="Folder for the plots as PNG.")
+@click.option("--plots", type=FILE, help="Folder for the plots as PNG, SVG and PDF.")
 @click.option("--list", "show", is_flag=True, help="List the engines and exit.")
 @as_json_option
 @quiet_option

@@ -19,10 +19,13 @@ from dqreg.report.html import data_uri, render
 from dqreg.report.page_file import page_content, page_path
 from dqreg.report.table import Table, to_markdown
 
+# Files of a plot: for a screen, a page and a paper.
+KINDS = ("png", "svg", "pdf")
+
 
 def to_html(title: str, made: Sequence[Table], pictures: Sequence[Plot], note: str, command: str = "") -> str:
     """Page of a comparison."""
-    shown = [(plot, data_uri(plot.png)) for plot in pictures]
+    shown = [(plot, data_uri(plot.as_file())) for plot in pictures]
     return render("compare.html", title=title, tables=made, plots=shown, note=note, command=command)
 
 
@@ -35,7 +38,7 @@ class Goals:
     # markdown, csv: Tables; the summary at full precision
     markdown: Path | None = None
     csv: Path | None = None
-    plots: Path | None = None  # Folder for PNG files; made if it is missing
+    plots: Path | None = None  # Folder for pictures of all kinds; made if it is missing
 
     @property
     def lines(self) -> Path | None:
@@ -68,7 +71,7 @@ def write(found: Comparison, made: Sequence[Table], goals: Goals, note: str, com
     if goals.report is not None:
         contents[goals.report] = page_content(goals.report, to_html(found.title, made, pictures, note, command))
     if goals.plots is not None:
-        contents |= {goals.plots / f"{plot.key}.png": plot.png for plot in pictures}
+        contents |= {goals.plots / f"{plot.key}.{kind}": plot.as_file(kind) for plot in pictures for kind in KINDS}
     for path, content in contents.items():
         write_atomically(path, content)
     return list(contents)

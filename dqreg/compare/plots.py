@@ -1,4 +1,4 @@
-"""The plots of a comparison as PNG, drawn without any global state, in colours that all kinds of vision tell apart."""
+"""The plots of a comparison, drawn without any global state, in colours that all kinds of vision tell apart."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from dqreg.report.figure import PALETTE, encode, stacked
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 # With more engines than colours, line and marker change too, so that no two look alike.
 LINES, MARKERS = ("-", "--", ":", "-."), ("o", "s", "^", "D", "v", "P", "X")
@@ -23,6 +24,8 @@ PLOT_INCHES, DOTS_PER_INCH = (8.4, 4.2), 150
 # What is drawn as zero on a logarithmic axis.
 LEAST_ERROR = 1e-9
 ERROR = f"worst vertex error [S], {LEAST_ERROR:g} or less at the foot"
+# Noise up to which its axis is linear; by how much lines that lie on each other are moved apart.
+LINEAR_NOISE, APART = 1e-4, 0.006
 OF_FOUND = "of runs that found the pose; ringed: not all did; no mark: none"
 RING: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 13, "fillstyle": "none"}
 # Height of a line of the legend, and of what is above and below it.
@@ -33,9 +36,13 @@ LEGEND_INCHES = (0.185, 0.5)
 class Plot:
     """A picture."""
 
-    key: str  # Its file is ``KEY.png``
+    key: str  # Its files are ``KEY.png``, ``KEY.svg`` and ``KEY.pdf``
     title: str  # What it shows; also the text for those who cannot see it
-    png: bytes  # The file
+    figure: Figure
+
+    def as_file(self, kind: str = "png") -> bytes:
+        """The picture as png, svg or pdf."""
+        return encode(self.figure, kind)
 
 
 Style = dict[str, Any]
@@ -77,7 +84,7 @@ def _error_and_time(lines: list[SummaryRow], styles: dict[str, Style], key: str,
                           capsize=2, label=line.engine, **style)  # fmt: skip
         axes.set(xscale="log", yscale="log", xlabel="seconds from raw points to pose", ylabel=ERROR)
 
-    return [Plot(key, title, _png(title, [draw], len(shown)))]
+    return [Plot(key, title, _figure(title, [draw], len(shown)))]
 
 
 def _along(
@@ -101,8 +108,7 @@ def _along(
                 points = [(float(line.place.value), value(line)) for line in here if line.place.value is not None]
                 points = [(x, y) for x, y in sorted(points) if not math.isnan(y)]
                 if points:
-                    # Lines that lie on each other are moved apart by less than their own width.
-                    nudge = 0.0 if log else 0.006 * (list(styles).index(engine) - 0.5 * len(styles))
+                    nudge = 0.0 if log else APART * (list(styles).index(engine) - 0.5 * (len(styles) - 1))
                     axes.plot([x for x, _ in points], [y + nudge for _, y in points], label=engine, **style)
                 partly = {line.place.value for line in here if log and not line.all_found}
                 ringed = [point for point in points if point[0] in partly]
@@ -110,14 +116,18 @@ def _along(
             axes.set(xlabel=AXES[axis][0], title=f"setting: {setting}" if len(settings) > 1 else "")
             if log:
                 axes.set(yscale="log", ylabel=ERROR, xlabel=f"{AXES[axis][0]}\n{OF_FOUND}")
-                axes.set_xscale("symlog", linthresh=1e-4)
+                axes.set_xscale("symlog", linthresh=LINEAR_NOISE)
+                # What is below nothing is not shown.
+                axes.set_xlim(-0.1 * LINEAR_NOISE, 1.3 * max(float(line.place.value or 0.0) for line in mine))
             else:
-                axes.set(ylabel="success rate", ylim=(-0.1, 1.1))
+                most = 0.5 * APART * (len(styles) - 1)
+                apart = f", drawn up to {most:.2g} off so that equal ones are seen" if most else ""
+                axes.set(ylabel=f"success rate{apart}", ylim=(-0.1, 1.1))
 
         return draw
 
     title = AXES[axis][1]
-    return [Plot(f"{what}-{axis}", title, _png(title, [panel(name) for name in settings], len(styles)))]
+    return [Plot(f"{what}-{axis}", title, _figure(title, [panel(name) for name in settings], len(styles)))]
 
 
 def _growth(lines: list[SummaryRow], styles: dict[str, Style]) -> list[Plot]:
@@ -141,7 +151,7 @@ def _growth(lines: list[SummaryRow], styles: dict[str, Style]) -> list[Plot]:
         panel(lambda line: line.seconds, "seconds"),
         panel(lambda line: line.peak_memory / 1e6, "peak memory [MB]"),
     ]
-    return [Plot("scaling", title, _png(title, panels, len(styles)))]
+    return [Plot("scaling", title, _figure(title, panels, len(styles)))]
 
 
 def _convergence(found: Comparison, styles: dict[str, Style]) -> list[Plot]:
@@ -173,7 +183,7 @@ def _curves(chosen: list[RunRecord], styles: dict[str, Style]) -> list[Plot]:
     panels = [panel(0, "iteration")]
     if any(not math.isnan(step[1]) for run in chosen for step in run.curve):
         panels.append(panel(1, "seconds"))
-    return [Plot(f"convergence-{first.setting}", title, _png(title, panels, len(chosen)))]
+    return [Plot(f"convergence-{first.setting}", title, _figure(title, panels, len(chosen)))]
 
 
 def _typical(runs: Sequence[RunRecord], setting: str) -> list[RunRecord]:
@@ -203,7 +213,7 @@ def _styles(engines: Sequence[str]) -> dict[str, Style]:
     return styles
 
 
-def _png(title: str, panels: Sequence[Callable[[Axes], None]], named_lines: int) -> bytes:
+def _figure(title: str, panels: Sequence[Callable[[Axes], None]], named_lines: int) -> Figure:
     width, height = PLOT_INCHES
     line, margin = LEGEND_INCHES
     # The legend stands beside all panels together, a line for each engine.
@@ -218,7 +228,7 @@ def _png(title: str, panels: Sequence[Callable[[Axes], None]], named_lines: int)
         # Beside the axes, where it hides no curve.
         figure.legend(named.values(), named.keys(), loc="outside right upper", frameon=False, fontsize="small",
                       handlelength=3.0)  # fmt: skip
-    return encode(figure)
+    return figure
 
 
 def _slug(text: str) -> str:

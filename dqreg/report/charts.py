@@ -22,6 +22,8 @@ WIDE_CANVAS, NARROW_CANVAS = (760, 300), (380, 260)
 LEFT_MARGIN, RIGHT_MARGIN = 66, 16
 TOP_MARGIN, BOTTOM_MARGIN = 20, 52
 BAR_COUNT = 80
+# Widest digit of the pages' fonts.
+DIGIT_WIDTH = 8.3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -148,7 +150,11 @@ def _x_axis(axes: Axes, label: str) -> str:
     for value in ticks(*axes.x, about=6 if axes.size[0] > 500 else 4):
         x = axes.across(value)
         parts.append(f'<line class="axis" x1="{x:.1f}" x2="{x:.1f}" y1="{base}" y2="{base + 5}"/>')
-        parts.append(f'<text class="mid" x="{x:.1f}" y="{base + 20}">{_tick(value)}</text>')
+        text = _tick(value)
+        # Centred where there is room; at the rim it ends there.
+        fits = x + 0.5 * DIGIT_WIDTH * len(text) <= axes.size[0]
+        place, at = ("mid", x) if fits else ("end", float(axes.size[0]))
+        parts.append(f'<text class="{place}" x="{at:.1f}" y="{base + 20}">{text}</text>')
     middle = (LEFT_MARGIN + axes.end) / 2
     parts.append(f'<text class="mid label" x="{middle:.0f}" y="{axes.size[1] - 8}">{escape(label)}</text>')
     return "".join(parts)

@@ -13,7 +13,11 @@ if TYPE_CHECKING:
 # Okabe and Ito (2008): told apart by all kinds of colour vision; the yellow of the set is too pale for lines.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#555555")
 # Scans are noise, which PNG cannot pack; at this quality no figure can be told from its PNG.
-JPEG = {"quality": 86, "optimize": True}
+OPTIONS: dict[str, dict[str, Any]] = {
+    "jpeg": {"pil_kwargs": {"quality": 86, "optimize": True}},
+    "svg": {"metadata": {"Date": None}},
+    "pdf": {"metadata": {"CreationDate": None}},
+}
 
 
 def new_figure(width: float, height: float, dpi: float, layout: str | None = "constrained") -> Figure:
@@ -28,11 +32,15 @@ def new_figure(width: float, height: float, dpi: float, layout: str | None = "co
 
 
 def encode(figure: Figure, kind: str = "png") -> bytes:
-    """A figure as a file: png, jpeg, svg or pdf."""
+    """A figure as a file: png, jpeg, svg or pdf; the same bytes whenever it is drawn."""
+    from matplotlib import rc_context
+
     buffer = io.BytesIO()
-    # Only pictures of pixels take the option.
-    options: dict[str, Any] = {"pil_kwargs": JPEG} if kind == "jpeg" else {}
-    figure.savefig(buffer, format=kind, dpi=figure.dpi, **options)
+    options = OPTIONS.get(kind, {})
+    # The names in an SVG are random otherwise; publishers refuse fonts of type 3 in a PDF.
+    settings: Any = {"svg.hashsalt": "dqreg", "pdf.fonttype": 42} if kind in ("svg", "pdf") else {}
+    with rc_context(settings):
+        figure.savefig(buffer, format=kind, dpi=figure.dpi, **options)
     return buffer.getvalue()
 
 

@@ -41,7 +41,9 @@ def test_writes_every_file_it_says_and_goes_on_where_it_stopped(tmp_path, alone,
     assert "as its manual says" in text
     assert "same loop" in text
     assert "wrong pose" in text
-    assert list((tmp_path / "plots").glob("*.png"))
+    stems = [{path.stem for path in (tmp_path / "plots").glob(f"*.{kind}")} for kind in ("png", "svg", "pdf")]
+    assert stems[0]
+    assert stems[0] == stems[1] == stems[2]
     data = json.loads(out["json"].read_text())
     assert [(each["setting"], each["repeat"]) for each in data["runs"]] == [
         ("manual", 0), ("manual", 1), ("same-loop", 0), ("same-loop", 1),

@@ -18,6 +18,7 @@ from dqreg.compare.summary import largest_reliable, summarise, time_exponent
 from dqreg.compare.tables import footer, tables
 from dqreg.errors import InputError
 from dqreg.files.strict_json import plain, record_from
+from dqreg.report.figure import new_figure
 from dqreg.report.table import print_tables, to_markdown
 
 NAN = float("nan")
@@ -167,7 +168,7 @@ def test_those_that_took_no_part_are_named():
 def test_legend_of_every_engine_is_on_the_picture():
     names = [f"an engine with a name {number}" for number in range(34)]
     for plot in plots(of(*(run(name) for name in names))):
-        page = matplotlib.image.imread(io.BytesIO(plot.png))[..., :3]
+        page = matplotlib.image.imread(io.BytesIO(plot.as_file()))[..., :3]
         # Nothing is drawn on the rims: what reaches them is cut off.
         assert (page[:2] == 1.0).all()
         assert (page[-2:] == 1.0).all()
@@ -178,7 +179,7 @@ def test_plot_of_noise_rings_what_was_not_always_found():
         (plot,) = [
             plot for plot in plots(of(*sweep_of("noise", {0.0: [True, True], 1e-3: found}))) if "noise" in plot.key
         ]
-        return plot.png
+        return plot.as_file()
 
     assert picture([True, True]) != picture([True, False])
 
@@ -204,7 +205,15 @@ def test_all_tables_and_plots_of_a_sweep():
         "scaling",
         "convergence-manual",
     }
-    assert all(plot.png.startswith(b"\x89PNG") for plot in pictures)
+    assert all(plot.as_file().startswith(b"\x89PNG") for plot in pictures)
+
+
+@pytest.mark.parametrize(("kind", "head"), [("svg", b"<?xml"), ("pdf", b"%PDF")])
+def test_plots_for_a_paper_are_the_same_bytes_whenever_they_are_drawn(kind, head):
+    (first,), (second,) = (plots(of(run(curve=[]))) for _ in range(2))
+    assert first.as_file(kind).startswith(head)
+    assert first.as_file(kind) == second.as_file(kind)
+    assert b"2026-" not in first.as_file(kind)
 
 
 def test_without_a_truth_nothing_is_said_about_success():
@@ -218,7 +227,7 @@ def test_the_page_and_the_markdown_escape_what_comes_from_outside():
     found = of(run(EVIL, case=EVIL, found=False, status="error", message=EVIL, kind="nothing", units=EVIL))
     found = dataclasses.replace(found, title=EVIL, missing={EVIL: (EVIL,)})
     made = tables(found)
-    page = to_html(found.title, made, [Plot("k", EVIL, b"x")], footer(found, 0.01), EVIL)
+    page = to_html(found.title, made, [Plot("k", EVIL, new_figure(1.0, 1.0, 50))], footer(found, 0.01), EVIL)
     assert "<script" not in page
     assert page.count("&lt;script&gt;") >= 6
     assert "://" not in page

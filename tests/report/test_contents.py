@@ -242,3 +242,14 @@ def test_motions_of_the_view_are_the_values_of_the_result():
     for motion, direction in zip(drawn, data.result.observability, strict=True):
         assert (motion["kind"], motion["axis"], motion["free"]) == (direction.kind, direction.axis, direction.is_free)
         np.testing.assert_allclose(motion["through"], (direction.point - data.origin) / data.size)
+
+
+@pytest.mark.parametrize("size", [WIDE_CANVAS, NARROW_CANVAS])
+@pytest.mark.parametrize("reach", [0.0002, 0.125, 1.0])
+def test_no_number_of_an_axis_passes_the_rim(size, reach):
+    root = ET.fromstring(histogram(np.zeros(3), Scale(reach, True), "", None, size))
+    for element in (each for each in root if each.tag == "text" and each.text):
+        # Half a digit for each letter on either side of what is centred.
+        share = {"mid": 0.5, "end": 0.0, "start": 1.0}.get(element.get("class"))
+        if share is not None:
+            assert float(element.get("x", 0.0)) + share * 8.3 * len(element.text) <= size[0] + 0.1

@@ -16,7 +16,7 @@ from dqreg.compare.trust.sweep import FORMAT, TrustSweep
 from dqreg.files.atomic import write_atomically
 from dqreg.files.csv_text import csv_text
 from dqreg.files.strict_json import plain
-from dqreg.report.figure import PALETTE, encode, stacked
+from dqreg.report.figure import PALETTE, stacked
 from dqreg.report.page_file import page_content
 from dqreg.report.table import Table, to_markdown
 
@@ -105,4 +105,4 @@ def reliability_plot(found: Calibration) -> Plot:
 
     figure, _ = stacked((diagram, counts), DIAGRAM_INCHES, (4.0, 1.4), DOTS_PER_INCH)
     title = "Reliability: how often poses of a given confidence are right"
-    return Plot("reliability", title, encode(figure))
+    return Plot("reliability", title, figure)

@@ -39,7 +39,7 @@ def test_a_true_probability_is_calibrated_and_a_sharper_one_is_not():
     assert sum(one.trials for one in found.bins) == found.trials == 4000
     sure = calibration_of([dataclasses.replace(one, confidence=float(one.confidence > 0.5)) for one in trials])
     assert sure.error > 0.1
-    assert reliability_plot(found).png[:4] == b"\x89PNG"
+    assert reliability_plot(found).as_file()[:4] == b"\x89PNG"
 
 
 def test_the_fit_finds_the_weights_that_made_the_trials():
