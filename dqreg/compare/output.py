@@ -52,6 +52,11 @@ class Goals:
                 require_writable(path)
         if self.report is not None:
             page_path(self.report)
+        if self.out is not None and self.out.exists() and not self.out.is_file():
+            raise InputError(
+                f"--out {self.out} is a device or a pipe, and the single runs are kept beside it: give a .json file; "
+                "--json prints the result"
+            )
         if self.out is not None and self.out == self.lines:
             raise InputError(f"--out {self.out}: give a .json file; the single runs go to {self.lines} beside it")
         if self.plots is not None:

@@ -121,8 +121,8 @@ def _along(
                 axes.set_xlim(-0.1 * LINEAR_NOISE, 1.3 * max(float(line.place.value or 0.0) for line in mine))
             else:
                 most = 0.5 * APART * (len(styles) - 1)
-                apart = f", drawn up to {most:.2g} off so that equal ones are seen" if most else ""
-                axes.set(ylabel=f"success rate{apart}", ylim=(-0.1, 1.1))
+                apart = f"\nrates are drawn up to {most:.2g} off, so that equal ones are seen" if most else ""
+                axes.set(ylabel="success rate", xlabel=f"{AXES[axis][0]}{apart}", ylim=(-0.1, 1.1))
 
         return draw
 

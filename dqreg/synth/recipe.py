@@ -210,7 +210,7 @@ def read_recipe(path: str | os.PathLike[str]) -> Recipe:
     Raises
     ------
     InputError
-        If the file cannot be read, is not TOML, or a key is missing, unknown or wrong; the message names the
+        If the file cannot be read, is not TOML, or a key is missing, unknown or wrong; the message names file and
         key.
 
     Examples
@@ -223,7 +223,11 @@ def read_recipe(path: str | os.PathLike[str]) -> Recipe:
     'box'
     """
     path = Path(path)
-    return parse_recipe(read_record(path, "a recipe (TOML)"), path.parent)
+    text = read_record(path, "a recipe (TOML)")
+    try:
+        return parse_recipe(text, path.parent)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
 
 
 def parse_recipe(text: str, folder: str | os.PathLike[str] = ".") -> Recipe:

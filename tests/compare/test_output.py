@@ -5,12 +5,14 @@ import dataclasses
 import io
 import json
 import math
+import os
+from pathlib import Path
 
 import matplotlib.image
 import pytest
 from rich.console import Console
 
-from dqreg.compare.output import summary_csv, to_html, to_json
+from dqreg.compare.output import Goals, summary_csv, to_html, to_json
 from dqreg.compare.plots import Plot, plots
 from dqreg.compare.records import RunRecord
 from dqreg.compare.run import Comparison
@@ -247,6 +249,12 @@ def test_no_digit_is_cut_off_on_a_narrow_screen(width):
     for row in made[0].rows:
         for cell in row[:-1]:
             assert cell in text
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a device")  # noqa: PTH110
+def test_a_device_is_refused_before_the_work():
+    with pytest.raises(InputError, match="device or a pipe"):
+        Goals(out=Path("/dev/full")).check()
 
 
 def test_csv_holds_full_precision():

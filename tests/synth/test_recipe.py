@@ -242,6 +242,13 @@ def test_what_does_not_fit_the_part_is_refused_by_key(part, scanner, extra, word
         case_contents(recipe)
 
 
+def test_a_bad_recipe_file_is_named(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text("[part")
+    with pytest.raises(InputError, match=r"mine\.toml: the recipe is not TOML"):
+        read_recipe(path)
+
+
 def test_a_recipe_that_is_not_there_is_named(tmp_path):
     with pytest.raises(InputError, match=r"nothing\.toml"):
         read_recipe(tmp_path / "nothing.toml")
