@@ -25,7 +25,7 @@ PLOT_INCHES, DOTS_PER_INCH = (8.4, 4.2), 150
 LEAST_ERROR = 1e-9
 ERROR = f"worst vertex error [S], {LEAST_ERROR:g} or less at the foot"
 # Noise up to which its axis is linear; by how much lines that lie on each other are moved apart.
-LINEAR_NOISE, APART = 1e-4, 0.006
+LINEAR_NOISE, RATE_STEP = 1e-4, 0.006
 OF_FOUND = "of runs that found the pose; ringed: not all did; no mark: none"
 RING: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 13, "fillstyle": "none"}
 # Height of a line of the legend, and of what is above and below it.
@@ -108,7 +108,7 @@ def _along(
                 points = [(float(line.place.value), value(line)) for line in here if line.place.value is not None]
                 points = [(x, y) for x, y in sorted(points) if not math.isnan(y)]
                 if points:
-                    nudge = 0.0 if log else APART * (list(styles).index(engine) - 0.5 * (len(styles) - 1))
+                    nudge = 0.0 if log else RATE_STEP * (list(styles).index(engine) - 0.5 * (len(styles) - 1))
                     axes.plot([x for x, _ in points], [y + nudge for _, y in points], label=engine, **style)
                 partly = {line.place.value for line in here if log and not line.all_found}
                 ringed = [point for point in points if point[0] in partly]
@@ -120,7 +120,7 @@ def _along(
                 # What is below nothing is not shown.
                 axes.set_xlim(-0.1 * LINEAR_NOISE, 1.3 * max(float(line.place.value or 0.0) for line in mine))
             else:
-                most = 0.5 * APART * (len(styles) - 1)
+                most = 0.5 * RATE_STEP * (len(styles) - 1)
                 apart = f"\nrates are drawn up to {most:.2g} off, so that equal ones are seen" if most else ""
                 axes.set(ylabel="success rate", xlabel=f"{AXES[axis][0]}{apart}", ylim=(-0.1, 1.1))
 
