@@ -17,6 +17,7 @@ from dqreg.compare.trust.kinds import KINDS, kinds_named
 from dqreg.compare.trust.task import Kind
 from dqreg.compare.trust.trial import Trial, trial
 from dqreg.errors import InputError
+from dqreg.files.code_identity import code_identity
 from dqreg.files.strict_json import plain, record_from
 from dqreg.registration.batch.worker import Failure, Worker
 from dqreg.report.work_bar import TimeLeft
@@ -36,7 +37,7 @@ class TrustSweep:
     trials: tuple[Trial, ...]  # By kind and seed
     kinds: tuple[Kind, ...]
     seeds: tuple[int, int]  # First, and how many
-    sessions: tuple[dict[str, Any], ...]  # Machine and versions of each session that made trials
+    sessions: tuple[dict[str, Any], ...]  # Machine, versions and code of each session that made trials
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,19 +66,31 @@ def trust_sweep(
         )
     chosen = kinds_named(kinds)
     file = JsonLines(out, FORMAT)
-    sessions = [{k: v for k, v in line.items() if k != "format"} for line in file.lines if "format" in line]
-    known = [record_from(Trial, line) for line in file.lines if "format" not in line]
-    found = {(one.kind, one.seed): one for one in known}
+    sessions, found = _known(file, code := code_identity())
     # Seed by seed, so that a sweep that is stopped early has something of every kind.
     wanted = [(kind, seed) for seed in range(first_seed, first_seed + seeds) for kind in chosen]
     jobs = [(kind, seed) for kind, seed in wanted if (kind.name, seed) not in found]
     if jobs:
-        begun = session((), 1)
+        begun = {**session((), 1), "code": code}
         sessions.append(begun)
         file.begin(begun)
         _work(jobs, len(wanted), min(workers, len(jobs)), file, found, observe or (lambda _: None))
     trials = tuple(found[kind.name, seed] for kind in chosen for seed in range(first_seed, first_seed + seeds))
     return TrustSweep(trials, tuple(chosen), (first_seed, seeds), tuple(sessions))
+
+
+def _known(file: JsonLines, code: str) -> tuple[list[dict[str, Any]], dict[tuple[str, int], Trial]]:
+    """Sessions of a file that this code and these versions made, and their trials: another dqreg judges otherwise."""
+    sessions, found, is_own = [], {}, False
+    for line in file.lines:
+        if "format" in line:
+            is_own = line.get("code") == code
+            if is_own:
+                sessions.append({key: value for key, value in line.items() if key != "format"})
+        elif is_own:
+            one = record_from(Trial, line)
+            found[one.kind, one.seed] = one
+    return sessions, found
 
 
 def _work(

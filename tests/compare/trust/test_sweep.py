@@ -13,6 +13,7 @@ from dqreg.compare.trust.kinds import KINDS
 from dqreg.compare.trust.rates import ALL_GOOD, ALL_WRONG, tables
 from dqreg.compare.trust.sweep import TrustSweep
 from dqreg.compare.trust.trial import Trial
+from dqreg.files import code_identity
 from dqreg.registration.batch.worker import Failure
 
 NAN = float("nan")
@@ -74,6 +75,16 @@ def test_a_sweep_resumes_and_comes_out_the_same(tmp_path, monkeypatch):
     assert json.dumps([dataclasses.asdict(one) for one in again.trials]) == json.dumps(
         [dataclasses.asdict(one) for one in first.trials]
     )
+
+
+def test_trials_of_other_code_are_made_anew(tmp_path, monkeypatch):
+    asked = {"seeds": 1, "workers": 1, "out": tmp_path / "trust.jsonl"}
+    kept = trust_sweep(["few-touched"], **asked).trials
+    monkeypatch.setattr(code_identity, "_sources", lambda places: "edited")
+    (anew,) = (found := trust_sweep(["few-touched"], **asked)).trials
+    assert anew is not kept[0]
+    assert len(found.sessions) == 1
+    assert len((tmp_path / "trust.jsonl").read_text().splitlines()) == 4
 
 
 def test_a_task_is_limited_by_its_work_and_not_by_what_else_the_machine_does(monkeypatch):
