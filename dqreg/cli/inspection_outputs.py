@@ -88,14 +88,17 @@ def write(
         write_atomically(goals["table"], sheet_csv(found.sheet, found.decision, unit))
     if goals["deviations"] is not None:
         found.deviations.save(goals["deviations"])
-    if goals["sections"] is not None and found.sheet is not None:
-        save_sections(goals["sections"], found.sheet.sections, unit)
+    cuts = () if found.sheet is None else found.sheet.sections
+    if goals["sections"] is not None and cuts:
+        save_sections(goals["sections"], cuts, unit)
     _write_records(goals, shown, record, native)
     _write_pages(
         goals, shown, console, head, deviations=found.deviations, decision=found.decision, inspection=found.sheet
     )
-    for goal in goals.values():
-        if goal is not None and goal.exists():
+    for name, goal in goals.items():
+        if name == "sections" and goal is not None and not cuts:
+            _tell_unwritten(goal, "none of the sections could be measured")
+        elif goal is not None and goal.exists():
             say(console, f"wrote {goal}")
 
 
@@ -116,8 +119,12 @@ def write_failed(
         if name not in OF_MEASUREMENTS:
             say(console, f"wrote {goal}")
             continue
-        old = "; the file of that name is of an earlier run" if goal.exists() else ""
-        click.echo(f"dqreg: not written: {printable(str(goal))} (no pose was found{old})", err=True)
+        _tell_unwritten(goal, "no pose was found")
+
+
+def _tell_unwritten(goal: Path, why: str) -> None:
+    old = "; the file of that name is of an earlier run" if goal.exists() else ""
+    click.echo(f"dqreg: not written: {printable(str(goal))} ({why}{old})", err=True)
 
 
 def _write_records(

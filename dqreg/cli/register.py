@@ -137,7 +137,7 @@ def register_command(
         start_where_nothing_is_kept()
     from dqreg._open3d import load_open3d
     from dqreg.files.poses import read_start
-    from dqreg.inspection.decision import decide, of_shape
+    from dqreg.inspection.decision import decide
     from dqreg.inspection.tolerances import share_of_percent, tolerance_of
     from dqreg.registration.display_unit import shown_target
     from dqreg.registration.part_inspection import expected_deviation_of
@@ -173,7 +173,7 @@ def register_command(
     if deviations is not None or allowed is not None:
         measured = tell_deviations(result, deviations, allowed, console, reach=reach, exclude=exclude, keep=keep)
     if measured is not None and allowed is not None:
-        decision = of_shape(decide(measured, allowed, share), result.settings)
+        decision = decide(measured, allowed, share)
         tell_decision(decision, measured, console, result)
     if report is not None:
         tell_report(result, report, reach, began, console, measured, decision)

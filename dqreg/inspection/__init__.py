@@ -26,7 +26,8 @@ from dqreg.inspection.part_faces import Face, faces_in_box, nearest_face, part_f
 from dqreg.inspection.places import OutOfTolerance
 from dqreg.inspection.plan.file import Plan, read_plan
 from dqreg.inspection.plan.report import PlannedReport
-from dqreg.inspection.plan.run import Characteristic, Inspection, inspect
+from dqreg.inspection.plan.run import Inspection, inspect
+from dqreg.inspection.plan.sheet_rows import Characteristic
 from dqreg.inspection.regions import Region
 from dqreg.inspection.sections import Section, section_of
 from dqreg.inspection.statistics import Band, Bands, Place, Summary

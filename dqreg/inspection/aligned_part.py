@@ -67,6 +67,12 @@ class AlignedPart:
     part: ScannedPart
     frame: KnownFrame
     steps: tuple[AlignedStep, ...]  # None for the best fit
+    missing: str = ""  # Why this scan does not hold the alignment; it is as it was registered then
+
+    def require(self) -> None:
+        """Raise where the scan does not hold the alignment that is asked for."""
+        if self.missing:
+            raise DegenerateGeometryError("it is under the alignment of the plan, which was not measured")
 
     @property
     def final(self) -> Alignment | None:
@@ -81,9 +87,16 @@ class AlignedPart:
 
 
 def aligned_part(deviations: Deviations, plan: Plan) -> AlignedPart:
-    """Carry out the alignment of a plan."""
+    """Carry out the alignment of a plan, or say why this scan does not hold it."""
     part = ScannedPart.of(deviations)
     frame = KnownFrame(np.nan_to_num(deviations.covariance, nan=0.0), deviations.centre - deviations.origin)
+    try:
+        return _aligned(part, frame, deviations, plan)
+    except DegenerateGeometryError as error:
+        return AlignedPart(part, frame, (), str(error))
+
+
+def _aligned(part: ScannedPart, frame: KnownFrame, deviations: Deviations, plan: Plan) -> AlignedPart:
     planned = plan.steps
     if plan.alignment == "datums":
         planned = (PlannedStep("datums", "datums"),)

@@ -153,8 +153,10 @@ def decide(
     share = _by_share(values, room, limits, required_share)
     outcomes = [share, *(place.outcome for place in places), *(region.outcome or "pass" for region in regions)]
     within = np.count_nonzero(limits.beyond(values) <= 0.0)
+    doubts = {WALL_SIDE: bool(deviations.wall_doubts), SOLVED_SCALE: deviations._scale_solved}
+    codes = tuple(code for code, holds in doubts.items() if holds)
     return Decision(
-        outcome=worst_of([*outcomes, "undecided" if deviations.wall_doubts else "pass"]),
+        outcome=worst_of([*outcomes, "undecided" if codes else "pass"]),
         tolerance=max(each.size for each in (*own.values(), *([] if whole is None else [whole]))),
         required_share=required_share,
         share_within=float(within / len(values)) if len(values) else math.nan,
@@ -168,7 +170,7 @@ def decide(
         own=len(own),
         scanned=_scanned(deviations, cut),
         wall_doubts=deviations.wall_doubts,
-        codes=(WALL_SIDE,) if deviations.wall_doubts else (),
+        codes=codes,
     )
 
 
@@ -192,26 +194,23 @@ def _asked(
     if own:
         require_faces(deviations, list(own))
     for each in (*own.values(), *([] if whole is None else [whole])):
-        if not deviations.signed and not each.equal:
-            raise InputError(f"unequal sides of a tolerance need signs: {deviations.reason}")
-        # A reach that was found in the scan left out nothing of the part.
-        farthest = max(deviations.reach, deviations.limit)
-        if each.size >= farthest:
-            unit = f" {deviations.units}" if deviations.units else ""
-            raise InputError(
-                f"a tolerance of {each.size:g}{unit} is not below the reach of {farthest:.4g}{unit}: points "
-                "farther off were left out, so that nothing could fail; check the unit of the tolerance, or give a "
-                "larger reach"
-            )
+        require_held(deviations, each)
     return whole, own
 
 
-def of_shape(decision: Decision, settings: Mapping[str, Any]) -> Decision:
-    """The decision as it is of a registration: of a scan that was scaled to fit, the shape alone was measured."""
-    if not settings.get("scale_solved") or SOLVED_SCALE in decision.codes:
-        return decision
-    outcome = worst_of([decision.outcome, "undecided"])
-    return dataclasses.replace(decision, outcome=outcome, codes=(*decision.codes, SOLVED_SCALE))
+def require_held(deviations: Deviations, tolerance: Tolerance) -> None:
+    """Raise where deviations cannot be held against a tolerance: signs are missing, or what fails is left out."""
+    if not deviations.signed and not tolerance.equal:
+        raise InputError(f"unequal sides of a tolerance need signs: {deviations.reason}")
+    # A reach that was found in the scan left out nothing of the part.
+    farthest = max(deviations.reach, deviations.limit)
+    if tolerance.size >= farthest:
+        unit = f" {deviations.units}" if deviations.units else ""
+        raise InputError(
+            f"a tolerance of {tolerance.size:g}{unit} is not below the reach of {farthest:.4g}{unit}: points "
+            "farther off were left out, so that nothing could fail; check the unit of the tolerance, or give a "
+            "larger reach"
+        )
 
 
 def worst_of(outcomes: list[Outcome]) -> Outcome:

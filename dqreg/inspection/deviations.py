@@ -114,6 +114,7 @@ class Deviations:
     reach_from: ReachFrom = "given"
     limit: float = 0.0
     wall_doubts: tuple[WallDoubt, ...] = ()
+    _scale_solved: bool = False  # The scan was scaled to fit: its lengths are known up to a factor
 
     def __post_init__(self) -> None:
         if self.tolerance is not None:

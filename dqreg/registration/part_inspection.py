@@ -10,7 +10,7 @@ from typing import Any, get_args
 import numpy as np
 
 from dqreg.inspection import Characteristic, Decision, Deviations, Inspection, Plan, decide, inspect
-from dqreg.inspection.decision import of_shape, worst_of
+from dqreg.inspection.decision import worst_of
 from dqreg.inspection.plan.in_unit import plan_in
 from dqreg.inspection.regions import Outcome
 from dqreg.inspection.tolerances import REQUIRED_SHARE, Tolerance, limits_at, tolerance_of
@@ -95,14 +95,10 @@ def inspect_registration(
     deviations = deviations_within(result, allowed, reach=reach, keep=keep, exclude=exclude)
     if plan is None:
         decision = None if allowed is None else decide(deviations, allowed, required_share or REQUIRED_SHARE)
-        return Inspected(result, deviations, None, decision and of_shape(decision, result.settings))
+        return Inspected(result, deviations, None, decision)
     sheet = inspect(deviations, _with(plan_in(plan, result.settings.get("target_units")), allowed, required_share))
     assert sheet.deviations is not None
-    under = sheet.deviations
-    if result.settings.get("scale_solved"):
-        decision = sheet.decision and of_shape(sheet.decision, result.settings)
-        sheet = dataclasses.replace(sheet, outcome=worst_of([sheet.outcome, "undecided"]), decision=decision)
-    return Inspected(aligned_to(result, sheet), under, sheet, sheet.decision)
+    return Inspected(aligned_to(result, sheet), sheet.deviations, sheet, sheet.decision)
 
 
 def deviations_within(result: Registration, tolerance: Tolerance | None, **options: Any) -> Deviations:

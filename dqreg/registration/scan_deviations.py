@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,7 @@ def scan_deviations(
             "call result.attached(source, target).deviations()"
         )
     target = inputs.target
-    return measure_deviations(
+    found = measure_deviations(
         inputs.placed(T_target_source),
         target.geometry,
         target.surface,
@@ -51,6 +52,7 @@ def scan_deviations(
         facing=_facing(inputs, T_target_source),
         **options,
     )
+    return dataclasses.replace(found, _scale_solved=True) if settings.get("scale_solved") else found
 
 
 def _facing(inputs: SourceAndTarget, T_target_source: FloatArray) -> Facing | None:

@@ -26,7 +26,7 @@ KINDS = {
 def alignment_of(found: Inspection, unit: str) -> dict[str, Any]:
     """Steps of the alignment for the template, and what a best fit without steps is."""
     rows, before = [], np.eye(4)
-    for step, planned in zip(found.steps, _planned(found, unit), strict=True):
+    for step, planned in zip(found.steps, _planned(found, unit) if found.steps else [], strict=True):
         moved = step.T_target_source @ pose.inverse(before)
         before = step.T_target_source
         middle = step.alignment.centre

@@ -8,6 +8,7 @@ import math
 from dqreg.inspection import Decision, Region
 from dqreg.report.text import percent, text_of
 
+SCALE_WORDS = "The scan was scaled to fit, so the size of the part was not measured (solved_scale)."
 OUTCOME_SIGNS = {"pass": "✓", "undecided": "?", "fail": "✗"}
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from dqreg.inspection import Band, Decision
 from dqreg.inspection.decision import SOLVED_SCALE
 from dqreg.inspection.places import MEDIAN_SIGMA, PLACE_POINTS
-from dqreg.report.decision_rows import OUTCOME_SIGNS, shown_outcome, wall_words
+from dqreg.report.decision_rows import OUTCOME_SIGNS, SCALE_WORDS, shown_outcome, wall_words
 from dqreg.report.page_tables import goto, rounded
 from dqreg.report.report_data import ReportData
 from dqreg.report.result_protocol import RegistrationResult
@@ -72,7 +72,7 @@ def decision_words(found: Decision, unit: str, signed: bool) -> list[str]:
     if found.wall_doubts:
         words.append(f"The sides of a thin wall cannot be told apart: {wall_words(found, of)} (wall_side).")
     if SOLVED_SCALE in found.codes:
-        words.append("The scan was scaled to fit, so the size of the part was not measured (solved_scale).")
+        words.append(SCALE_WORDS)
     words.append(f"The pose adds an uncertainty of up to {text_of(found.uncertainty, 2)}{of} (k = 2) to a deviation.")
     return words
 

@@ -52,4 +52,7 @@ def definitions_of(found: Inspection) -> list[tuple[str, str]]:
     """Definitions of the kinds and fits on a sheet, each once, in their order on it."""
     kinds = dict.fromkeys(row.kind for row in found.characteristics)
     fits = dict.fromkeys([*(row.fit for row in found.characteristics), *(datum.fit for datum in found.plan.datums)])
-    return [*((kind, DEFINITIONS[kind]) for kind in kinds), *((fit, FITS[fit]) for fit in fits if fit in FITS)]
+    # What was refused beside the characteristics is of no kind that is measured.
+    return [
+        (word, known[word]) for words, known in ((kinds, DEFINITIONS), (fits, FITS)) for word in words if word in known
+    ]

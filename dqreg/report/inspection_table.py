@@ -10,7 +10,7 @@ import numpy as np
 from dqreg.files.csv_text import csv_text
 from dqreg.inspection import Characteristic, DatumAlignment, Decision, Inspection
 from dqreg.inspection.places import COVERAGE_FACTOR, PLACE_POINTS
-from dqreg.report.decision_rows import decision_rows, shown_outcome
+from dqreg.report.decision_rows import SCALE_WORDS, decision_rows, shown_outcome
 from dqreg.report.hints import hints_of
 from dqreg.report.summary import ALIGNMENT, COLOURS
 from dqreg.report.table import EMPTY, Column, Table, print_tables
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from dqreg.report.result_protocol import RegistrationResult
 
 OUTCOME_COLOURS = {"pass": "green", "conditional": "yellow", "undecided": "yellow", "fail": "red"}
-FRAMES = {"best-fit": "best fit of the scan", "datums": "datums"}
+BEST_FIT = "best fit of the scan"
 
 
 def characteristics_table(found: Inspection, unit: str) -> Table:
@@ -57,8 +57,13 @@ def characteristics_table(found: Inspection, unit: str) -> Table:
     )
     missing = [f"{k + 1} {row.name}: {row.remark}" for k, row in enumerate(found.characteristics) if row.remark]
     note = f"Lengths in {unit or 'units of the part'}, angles in degrees; aligned to: {frame_words(found)}."
-    note = "\n".join([note, *missing])
+    note = "\n".join([note, *scale_words(found), *missing])
     return Table("characteristics", "Characteristics", columns, rows, note)
+
+
+def scale_words(found: Inspection) -> list[str]:
+    """Why no length passes, of a scan that was scaled to fit."""
+    return [SCALE_WORDS] if found.deviations is not None and found.deviations._scale_solved else []
 
 
 def kind_words(row: Characteristic) -> str:
@@ -109,7 +114,8 @@ def _cells(*numbers: float) -> list[str]:
 def frame_words(found: Inspection) -> str:
     """What the values are aligned to."""
     if found.alignment is None:
-        return FRAMES["best-fit"]
+        asked = found.plan.alignment != "best-fit"
+        return f"{BEST_FIT}: the alignment of the plan was not measured" if asked else BEST_FIT
     if len(found.steps) > 1 or not isinstance(found.alignment, DatumAlignment):
         return ", then ".join(step.name for step in found.steps)
     return "datums " + " | ".join(found.alignment.constrained)

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 from dqreg._arrays import FloatArray, as_pose
 from dqreg.errors import InputError
 from dqreg.inspection import Decision, Deviations, Inspection, Place, Region, decide
-from dqreg.inspection.decision import of_shape
 from dqreg.inspection.regions import cut_of, regions_of
 from dqreg.inspection.tolerances import REQUIRED_SHARE
 from dqreg.report.cameras import best_corner
@@ -101,7 +100,7 @@ def collect(
             cut = cut_of(deviations)
             regions, how = regions_of(deviations, cut), cut.how
         else:
-            decision = of_shape(decision or decide(deviations, tolerance, required_share), result.settings)
+            decision = decision or decide(deviations, tolerance, required_share)
             regions, how = decision.regions, decision.regions_how
     origin, unit = inputs.target.origin, unit_of(result)
     worst = deviations.worst(WORST_PLACES) if deviations else ()

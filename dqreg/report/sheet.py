@@ -20,7 +20,7 @@ from dqreg.inspection.sections import Section
 from dqreg.report.alignment_table import alignment_of
 from dqreg.report.decision_rows import OUTCOME_SIGNS, shown_outcome
 from dqreg.report.definitions import definitions_of
-from dqreg.report.inspection_table import frame_words, kind_words
+from dqreg.report.inspection_table import frame_words, kind_words, scale_words
 from dqreg.report.section_picture import section_picture
 from dqreg.report.text import measured_text, percent, text_of, unit_words
 
@@ -68,6 +68,7 @@ def sheet_of(found: Inspection | None, unit: str, *, trusted: bool) -> dict[str,
     if found.decision is not None:
         said = shown_outcome(found.decision.outcome, trusted=trusted)["said"]
         words.append(f"The deviations against their tolerance: {said}.")
+    words += scale_words(found)
     if missing:
         words.append(f"{missing} could not be measured, for the reasons named below.")
     return {

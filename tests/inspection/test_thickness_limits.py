@@ -12,7 +12,7 @@ from dqreg.geometry import Mesh, MeshSurface, sample_mesh
 from dqreg.geometry.mesh_faces import faces_of
 from dqreg.inspection import inspect, measure_deviations, thickness_of
 from dqreg.inspection.plan.file import plan_of
-from dqreg.inspection.plan.run import Characteristic
+from dqreg.inspection.plan.sheet_rows import Characteristic
 from dqreg.synth.parts import box
 
 THICK, SLOPE, NOISE = 4.0, 0.05, 0.005

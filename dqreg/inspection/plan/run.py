@@ -4,74 +4,31 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.inspection.aligned_part import AlignedPart, AlignedStep, Alignment, aligned_part, entry
-from dqreg.inspection.characteristics import KnownFrame, Measured
+from dqreg.inspection.characteristics import Measured
 from dqreg.inspection.coverage import FaceCoverage
-from dqreg.inspection.decision import Decision, decide, worst_of
+from dqreg.inspection.decision import Decision, decide, require_held, worst_of
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.measure import deviations_under
-from dqreg.inspection.plan.characteristics import ZONES, PlannedCharacteristic
-from dqreg.inspection.plan.file import Plan, PlannedSection
+from dqreg.inspection.plan.characteristics import UNDER, PlannedCharacteristic
+from dqreg.inspection.plan.file import Plan
 from dqreg.inspection.plan.measured_values import faces_of_row, measured_value, nominal_value
+from dqreg.inspection.plan.sheet_rows import (
+    Characteristic,
+    limits_of,
+    outcome_of,
+    refused_characteristic,
+    refused_row,
+)
 from dqreg.inspection.regions import Outcome
 from dqreg.inspection.scanned_part import ScannedPart
 from dqreg.inspection.sections import Section, section_on
 from dqreg.inspection.tolerances import REQUIRED_SHARE, Tolerance, limits_at
-
-
-@dataclasses.dataclass(frozen=True)
-class Characteristic:
-    """One measured line of the drawing.
-
-    Attributes
-    ----------
-    name, kind : str
-        As in the plan.
-    faces : tuple of int
-        Numbers of its faces.
-    nominal : float
-        From the plan or the part; 0 for zones.
-    low, high : float
-        Limits of the value.
-    value, uncertainty : float
-        Measured, and expanded (k = 2): a length, or degrees for angles; NaN where it could not be measured.
-    outcome : {"pass", "fail", "undecided"}
-        By ISO 14253-1; undecided where it could not be measured.
-    points : int
-        Scan points that it rests on.
-    coverage : float
-        Share of its faces' area that was scanned, in the least of them; NaN where it is not of this part.
-    position : tuple of three float
-        Where it is on the part, in the caller's target frame: for a label.
-    remark : str
-        Why it could not be measured; empty where it was.
-    fit : {"gauss", "minimum-zone", "inscribed", "circumscribed"}
-        How its features were fitted.
-    """
-
-    name: str
-    kind: str
-    faces: tuple[int, ...]
-    nominal: float
-    low: float
-    high: float
-    value: float
-    uncertainty: float
-    outcome: Outcome
-    points: int
-    coverage: float
-    position: tuple[float, float, float] = (math.nan, math.nan, math.nan)
-    remark: str = ""
-    fit: str = "gauss"
-
-    @property
-    def measured(self) -> bool:
-        """Whether there is a value."""
-        return not self.remark
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -125,15 +82,14 @@ def inspect(deviations: Deviations, plan: Plan) -> Inspection:
     -------
     Inspection
         A value, an uncertainty and a decision for every characteristic; one that could not be measured, or is not of
-        this part, is undecided and says why.
+        this part, is undecided and says why. So do rows of the kinds alignment, face and section, which stand last, of
+        an alignment that this scan does not hold and of entries that are not of this part.
 
     Raises
     ------
     InputError
-        If the target is no mesh, an entry beside the characteristics names a face that the part has not, or nothing
-        that the plan asks for is of this part.
-    DegenerateGeometryError
-        If a datum has too few scan points, or the datums leave a degree of freedom unconstrained.
+        If the target is no mesh, an alignment or a datum names a face that the part has not, or nothing that the plan
+        asks for is of this part.
 
     Examples
     --------
@@ -153,73 +109,70 @@ def inspect(deviations: Deviations, plan: Plan) -> Inspection:
     ('pass', 'pass')
     """
     aligned = aligned_part(deviations, plan)
-    part = aligned.part
-    laid, decision = _judged(deviations, plan, aligned)
-    rows = _characteristics(part, plan, aligned.frame, alone=decision is None)
+    part, refused, errors = aligned.part, _refused_alignment(plan, aligned), list[InputError]()
+    laid = _laid(deviations, aligned)
+    own = _own_tolerances(laid, part, plan, refused, errors)
+    decision = None
+    if not aligned.missing and (plan.tolerance is not None or own):
+        laid, decision = _judged(laid, part, plan, own)
+    rows = [
+        _characteristic(aligned, plan, row, errors, scaled=deviations._scale_solved) for row in plan.characteristics
+    ]
+    if decision is None and errors and len(errors) == len(rows) + len(plan.face_tolerances):
+        raise errors[0]
+    cuts = _sections(aligned, plan, refused)
+    rows += refused
+    outcomes: list[Outcome] = ["undecided"] if deviations._scale_solved else []
+    outcomes += [row.outcome for row in rows] + ([decision.outcome] if decision else [])
     return Inspection(
-        outcome=worst_of([*(row.outcome for row in rows), *([decision.outcome] if decision else [])]),
-        characteristics=rows,
+        outcome=worst_of(outcomes),
+        characteristics=tuple(rows),
         alignment=aligned.final,
         plan=plan,
-        faces=_faces(part, plan, rows),
+        faces=_faces(part, plan, rows, own),
         steps=aligned.steps,
-        sections=tuple((cut.name, _section(part, cut)) for cut in plan.sections),
+        sections=cuts,
         decision=decision,
         deviations=laid,
     )
 
 
-def _characteristics(part: ScannedPart, plan: Plan, frame: KnownFrame, *, alone: bool) -> tuple[Characteristic, ...]:
-    """All that a plan asks for; where nothing else is, one of them must be of this part."""
-    rows: list[Characteristic] = []
-    refused: list[InputError] = []
-    for row in plan.characteristics:
-        try:
-            rows.append(_measured(part, plan, row, frame))
-        except InputError as error:
-            refused.append(error)
-            rows.append(_refused(row, error))
-    if alone and refused and len(refused) == len(rows):
-        raise refused[0]
-    return tuple(rows)
+def _refused_alignment(plan: Plan, aligned: AlignedPart) -> list[Characteristic]:
+    """The alignment, where this scan does not hold it: nothing that is under it can pass."""
+    if not aligned.missing:
+        return []
+    names = [step.name for step in plan.steps] or ["datums " + " | ".join(datum.name for datum in plan.datums)]
+    return [refused_row(", then ".join(names), "alignment", aligned.missing)]
 
 
-def _refused(row: PlannedCharacteristic, error: InputError) -> Characteristic:
-    """A characteristic that is not of this part, which costs no other line of the sheet."""
-    nominal = math.nan if row.nominal is None else row.nominal
-    low, high = _limits(row, nominal)
-    return Characteristic(
-        name=row.name,
-        kind=row.kind,
-        faces=(),
-        nominal=nominal,
-        low=low,
-        high=high,
-        value=math.nan,
-        uncertainty=math.nan,
-        outcome="undecided",
-        points=0,
-        coverage=math.nan,
-        remark=str(error.__cause__ or error),
-        fit=row.fit,
-    )
-
-
-def _limits(row: PlannedCharacteristic, nominal: float) -> tuple[float, float]:
-    return (0.0, row.plus) if row.kind in ZONES else (nominal - row.minus, nominal + row.plus)
-
-
-def _judged(deviations: Deviations, plan: Plan, aligned: AlignedPart) -> tuple[Deviations, Decision | None]:
-    """Deviations under the alignment of the plan, and the decision on them where they have a tolerance."""
-    part, final = aligned.part, aligned.final
-    if final is not None:
-        deviations = deviations_under(deviations, final.T_target_source, final.covariance, final.centre)
+def _own_tolerances(
+    deviations: Deviations, part: ScannedPart, plan: Plan, refused: list[Characteristic], errors: list[InputError]
+) -> dict[int, Tolerance]:
+    """Tolerances of single faces; an entry that cannot be held joins what is refused."""
     own: dict[int, Tolerance] = {}
     for row in plan.face_tolerances:
-        with entry(row.where):
-            own |= {face.number: row.tolerance for face in part.named(row.faces)}
-    if plan.tolerance is None and not own:
-        return deviations, None
+        try:
+            with entry(row.where):
+                require_held(deviations, row.tolerance)
+                own |= {face.number: row.tolerance for face in part.named(row.faces)}
+        except InputError as error:
+            errors.append(error)
+            refused.append(refused_row(row.where.rpartition(": ")[2], "face", error))
+    return own
+
+
+def _laid(deviations: Deviations, aligned: AlignedPart) -> Deviations:
+    """Deviations under the alignment of the plan."""
+    final = aligned.final
+    if final is None:
+        return deviations
+    return deviations_under(deviations, final.T_target_source, final.covariance, final.centre)
+
+
+def _judged(
+    deviations: Deviations, part: ScannedPart, plan: Plan, own: dict[int, Tolerance]
+) -> tuple[Deviations, Decision]:
+    """Deviations with their tolerance, and the decision on them."""
     required = (plan.tolerance.required_share if plan.tolerance else None) or REQUIRED_SHARE
     decision = decide(deviations, plan.tolerance, required, own)
     limits = None
@@ -228,15 +181,23 @@ def _judged(deviations: Deviations, plan: Plan, aligned: AlignedPart) -> tuple[D
     return dataclasses.replace(deviations, tolerance=decision.tolerance, allowed=limits), decision
 
 
-def _section(part: ScannedPart, cut: PlannedSection) -> Section:
-    with entry(f"section {cut.name!r}"):
-        return section_on(part, np.array(cut.point), np.array(cut.normal))
+def _sections(aligned: AlignedPart, plan: Plan, refused: list[Characteristic]) -> tuple[tuple[str, Section], ...]:
+    """The cuts of a plan; one that misses the part joins what is refused."""
+    found = []
+    for cut in plan.sections:
+        try:
+            aligned.require()
+            found.append((cut.name, section_on(aligned.part, np.array(cut.point), np.array(cut.normal))))
+        except (InputError, DegenerateGeometryError) as error:
+            refused.append(refused_row(f"section {cut.name}", "section", error))
+    return tuple(found)
 
 
-def _faces(part: ScannedPart, plan: Plan, rows: tuple[Characteristic, ...]) -> tuple[FaceCoverage, ...]:
-    used = {number for row in rows for number in row.faces}
+def _faces(
+    part: ScannedPart, plan: Plan, rows: Sequence[Characteristic], own: Collection[int]
+) -> tuple[FaceCoverage, ...]:
+    used = {number for row in rows for number in row.faces} | set(own)
     used |= {part.face(datum.face).number for datum in plan.datums}
-    used |= {face.number for each in plan.face_tolerances for face in part.named(each.faces)}
     counts, shares = part.counts(), part.coverage()
     return tuple(
         FaceCoverage(f.number, f.kind, f.area, int(counts[f.number]), float(shares[f.number]), f.number in used)
@@ -244,19 +205,30 @@ def _faces(part: ScannedPart, plan: Plan, rows: tuple[Characteristic, ...]) -> t
     )
 
 
-def _measured(part: ScannedPart, plan: Plan, row: PlannedCharacteristic, frame: KnownFrame) -> Characteristic:
-    remark = ""
-    with entry(f"characteristic {row.name!r}"):
-        faces = faces_of_row(part, row)
-        nominal = row.nominal if row.nominal is not None else nominal_value(part, row, faces)
-        try:
-            found = measured_value(part, plan, row, faces, frame)
-        except DegenerateGeometryError as error:
-            # A face that the scanner did not see costs its own lines of the sheet only.
-            found, remark = Measured(math.nan, math.nan), str(error)
-    low, high = _limits(row, nominal)
-    # A zone's width is never below zero: its lower limit cannot be violated.
-    outcome: Outcome = "undecided" if remark else found.decide(-math.inf if row.kind in ZONES else low, high)
+def _characteristic(
+    aligned: AlignedPart, plan: Plan, row: PlannedCharacteristic, errors: list[InputError], *, scaled: bool
+) -> Characteristic:
+    """A row of the drawing; one that is not of this part is refused by itself."""
+    try:
+        with entry(f"characteristic {row.name!r}"):
+            return _measured(aligned, plan, row, scaled=scaled)
+    except InputError as error:
+        errors.append(error)
+        return refused_characteristic(row, error)
+
+
+def _measured(aligned: AlignedPart, plan: Plan, row: PlannedCharacteristic, *, scaled: bool) -> Characteristic:
+    part, remark = aligned.part, ""
+    faces = faces_of_row(part, row)
+    nominal = row.nominal if row.nominal is not None else nominal_value(part, row, faces)
+    try:
+        if row.kind in UNDER:
+            aligned.require()
+        found = measured_value(part, plan, row, faces, aligned.frame)
+    except DegenerateGeometryError as error:
+        # A face that the scanner did not see costs its own lines of the sheet only.
+        found, remark = Measured(math.nan, math.nan), str(error)
+    low, high = limits_of(row, nominal)
     shares = part.coverage()
     return Characteristic(
         name=row.name,
@@ -267,7 +239,7 @@ def _measured(part: ScannedPart, plan: Plan, row: PlannedCharacteristic, frame: 
         high=high,
         value=found.value,
         uncertainty=found.uncertainty,
-        outcome=outcome,
+        outcome="undecided" if remark else outcome_of(row, found, nominal, scaled=scaled),
         points=sum(len(part.on(face)) for face in faces),
         coverage=min(float(shares[face.number]) for face in faces),
         position=part.label(faces[0]) if found.place is None else part.labelled(found.place),

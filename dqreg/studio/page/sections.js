@@ -24,7 +24,7 @@ export function panel(app, found, state, choose) {
   return [
     state.cutting !== undefined && h("p", { class: "note" }, `Click the part where it should be cut across ${AXES[state.cutting]}.`),
     sections.length ? h("section", { id: "sections" }, h("h3", {}, "Sections"), sections.map((each, k) => {
-      const axis = each.normal.findIndex(x => x !== 0), cut = found.sections?.[k];
+      const axis = each.normal.findIndex(x => x !== 0), cut = found.sections?.find(each => each.name === `section ${k + 1}`);
       const set = e => {
         const value = Number(e.target.value.replace(",", ".").replace("−", "-"));
         if (Number.isFinite(value)) change(k, { ...each, point: each.point.map((x, i) => i === axis ? value : x) });

@@ -62,8 +62,13 @@ def test_a_part_is_inspected_and_what_cannot_be_measured_costs_no_pose(rows, tmp
     (tmp_path / "plan.toml").write_text(datum + row)
     done = run_row(dataclasses.replace(rows[0], asked=RowInspection(plan=tmp_path / "plan.toml")), Targets())
     found = done.record["batch"]["inspection"]
-    assert (done.status, found["outcome"], found["values"]) == ("ran", "undecided", [])
-    assert "datums constrain" in found["error"]
+    assert (done.status, found["outcome"]) == ("ran", "undecided")
+    # The form is the face's own; the alignment is named as what was not measured.
+    assert [(value["kind"], value["outcome"]) for value in found["values"]] == [
+        ("form", "pass"),
+        ("alignment", "undecided"),
+    ]
+    assert "datums constrain" in found["values"][1]["remark"]
 
 
 def test_a_plan_requires_in_a_batch_what_it_requires_alone(rows, tmp_path):
