@@ -40,7 +40,7 @@ class Decision:
     share : {"pass", "fail", "undecided"}
         The decision on that share.
     uncertainty : float
-        Of a deviation, from the pose, expanded (k = 2): the largest on the part, target units.
+        Of a deviation, from the pose, expanded (k = 2): the largest on the faces that were scanned, target units.
     places : tuple of OutOfTolerance
         Places that are not proven to be within the tolerance, the worst first; single points make none.
     regions : tuple of Region
@@ -148,6 +148,9 @@ def decide(
         return dataclasses.replace(region, share_within=within, outcome=outcome, low=allowed.low, high=allowed.high)
 
     regions = tuple(of_region(region) for region in regions_of(deviations, cut))
+    # Strays of faces that were not scanned say nothing of how well the others are held.
+    scanned = limits.asked & np.isin(cut.labels, [region.number for region in regions])
+    uncertainty = float(room[scanned if scanned.any() else limits.asked].max(initial=0.0))
     judged = limits.asked
     values, room, limits = values[judged], room[judged], limits.of(judged)
     share = _by_share(values, room, limits, required_share)
@@ -161,7 +164,7 @@ def decide(
         required_share=required_share,
         share_within=float(within / len(values)) if len(values) else math.nan,
         share=share,
-        uncertainty=float(room.max()) if len(room) else math.nan,
+        uncertainty=uncertainty if len(room) else math.nan,
         places=places,
         regions=regions,
         regions_how=cut.how,

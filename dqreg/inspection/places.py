@@ -67,8 +67,8 @@ def places_of(
     asked = asked[:: -(-max(len(asked), 1) // MAX_ASKED_POINTS)]
     if not len(asked):
         return ()
-    medians, spreads = _medians(deviations, rows, asked)
-    uncertainty = np.hypot(room[asked], COVERAGE_FACTOR * spreads)
+    medians, spreads, rooms = _medians(deviations, rows, asked, room)
+    uncertainty = np.hypot(rooms, COVERAGE_FACTOR * spreads)
     beyond = limits.of(asked).beyond(medians)
     fails = beyond > uncertainty
     near = fails | (beyond + uncertainty > 0.0)
@@ -86,15 +86,20 @@ def places_of(
     )
 
 
-def _medians(deviations: Deviations, rows: IntArray, asked: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Median deviation about each asked point, and its standard deviation. Shapes: (m,), (m,)."""
+def _medians(
+    deviations: Deviations, rows: IntArray, asked: IntArray, room: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Median deviation about each asked point, its standard deviation, and what the pose adds. Shapes: (m,) each."""
     values = deviations.values[rows]
     if len(rows) < MIN_SCANNED_POINTS:
-        return values[asked], np.zeros(len(asked))
+        return values[asked], np.zeros(len(asked)), room[asked]
     step = -(-len(rows) // MAX_NEIGHBOUR_POINTS)
     feet, kept = deviations.closest[rows] - deviations.origin, values[::step]
     # Neighbours on the part: a point off it stands with those that were measured where it should be.
-    medians, spreads = _voted(kept[_on_one_side(deviations, rows[::step], feet[::step], rows[asked], feet[asked])])
+    around = _on_one_side(deviations, rows[::step], feet[::step], rows[asked], feet[asked])
+    medians, spreads = _voted(kept[around])
+    # A stray that is nearest to a face which was not scanned, beyond an edge, has neighbours that are held better.
+    rooms = np.median(room[::step][around], axis=1)
     # Far off a part it stands with those that were measured beside it as well: what closes a hole has its feet along
     # the rim, where good points have theirs too. Nearer, those beside a point that noise has raised are raised as well.
     sigma = deviations.noise or GAUSSIAN_MEDIAN * float(np.median(np.abs(values - np.median(values))))
@@ -106,8 +111,8 @@ def _medians(deviations: Deviations, rows: IntArray, asked: IntArray) -> tuple[F
         usual = float(np.median(_beside(points, points[:: -(-len(points) // SPACING_SAMPLE)])[1]))
         # Fewer points in the same place are strays. The vote that deviates more counts.
         more = (widths <= SPARSE_RATIO * usual) & (np.abs(others) > np.abs(medians[far]))
-        medians[far[more]], spreads[far[more]] = others[more], scatters[more]
-    return medians, MEDIAN_SIGMA * spreads / math.sqrt(PLACE_POINTS)
+        medians[far[more]], spreads[far[more]], rooms[far[more]] = others[more], scatters[more], room[asked[far[more]]]
+    return medians, MEDIAN_SIGMA * spreads / math.sqrt(PLACE_POINTS), rooms
 
 
 def _on_one_side(deviations: Deviations, rows: IntArray, feet: FloatArray, of: IntArray, asked: FloatArray) -> IntArray:

@@ -191,3 +191,21 @@ def test_tolerances_that_cannot_be_held_are_named() -> None:
         decide(dataclasses.replace(found, signed=False), Tolerance(0.0, 0.1))
     with pytest.raises(InputError, match="low < high"):
         Tolerance(0.1, -0.1)
+
+
+def test_strays_beyond_an_edge_do_not_bring_in_what_the_pose_does_not_hold() -> None:
+    # Upper and right side alone hold nothing along y; noise lays points of their rims on the sides across y.
+    points = top()
+    beyond = np.flatnonzero(HALF - np.abs(points[:, 1]) < 0.002)
+    points[beyond, 1] = np.sign(points[beyond, 1]) * (HALF + 0.02)
+    found = deviations(points)
+    found = dataclasses.replace(found, covariance=np.diag([0.0] * 4 + [1.0, 0.0]))
+    assert 1 <= np.count_nonzero(found.pose_sigma(np.flatnonzero(found.counted)) > 0.5) < 25
+    judged = decide(found, TOLERANCE)
+    assert (judged.outcome, judged.places) == ("pass", ())
+    assert judged.uncertainty < TOLERANCE
+    # Of a side that was scanned it counts.
+    left = np.column_stack([points[:5_000, 0], np.full(5_000, HALF), points[:5_000, 1]])
+    both = dataclasses.replace(deviations(np.vstack([points, left])), covariance=found.covariance)
+    assert decide(both, TOLERANCE).outcome == "undecided"
+    assert decide(both, TOLERANCE).uncertainty == pytest.approx(2.0, rel=1e-6)
