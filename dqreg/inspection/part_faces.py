@@ -230,7 +230,10 @@ def _feature_of(corners: FloatArray, normals: FloatArray, extent: float) -> Feat
         # One triangle, or what is left of one: a plane of three corners has no form error to judge.
         points, sides = np.vstack([points, points.mean(axis=0)]), np.vstack([sides, sides[:1]])
     few = slice(None, None, max(1, len(points) // FIRST_CORNERS))
+    coarse: Feature | None = None
     for kind in TRIED:
+        if coarse is not None and kind == "sphere":
+            break
         try:
             if len(points) > 4 * FIRST_CORNERS:
                 asked = fit_feature(points[few], kind, normals=sides[few])
@@ -239,9 +242,13 @@ def _feature_of(corners: FloatArray, normals: FloatArray, extent: float) -> Feat
             found = fit_feature(points, kind, normals=sides)
         except DegenerateGeometryError:
             continue
-        if found.form <= _allowed(found, middles, extent):
+        if found.form <= MAX_FORM_EXTENTS * extent:
             return found
-    return None
+        # As those of a coarse file, unless another shape holds them exactly: two rims of a cone are near a cylinder
+        # across it, whose chords are as long as they are wide.
+        if coarse is None and found.form <= _allowed(found, middles, extent):
+            coarse = found
+    return coarse
 
 
 def _torus_of(corners: FloatArray, normals: FloatArray, extent: float) -> Torus | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import trimesh
 
 from dqreg.geometry import Mesh
 from dqreg.inspection import part_faces
@@ -83,3 +84,13 @@ def test_a_fillet_with_few_facets_round_is_a_torus_and_no_coarse_cone() -> None:
     assert fillet is not None
     assert (fillet.major_radius, fillet.minor_radius) == pytest.approx((21.0, 1.0), abs=1e-7)
     assert fillet.centre == pytest.approx([0.0, 0.0, 1.0], abs=1e-7)
+
+
+def test_a_cone_of_two_rims_is_no_cylinder_across_it() -> None:
+    made = trimesh.creation.revolve(np.array([[0.0, 0.0], [4.0, 0.0], [2.0, 10.0], [0.0, 10.0]]), sections=96)
+    part = Mesh(np.asarray(made.vertices), np.asarray(made.faces))
+    (wall,) = (face for face in part_faces(part) if face.kind != "plane")
+    assert wall.kind == "cone"
+    assert wall.feature is not None
+    assert wall.feature.half_angle == pytest.approx(np.arctan(0.2), rel=1e-6)
+    assert abs(wall.feature.axis[2]) == pytest.approx(1.0, abs=1e-9)
