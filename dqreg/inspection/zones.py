@@ -72,10 +72,10 @@ def position(feature: Feature, nominal: Feature, scan: FaceScan, frame: KnownFra
         return _plane_position(Surface.of(feature, scan), nominal, frame)
     if feature.kind == "sphere":
         found = propagated(lambda f: 2.0 * across(f[0].point, nominal), [feature], frame)
-        return _from_nothing(found, feature.freedom)
+        return from_nothing(found, feature.freedom)
     ends = _ends(feature, scan.corners)
     found = propagated(lambda f: _from_axis(f[0], nominal, ends), [feature], frame)
-    return _from_nothing(found, feature.freedom, len(ends))
+    return from_nothing(found, feature.freedom, len(ends))
 
 
 def coaxiality(feature: Feature, datum: Feature, scan: FaceScan) -> Measured:
@@ -85,7 +85,7 @@ def coaxiality(feature: Feature, datum: Feature, scan: FaceScan) -> Measured:
             raise InputError(f"a {each.kind} has no axis; coaxiality is of cylinders, cones, circles and lines")
     ends = _ends(feature, scan.corners)
     found = propagated(lambda f: _from_axis(f[0], f[1], ends), [feature, datum])
-    return _from_nothing(found, min(feature.freedom, datum.freedom), len(ends))
+    return from_nothing(found, min(feature.freedom, datum.freedom), len(ends))
 
 
 def orientation(feature: Feature, datum: Feature, scan: FaceScan, nominal_deg: float | None = None) -> Measured:
@@ -101,7 +101,7 @@ def orientation(feature: Feature, datum: Feature, scan: FaceScan, nominal_deg: f
         return _plane_orientation(Surface.of(feature, scan), datum, ideal)
     reach = float(np.ptp(scan.corners @ feature.axis))
     found = propagated(lambda f: reach * math.sin(math.radians(abs(angle_deg(f[0], f[1]) - ideal))), [feature, datum])
-    return _from_nothing(found, min(feature.freedom, datum.freedom))
+    return from_nothing(found, min(feature.freedom, datum.freedom))
 
 
 def _ends(feature: Feature, corners: FloatArray) -> tuple[float, ...]:
@@ -164,7 +164,7 @@ def _plane_orientation(surface: Surface, datum: Feature, ideal_deg: float) -> Me
     share = shape.value / plain if plain > 0.0 else 1.0
     value, spread = medians.corrected(shape.value, lambda z: share * simple(z))
     found = Measured(value, math.hypot(spread, shape.uncertainty))
-    return _from_nothing(found, min(feature.freedom, datum.freedom))
+    return from_nothing(found, min(feature.freedom, datum.freedom))
 
 
 def _least_width(heights: FloatArray, turning: FloatArray | None) -> float:
@@ -179,7 +179,7 @@ def _least_width(heights: FloatArray, turning: FloatArray | None) -> float:
     return width * min(float(np.ptp(z + slopes @ step)), 1.0)
 
 
-def _from_nothing(found: Measured, freedom: int, ends: int = 1) -> Measured:
+def from_nothing(found: Measured, freedom: int, ends: int = 1) -> Measured:
     """Near zero a length has one side only, and two directions of which its slope shows one; so has the other end."""
     from scipy.special import fdtri, ndtr
 

@@ -29,6 +29,10 @@ DEFINITIONS = {
     "position": f"diameter, or width, of the zone about the nominal place that holds {HELD}, or a sphere's centre; "
     "under the alignment above.",
     "coaxiality": "diameter of the least cylinder about the datum's axis that holds the fitted axis from end to end.",
+    "circular-runout": "travel of a dial square to the face in one turn about the datum's fitted axis, in the worst of "
+    "the sections; medians of neighbouring points of each.",
+    "total-runout": "travel of a dial square to the nominal face over all of it, about the datum's fitted axis; "
+    "medians of neighbouring points.",
     "profile": "twice the largest distance of medians of neighbouring points from the middle of the zone about the "
     "nominal face, under the alignment above.",
     "thickness": "of the wall behind the face, where it differs most from the part's own.",

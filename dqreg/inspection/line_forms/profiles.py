@@ -36,6 +36,7 @@ class Profile:
     values: FloatArray  # (n,): Signed distance from the fitted shape, in the plane of the profile
     radius: float  # Of the fitted shape there; 0 of a straight line
     middle: FloatArray  # (3,): In the frame of the scanned part: where a label stands
+    held: bool = False  # About an axis that is given: the zone has its centre there
 
     @property
     def places(self) -> FloatArray:
@@ -49,13 +50,15 @@ class Profile:
     def slopes(self) -> FloatArray:
         """Of the values by the place, and the tilt of the lines, of a zone that they lie in, (n, 2 or 3)."""
         one = np.ones(len(self.along))
+        if self.held:
+            return one[:, None]
         if not self.radius:
             return np.column_stack([one, self.along])
         return np.column_stack([one, np.cos(self.along), np.sin(self.along)])
 
     def centred(self) -> Profile:
         """The same section about the centre of its own circle, so that what is left of it is small."""
-        if not self.radius:
+        if not self.radius or self.held:
             return self
         points, centre = (self.radius + self.values)[:, None] * self.slopes[:, 1:], np.zeros(2)
         for _ in range(CENTRING_STEPS):

@@ -93,7 +93,7 @@ def _section(face: Face, flat: Unrolled, height: float, half: float, place: str 
     rows = np.flatnonzero(np.abs(flat.height - height) <= half)
     words = f"the section {f'at {place}' if place else f'{height - flat.ends[0]:.4g} along its axis'}"
     require_points(face, rows, words)
-    _require_round(face, flat.turn[rows], words)
+    require_round(face, flat.turn[rows], words)
     slope = np.tan(flat.feature.half_angle) if flat.feature.kind == "cone" else 0.0
     middle = flat.feature.point + height * flat.feature.axis
     return Profile(flat.turn[rows], flat.values[rows], float(flat.feature.radius + slope * height), middle)
@@ -106,12 +106,12 @@ def _great_circle(part: ScannedPart, face: Face, axis: FloatArray) -> Profile:
     words = f"the section across {words_of(axis)}"
     require_points(face, rows, words)
     turn = np.arctan2(local[rows, 1], local[rows, 0])
-    _require_round(face, turn, words)
+    require_round(face, turn, words)
     values = distances("sphere", feature.shape, points[rows])[0]
     return Profile(turn, values, feature.radius, feature.point)
 
 
-def _require_round(face: Face, turn: FloatArray, words: str) -> None:
+def require_round(face: Face, turn: FloatArray, words: str) -> None:
     """`DegenerateGeometryError` where a section was scanned on less than half of a turn: its centre is not held."""
     seen = _round_deg(turn)
     if seen < 180.0:

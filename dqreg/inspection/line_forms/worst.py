@@ -44,23 +44,21 @@ def worst_form(profiles: Sequence[Profile], noise: float) -> Measured:
     """
     profiles = [each.centred() for each in profiles]
     if noise == 0.0:
-        zones = np.array([[width_of_zone(each.values, each.along, each.radius)] for each in profiles])
+        zones = np.array([[_width(each, each.values)] for each in profiles])
         hidden = max(_hidden_share(each, each) * zone for each, zone in zip(profiles, zones[:, 0], strict=True))
         return Measured(float(zones.max()), float(hidden), profiles[int(np.argmax(zones))].middle)
     own = _noise(profiles, noise) or noise
-    blocks = [each.blocks(_block_count(len(each.values))) for each in profiles]
+    blocks = [each.blocks(block_count(len(each.values))) for each in profiles]
     series = [
         Series(each.places, each.values, each.slopes, sigma_of(own, len(whole.values) // len(each.values)))
         for whole, each in zip(profiles, blocks, strict=True)
     ]
     drawn = drawn_series(series)
     zones = np.array([_zones(each, values) for each, values in zip(blocks, drawn.values, strict=True)])
-    mean = max(
-        width_of_zone(values.mean(axis=0), each.along, each.radius)
-        for each, values in zip(blocks, drawn.values, strict=True)
-    )
+    mean = max(_width(each, values.mean(axis=0)) for each, values in zip(blocks, drawn.values, strict=True))
     worst = profiles[int(np.argmax(zones.mean(axis=1)))].middle
     value, room = drawn.measured(zones.max(axis=0), mean)
+    # Between blocks lies what is left about a section's own centre: a travel of one wave a turn is known there.
     hidden = max(
         _hidden_share(whole, each) * width_of_zone(each.values, each.along, each.radius)
         for whole, each in zip(profiles, blocks, strict=True)
@@ -68,7 +66,7 @@ def worst_form(profiles: Sequence[Profile], noise: float) -> Measured:
     return Measured(value, room + hidden, worst)
 
 
-def _block_count(count: int) -> int:
+def block_count(count: int) -> int:
     """Blocks of as many points."""
     return int(np.clip(count // MIN_BLOCK_POINTS, min(count, FEW_BLOCKS), MAX_BLOCKS))
 
@@ -107,8 +105,13 @@ def _zones(profile: Profile, drawn: FloatArray) -> FloatArray:
     some = some[:: max(len(some) // ZONE_DRAWS, 1)]
     if not len(some):
         return np.asarray(wide)
-    narrow = [width_of_zone(drawn[k], profile.along, profile.radius) for k in some]
+    narrow = [_width(profile, drawn[k]) for k in some]
     return np.asarray(wide * float(np.mean(np.array(narrow) / wide[some])))
+
+
+def _width(profile: Profile, values: FloatArray) -> float:
+    """Width of the zone of values along a profile."""
+    return float(np.ptp(values)) if profile.held else width_of_zone(values, profile.along, profile.radius)
 
 
 def width_of_zone(values: FloatArray, along: FloatArray, radius: float) -> float:

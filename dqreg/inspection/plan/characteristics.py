@@ -30,6 +30,8 @@ CharacteristicKind = Literal[
     "angularity",
     "position",
     "coaxiality",
+    "circular-runout",
+    "total-runout",
     "profile",
     "thickness",
     "width",
@@ -43,16 +45,15 @@ SYNONYMS = {
     "circularity": "roundness",
     "concentricity": "coaxiality",
     "squareness": "perpendicularity",
+    "circular runout": "circular-runout",
+    "total runout": "total-runout",
     **dict.fromkeys(("surface profile", "profile of a surface"), "profile"),
 }
 # Words of drawings for what is not measured under any name, and what is instead.
 NOT_MEASURED = {
     "radius": "a radius is measured as a diameter, with limits twice as wide",
     **dict.fromkeys(("depth", "height"), 'it is the distance of two faces: kind = "distance"'),
-    **dict.fromkeys(
-        ("runout", "circular runout", "total runout"),
-        "runout is not measured; roundness (of sections) or form and coaxiality are, which together bound it",
-    ),
+    "runout": "it is circular-runout, of sections, or total-runout, of the whole face",
     "symmetry": "symmetry is not measured; the position of a hole and the slot-position of a slot are",
     **dict.fromkeys(("line profile", "profile of a line"), "profile is that of a whole face"),
 }
@@ -61,13 +62,14 @@ FACES: dict[str, int] = {"distance": 2, "angle": 2}
 # Those of a slot: of all the faces of its wall.
 OF_SLOT = ("width", "length", "slot-position")
 # Those that relate a face to a datum.
-TO_DATUM = ("parallelism", "perpendicularity", "angularity", "coaxiality")
+RUNOUT = ("circular-runout", "total-runout")
+TO_DATUM = ("parallelism", "perpendicularity", "angularity", "coaxiality", *RUNOUT)
 # Those that depend on how the part is aligned.
 UNDER = ("position", "slot-position", "profile", "edge-point")
 # Zones: their tolerance is a width from 0, and nothing is nominal.
 ZONES = ("form", "roundness", "straightness", *TO_DATUM, "position", "profile", "slot-position")
 # Those of fitted features.
-FITTED = ("diameter", "distance", "angle", *TO_DATUM, "position")
+FITTED = ("diameter", "distance", "angle", "parallelism", "perpendicularity", "angularity", "coaxiality", "position")
 # Which lines of a face a roundness or a straightness is of.
 LINE_KEYS = ("at", "direction", "of")
 # What a straightness may be of; a roundness is of the first.
@@ -202,10 +204,10 @@ def fit_of(entry: dict[str, Any], where: str) -> PlannedFit:
 
 def _line(entry: dict[str, Any], kind: str, where: str) -> PlannedLine:
     given = [key for key in LINE_KEYS if key in entry]
-    if kind not in ("roundness", "straightness"):
-        if given:
-            raise InputError(f"{where}: {given[0]} goes with roundness and straightness, not with {kind}")
-        return PlannedLine()
+    known = LINE_KEYS if kind in ("roundness", "straightness") else LINE_KEYS[: kind == "circular-runout"]
+    for key in given:
+        if key not in known:
+            raise InputError(f"{where}: {key} goes with roundness and straightness, not with {kind}")
     of = entry.get("of", "surface")
     require_one_of(of, OF if kind == "straightness" else OF[:1], f"{where}: of")
     if of == "axis" and len(given) > 1:

@@ -15,12 +15,13 @@ from dqreg.inspection.distances import distance
 from dqreg.inspection.edge_points import edge_beside, edge_on
 from dqreg.inspection.features import Feature
 from dqreg.inspection.line_forms.round_sections import centres_of, require_around, sections_of
+from dqreg.inspection.line_forms.runout import circular_runout, total_runout
 from dqreg.inspection.line_forms.straight_lines import lines_of
 from dqreg.inspection.line_forms.worst import axis_form, worst_form
 from dqreg.inspection.outward_side import require_sides
 from dqreg.inspection.part_faces import Face
 from dqreg.inspection.places import COVERAGE_FACTOR
-from dqreg.inspection.plan.characteristics import OF_SLOT, PlannedCharacteristic
+from dqreg.inspection.plan.characteristics import OF_SLOT, RUNOUT, PlannedCharacteristic
 from dqreg.inspection.plan.file import Plan
 from dqreg.inspection.scanned_part import ScannedPart
 from dqreg.inspection.thickness import wall_thickness
@@ -93,6 +94,8 @@ def measured_value(
             ideal = part.ideal_slot(faces)
             return zones.position(slot, ideal, _scan_of(part, faces, ideal), frame)
         return compute.width(slot) if row.kind == "width" else compute.length(slot)
+    if row.kind in RUNOUT:
+        return _runout(part, plan, row, faces[0])
     measured = [part.measured(face, row.fit) for face in faces]
     if row.kind in SIZED:
         for face in faces:
@@ -156,6 +159,16 @@ def _to_datum(part: ScannedPart, row: PlannedCharacteristic, face: Face, datum: 
     return zones.orientation(
         measured, base, scan, compute.angle(ideal, part.ideal(datum)).value if nominal is None else nominal
     )
+
+
+def _runout(part: ScannedPart, plan: Plan, row: PlannedCharacteristic, face: Face) -> Measured:
+    """Circular or total runout about the axis of the datum as it was scanned."""
+    named = next(datum for datum in plan.datums if datum.name == row.datum)
+    datum = part.face(named.face)
+    base = part.measured(datum, named.fit)
+    if row.kind == "total-runout":
+        return total_runout(part, face, datum, base)
+    return circular_runout(part, face, datum, base, row.line.at)
 
 
 def _line_form(part: ScannedPart, row: PlannedCharacteristic, face: Face) -> Measured:

@@ -224,7 +224,8 @@ def changed(path: list[Any], value: Any) -> dict[str, Any]:
         (["characteristic", 1, "kind"], "profile_of_a_surface", 'kind = "profile"'),
         (["characteristic", 1, "kind"], "radius", "as a diameter, with limits twice as wide"),
         (["characteristic", 1, "kind"], "depth", 'kind = "distance"'),
-        (["characteristic", 1, "kind"], "runout", "runout is not measured"),
+        (["characteristic", 1, "kind"], "runout", "it is circular-runout, of sections, or total-runout"),
+        (["characteristic", 1, "kind"], "Total runout", 'kind = "total-runout"'),
         (["characteristic", 1, "kind"], "symmetry", "symmetry is not measured"),
         # No typing error of length, which shares two letters of three with it.
         (["characteristic", 1, "kind"], "heigth", "got 'heigth'$"),
