@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import BoolArray, FloatArray
 from dqreg.errors import InputError
 from dqreg.geometry import Mesh
 from dqreg.inspection.coverage import scanned_share
@@ -128,8 +128,7 @@ def decide(
     >>> decide(found, Tolerance(0.0 - 0.01, 0.04)).outcome
     'pass'
     """
-    require_share(required_share)
-    whole, own = _asked(deviations, tolerance, faces or {})
+    whole, own = _asked(deviations, tolerance, faces or {}, required_share)
     rows = np.flatnonzero(deviations.counted)
     values, room = deviations.values[rows], COVERAGE_FACTOR * deviations.pose_sigma(rows)
     cut = cut_of(deviations, by_face=bool(own))
@@ -144,27 +143,23 @@ def decide(
         inner = limits.of(at)
         share = _by_share(values[at], room[at], inner, allowed.required_share or required_share)
         outcome = worst_of([share, *(place.outcome for place in places if place.region == region.number)])
-        within = float(np.count_nonzero(inner.beyond(values[at]) <= 0.0) / max(region.points, 1))
+        within = float(np.mean(inner.beyond(values[at]) <= 0.0))
         return dataclasses.replace(region, share_within=within, outcome=outcome, low=allowed.low, high=allowed.high)
 
     regions = tuple(of_region(region) for region in regions_of(deviations, cut))
-    # Strays of faces that were not scanned say nothing of how well the others are held.
-    scanned = limits.asked & np.isin(cut.labels, [region.number for region in regions])
-    uncertainty = float(room[scanned if scanned.any() else limits.asked].max(initial=0.0))
     judged = limits.asked
+    uncertainty = _largest(room, judged, cut, regions)
     values, room, limits = values[judged], room[judged], limits.of(judged)
     share = _by_share(values, room, limits, required_share)
     outcomes = [share, *(place.outcome for place in places), *(region.outcome or "pass" for region in regions)]
     within = np.count_nonzero(limits.beyond(values) <= 0.0)
-    doubts = {WALL_SIDE: bool(deviations.wall_doubts), SOLVED_SCALE: deviations._scale_solved}
-    codes = tuple(code for code, holds in doubts.items() if holds)
     return Decision(
-        outcome=worst_of([*outcomes, "undecided" if codes else "pass"]),
+        outcome=worst_of([*outcomes, "undecided" if _codes(deviations) else "pass"]),
         tolerance=max(each.size for each in (*own.values(), *([] if whole is None else [whole]))),
         required_share=required_share,
         share_within=float(within / len(values)) if len(values) else math.nan,
         share=share,
-        uncertainty=uncertainty if len(room) else math.nan,
+        uncertainty=uncertainty,
         places=places,
         regions=regions,
         regions_how=cut.how,
@@ -173,8 +168,21 @@ def decide(
         own=len(own),
         scanned=_scanned(deviations, cut),
         wall_doubts=deviations.wall_doubts,
-        codes=codes,
+        codes=_codes(deviations),
     )
+
+
+def _largest(room: FloatArray, asked: BoolArray, cut: Cut, regions: tuple[Region, ...]) -> float:
+    """Largest uncertainty: strays of faces that were not scanned say nothing of how well the others are held."""
+    scanned = asked & np.isin(cut.labels, [region.number for region in regions])
+    kept = room[scanned if scanned.any() else asked]
+    return float(kept.max()) if len(kept) else math.nan
+
+
+def _codes(deviations: Deviations) -> tuple[str, ...]:
+    """Of what keeps a part from passing beside its deviations."""
+    doubts = {WALL_SIDE: bool(deviations.wall_doubts), SOLVED_SCALE: deviations._scale_solved}
+    return tuple(code for code, holds in doubts.items() if holds)
 
 
 def _scanned(deviations: Deviations, cut: Cut) -> float:
@@ -186,9 +194,13 @@ def _scanned(deviations: Deviations, cut: Cut) -> float:
 
 
 def _asked(
-    deviations: Deviations, tolerance: float | Tolerance | None, faces: Mapping[int, float | Tolerance]
+    deviations: Deviations,
+    tolerance: float | Tolerance | None,
+    faces: Mapping[int, float | Tolerance],
+    required_share: float,
 ) -> tuple[Tolerance | None, dict[int, Tolerance]]:
     """The tolerance of the whole part and those of single faces, checked against what was measured."""
+    require_share(required_share)
     given = deviations.tolerance if tolerance is None else tolerance
     whole = None if given is None else tolerance_of(given)
     own = {int(number): tolerance_of(each, f"the tolerance of face {number}") for number, each in faces.items()}

@@ -79,12 +79,7 @@ def measured_value(
         spread = float(frame.sigma(edge.point[None], edge.outward[None])[0])
         return Measured(edge.offset, COVERAGE_FACTOR * float(np.hypot(edge.sigma, spread)))
     if row.kind == "profile":
-        if row.middle:
-            require_sides(part.mesh, "unequal sides of a tolerance")
-        part.require_scanned(faces[0])
-        signed, normals = surface_deviations(part, faces[0], points)
-        spread = float(frame.sigma(points, normals).max(initial=0.0))
-        return compute.profile(signed, points, part.noise, frame_sigma=spread, middle=row.middle)
+        return _profile(part, row, faces[0], frame)
     if row.kind == "thickness":
         part.require_scanned(faces[0])
         return wall_thickness(part, faces[0]).measured(_middle_of_limits(row), row.nominal)
@@ -159,6 +154,17 @@ def _to_datum(part: ScannedPart, row: PlannedCharacteristic, face: Face, datum: 
     return zones.orientation(
         measured, base, scan, compute.angle(ideal, part.ideal(datum)).value if nominal is None else nominal
     )
+
+
+def _profile(part: ScannedPart, row: PlannedCharacteristic, face: Face, frame: KnownFrame) -> Measured:
+    """Profile of a face under the alignment of the plan."""
+    if row.middle:
+        require_sides(part.mesh, "unequal sides of a tolerance")
+    part.require_scanned(face)
+    points = part.on(face)
+    signed, normals = surface_deviations(part, face, points)
+    spread = float(frame.sigma(points, normals).max(initial=0.0))
+    return compute.profile(signed, points, part.noise, frame_sigma=spread, middle=row.middle)
 
 
 def _runout(part: ScannedPart, plan: Plan, row: PlannedCharacteristic, face: Face) -> Measured:
