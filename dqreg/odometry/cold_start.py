@@ -14,10 +14,9 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.odometry.assess import MapLink
-from dqreg.odometry.frame import DownsampledFrame, RawFrame
-from dqreg.odometry.kiss import KissParts, rigid
-from dqreg.odometry.prediction import Prediction
-from dqreg.odometry.settings import Resolved
+from dqreg.odometry.frame import DownsampledFrame
+from dqreg.odometry.kiss import rigid
+from dqreg.odometry.next_frame import NextFrame
 from dqreg.odometry.starts import predict
 from dqreg.odometry.tracker import Tracker
 from dqreg.odometry.tracker_state import Standing
@@ -43,49 +42,28 @@ class ColdStartTracker(Tracker):
         super()._begin(start)
         self._suspect: SuspectFrame | None = None
 
-    def _register(
-        self,
-        kiss: KissParts,
-        world: VoxelMap,
-        lengths: Resolved,
-        frame: DownsampledFrame,
-        raw: RawFrame,
-        ratio: float,
-        expected: Prediction | None,
-        *,
-        insert: bool,
-    ) -> Registration:
+    def _register(self, given: NextFrame) -> Registration:
         suspect = self._suspect
-        found = super()._register(kiss, world, lengths, frame, raw, ratio, expected, insert=insert)
-        if suspect is None or "lost" not in found.verdict.codes or not insert:
+        found = super()._register(given)
+        if suspect is None or "lost" not in found.verdict.codes or not given.insert:
             return found
         before, timeline = self._at, self._timeline
-        missed, self._suspect, tried = timeline.missed, None, VoxelMap(lengths, world.points)
+        missed, self._suspect, tried = timeline.missed, None, VoxelMap(given.lengths, given.world.points)
         tried.insert(lambda: suspect.frame.dense, suspect.T_map_frame)
         self._at = Standing(suspect.T_map_frame, suspect.motion, tried, MapLink.hanging_on(suspect.number))
         timeline.resume(timeline.count - suspect.number - 1)
-        again = super()._register(kiss, tried, lengths, frame, raw, timeline.steps, expected, insert=True)
+        again = super()._register(dataclasses.replace(given, world=tried, ratio=timeline.steps))
         if again.verdict.level != "failed":
             return again
         self._at, self._suspect, timeline.missed = before, suspect, missed
         return found
 
-    def _learn(
-        self,
-        kiss: KissParts,
-        world: VoxelMap,
-        frame: DownsampledFrame,
-        result: Registration,
-        T_predicted: FloatArray,
-        *,
-        enters: bool,
-        insert: bool,
-    ) -> None:
+    def _learn(self, given: NextFrame, result: Registration, T_predicted: FloatArray, *, enters: bool) -> None:
         steps, T_last = self._timeline.steps, self._at.T_last
-        super()._learn(kiss, world, frame, result, T_predicted, enters=enters, insert=insert)
+        super()._learn(given, result, T_predicted, enters=enters)
         if enters:
             self._suspect = None
         elif result.verdict.level == "suspect" and not self._usual:
             T = result.T_target_source
             motion = rigid(predict(np.eye(4), pose.inverse(T_last) @ T, 1.0 / steps))
-            self._suspect = SuspectFrame(frame, T, motion, self._timeline.count)
+            self._suspect = SuspectFrame(given.frame, T, motion, self._timeline.count)

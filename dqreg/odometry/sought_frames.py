@@ -18,8 +18,9 @@ from dqreg.geometry import PointCloud
 from dqreg.odometry.align import FrameSearch
 from dqreg.odometry.assess import MapLink
 from dqreg.odometry.cold_start import ColdStartTracker, SuspectFrame
-from dqreg.odometry.frame import DownsampledFrame, RawFrame
-from dqreg.odometry.kiss import KissParts, rigid
+from dqreg.odometry.frame import DownsampledFrame
+from dqreg.odometry.kiss import rigid
+from dqreg.odometry.next_frame import NextFrame
 from dqreg.odometry.prediction import Prediction
 from dqreg.odometry.settings import OdometrySettings, Resolved
 from dqreg.odometry.starts import predict
@@ -55,27 +56,16 @@ class SeekingTracker(ColdStartTracker):
         # Frames that wait after the next search in vain, and those that wait now.
         self._pause, self._waiting = 0, 0
 
-    def _register(
-        self,
-        kiss: KissParts,
-        world: VoxelMap,
-        lengths: Resolved,
-        frame: DownsampledFrame,
-        raw: RawFrame,
-        ratio: float,
-        expected: Prediction | None,
-        *,
-        insert: bool,
-    ) -> Registration:
+    def _register(self, given: NextFrame) -> Registration:
         before, waiting = self._kept(), self._waiting
         self._waiting = max(waiting - 1, 0)
-        found = super()._register(kiss, world, lengths, frame, raw, ratio, expected, insert=insert)
+        found = super()._register(given)
         # What entered the map stays in it, and so does another map that was begun.
-        is_settled = not self._timeline.missed or self._at.world is not world
-        is_asked = expected is None and PLACE_IN_DOUBT.intersection(found.verdict.codes)
+        is_settled = not self._timeline.missed or self._at.world is not given.world
+        is_asked = given.expected is None and PLACE_IN_DOUBT.intersection(found.verdict.codes)
         if is_settled or waiting or not is_asked:
             return found
-        sought = sought_in_map(world, frame.without(before.at.motion), lengths, self.settings)
+        sought = sought_in_map(given.world, given.frame.without(before.at.motion), given.lengths, self.settings)
         self._waiting, self._pause = self._pause, min(LONGER_PAUSES * self._pause + 1, LONGEST_PAUSE)
         if sought.verdict.level == "failed":
             return found
@@ -86,9 +76,9 @@ class SeekingTracker(ColdStartTracker):
         self._at = dataclasses.replace(before.at, motion=motion)
         is_sure = sought.verdict.level == "accepted"
         there = Prediction(T, doubts=() if is_sure else (_doubt(found, sought),))
-        again = super()._register(kiss, world, lengths, frame, raw, ratio, there, insert=insert)
-        apart = float(frame.scan._spread.motion(found.T_target_source, again.T_target_source))
-        is_elsewhere = not apart <= lengths.near
+        again = super()._register(dataclasses.replace(given, expected=there))
+        apart = float(given.frame.scan._spread.motion(found.T_target_source, again.T_target_source))
+        is_elsewhere = not apart <= given.lengths.near
         if self._timeline.missed and not _tells_more(again, found, is_sure=is_sure, is_elsewhere=is_elsewhere):
             self._put_back(after)
             return found

@@ -16,6 +16,7 @@ from dqreg.odometry.assess import LOST_FRACTION, first_frame, frame_result, info
 from dqreg.odometry.deskewing import REPEATED_MISFIT_VOXELS, Deskewed, undo_first_sweep
 from dqreg.odometry.frame import DownsampledFrame, RawFrame
 from dqreg.odometry.kiss import KissParts, rigid
+from dqreg.odometry.next_frame import NextFrame
 from dqreg.odometry.prediction import Prediction
 from dqreg.odometry.repeats import like_itself, similar_shifts, with_met_normals
 from dqreg.odometry.rivals import ComparedFrame, is_free, looked_through, map_sample, placed, share_looked_through
@@ -91,7 +92,7 @@ class Tracker:
             self._first = None if frame.back is None else frame
             return first_frame(self._at.T_last, raw.notes, self._settings_of(frame))
         self._is_under_way = self._undo_first_sweep(self._at.world, lengths, frame, ratio)
-        return self._register(kiss, self._at.world, lengths, frame, raw, ratio, expected, insert=insert)
+        return self._register(NextFrame(frame, raw.notes, self._at.world, lengths, kiss, ratio, expected, insert))
 
     def _undo_first_sweep(self, world: VoxelMap, lengths: Resolved, frame: DownsampledFrame, ratio: float) -> bool:
         """Make the map anew of the first frame without the motion during its sweep; whether that was found."""
@@ -115,21 +116,11 @@ class Tracker:
         self._timeline.missed += 1
         return without_pose((Reason(why, "too_few_points"), *raw.notes), status, {})
 
-    def _register(
-        self,
-        kiss: KissParts,
-        world: VoxelMap,
-        lengths: Resolved,
-        frame: DownsampledFrame,
-        raw: RawFrame,
-        ratio: float,
-        expected: Prediction | None,
-        *,
-        insert: bool,
-    ) -> Registration:
+    def _register(self, given: NextFrame) -> Registration:
         T_last, motion = self._at.T_last, self._at.motion
+        frame, lengths, kiss, ratio, expected = given.frame, given.lengths, given.kiss, given.ratio, given.expected
         T_predicted = rigid(predict(T_last, motion, ratio)) if expected is None else expected.T_map_frame
-        surface, T_likely = world.surface, T_predicted
+        surface, T_likely = given.world.surface, T_predicted
         if expected is None:
             T_likely, motion = self._pace.expect(T_last, motion, ratio)
         else:
@@ -143,7 +134,7 @@ class Tracker:
         seen = self._seen(frame, lengths) if frame.back is None else None
         deskewed = self._deskewed(search, frame, trusted=expected is not None or kiss.deviation <= lengths.voxel_size)
         turned = self._turned(search, deskewed, expected, seen)
-        frame, aligned, notes = turned.deskewed.frame, turned.deskewed.aligned, raw.notes + turned.deskewed.notes
+        frame, aligned, notes = turned.deskewed.frame, turned.deskewed.aligned, given.notes + turned.deskewed.notes
         seen = seen or self._seen(frame, lengths)
         measured = expected is not None and expected.information is not None
         spread = expected.spread if expected is not None and measured else self._deviation(kiss, aligned, expected)
@@ -158,8 +149,8 @@ class Tracker:
         # A map that holds what a frame looked through would confirm the next ones.
         first = looked_through(turned.told(first, search), seen.result(), map_sample(surface))
         # What is said of it then changes neither its pose nor whether it enters; places that it is like ask the map.
-        if grows := insert and self._surely_enters(first, frame) and not asked and not measured:
-            world.insert(lambda: frame.dense, rigid(T))
+        if grows := given.insert and self._surely_enters(first, frame) and not asked and not measured:
+            given.world.insert(lambda: frame.dense, rigid(T))
         place = first if similar is None else like_itself(first, search, frame, seen.result(), similar)
         # For the next frame, which is taken for as dense.
         self._view = seen.result()
@@ -171,7 +162,8 @@ class Tracker:
             self._unlike = None if len(similar.result()) else T
         if result.verdict.level != "accepted":
             self._unlike = None
-        self._learn(kiss, world, frame, result, T_predicted, enters=enters, insert=insert and not grows)
+        learned = dataclasses.replace(given, frame=frame, insert=given.insert and not grows)
+        self._learn(learned, result, T_predicted, enters=enters)
         return result
 
     def _deskewed(self, search: FrameSearch, frame: DownsampledFrame, *, trusted: bool) -> Deskewed:
@@ -246,17 +238,7 @@ class Tracker:
         anchors = [(self._at.T_last, T_predicted)]
         return anchors if self._at.T_doubtful is None else [*anchors, (self._at.T_doubtful, self._at.T_doubtful)]
 
-    def _learn(
-        self,
-        kiss: KissParts,
-        world: VoxelMap,
-        frame: DownsampledFrame,
-        result: Registration,
-        T_predicted: FloatArray,
-        *,
-        enters: bool,
-        insert: bool,
-    ) -> None:
+    def _learn(self, given: NextFrame, result: Registration, T_predicted: FloatArray, *, enters: bool) -> None:
         if result.verdict.level == "failed":
             self._timeline.missed += 1
             return
@@ -268,15 +250,16 @@ class Tracker:
             self._at = dataclasses.replace(self._at, T_doubtful=T_doubtful, kept_out=self._at.kept_out + 1)
             return
         deviation = pose.inverse(T_predicted) @ T
-        kiss.learn(deviation)
+        given.kiss.learn(deviation)
         # Of a gap only the mean motion is known, and of one that nobody measured none.
         step = pose.inverse(self._at.T_last) @ T
         before, ahead = self._at.motion, self._timeline.is_ahead
         motion = before if ahead else rigid(predict(np.eye(4), step, 1.0 / self._timeline.steps))
-        self._pace.learn(frame.scan._spread, T, before, motion)
+        self._pace.learn(given.frame.scan._spread, T, before, motion)
         self._timeline.trust()
         self._usual.append(result.inlier_fraction)
-        self._merge(world, frame, dataclasses.replace(self._at, T_last=T, motion=motion), insert=insert)
+        at = dataclasses.replace(self._at, T_last=T, motion=motion)
+        self._merge(given.world, given.frame, at, insert=given.insert)
 
     @property
     def _usual_fraction(self) -> float:
