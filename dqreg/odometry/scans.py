@@ -129,10 +129,11 @@ def _read_times(file: Path) -> FloatArray:
 
 def _from_folder(folder: Path) -> Scans:
     files = [file for file in folder.iterdir() if file.suffix.lower() in FRAME_SUFFIXES]
-    if len(files) == 1 and files[0].suffix.lower() == ".npz":
-        return _from_archive(files[0])
-    # A folder with poses and notes beside the scans: the most frequent kind is the scans.
     suffixes = [file.suffix.lower() for file in files]
+    # Beside it may lie what an earlier run wrote, a table of its frames for example.
+    if suffixes.count(".npz") == 1 and len(set(suffixes)) == len(suffixes):
+        return _from_archive(files[suffixes.index(".npz")])
+    # A folder with poses and notes beside the scans: the most frequent kind is the scans.
     if not files:
         raise InputError(f"{folder} holds no scans; known are {', '.join(FRAME_SUFFIXES)}")
     kind = max(sorted(set(suffixes)), key=suffixes.count)

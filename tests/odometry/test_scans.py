@@ -55,6 +55,12 @@ def test_kitti_bin_npz_and_archive(tmp_path, points):
     assert scans[0].points[1].tolist() == [1.5, 2.0, 2.5]
 
 
+def test_an_archive_is_read_beside_what_an_earlier_run_wrote(tmp_path, points):
+    np.savez(tmp_path / "scans.npz", points=points, offsets=[0, 20, 50])
+    (tmp_path / "frames.csv").write_text("frame,name\n0,a\n")
+    assert open_scans(tmp_path).names == ("scans.npz[0]", "scans.npz[1]")
+
+
 def test_times_of_points_in_ply(tmp_path, points):
     header = "ply\nformat ascii 1.0\nelement vertex 2\n" + "".join(
         f"property double {n}\n" for n in ("x", "y", "z", "t")
