@@ -40,6 +40,9 @@ ALL_POINTS_STEP_VOXELS = 0.3
 MIN_KERNEL_SCALE_VOXELS = 0.05
 # Points from which on a frame is followed on the planes of cells: of fewer, many meet none.
 MIN_POINTS_FOR_CELLS = 1_000
+# Runs with few points, each from where the last one ended, and the inliers that one has to win for another: rings of
+# a LiDAR hold the steps back, and a run ends by their number.
+APPROACHES, WORTHWHILE_SHARE = 4, 0.02
 # Points that the pose of a frame with times is found from, before its motion is found with it from all.
 POINTS_BEFORE_SWEEP = 1_000
 # First kernel scale, over the largest distance.
@@ -116,6 +119,18 @@ class FrameSearch:
     def refine(self, scan: Scan, T_map_frame: FloatArray) -> Alignment:
         """The pose of a frame near a known one, (4, 4)."""
         return self._align(scan, T_map_frame[None], 1)
+
+    def approach(self, scan: Scan, T_map_frame: FloatArray) -> Alignment:
+        """The pose of a few points of a frame near a known one, (4, 4), begun again where that wins inliers."""
+        few = scan.thinned(COARSE_POINTS)
+        run = self._coarse(few, T_map_frame)
+        for _ in range(APPROACHES - 1):
+            again = run if run.ended_early else self._coarse(few, run.T_target_source)
+            won = again.inlier_fraction - run.inlier_fraction
+            run = again if won > 0.0 else run
+            if won < WORTHWHILE_SHARE:
+                break
+        return run
 
     def fits(self, aligned: Alignment) -> bool:
         """Whether the fraction of inliers is that of a right pose."""

@@ -26,6 +26,7 @@ HEADER = (
     "on_map",
     "rms",
     "seconds",
+    "search_seconds",
     "reasons",
 )
 
@@ -36,15 +37,16 @@ def write_frames(path: str | Path, trip: TrajectoryRun, scans: Scans) -> None:
     for number, name in enumerate(scans.names):
         time = "" if scans.times is None else f"{scans.times[number]:.9f}"
         place = [_number(value) for value in trip.poses[number, :3, 3]]
-        words = [""] * 6
+        words = [""] * 7
         if trip.results:
             result = trip.results[number]
             words = [
                 result.verdict.level,
                 *(_number(value) for value in (*_sigmas(result), result.inlier_fraction, result.rms)),
+                _number(result.timings.get("search", np.nan)),
                 "; ".join(result.verdict.reasons),
             ]
-        row = [number, name, time, words[0], *place, *words[1:5], _number(trip.seconds[number]), words[5]]
+        row = [number, name, time, words[0], *place, *words[1:5], _number(trip.seconds[number]), *words[5:]]
         rows.append(row)
     write_atomically(Path(path), csv_text(HEADER, rows))
 
@@ -67,6 +69,7 @@ def to_records(trip: TrajectoryRun, scans: Scans) -> list[dict[str, Any]]:
                 "on_map": None if result is None else result.inlier_fraction,
                 "rms": None if result is None else result.rms,
                 "seconds": float(trip.seconds[number]),
+                "search_seconds": None if result is None else result.timings.get("search"),
                 "reasons": [] if result is None else list(result.verdict.reasons),
                 "codes": [] if result is None else list(result.verdict.codes),
             }

@@ -18,8 +18,8 @@ from dqreg.files.strict_json import plain
 from dqreg.files.untrusted import require_readable
 from dqreg.odometry.settings import OdometrySettings, Resolved
 
-# Since version 2 the lengths hold the noise of the first frame; files of version 1 may.
-FORMAT, VERSION = "dqreg map", 2
+# Since version 2 the lengths hold the noise of the first frame, since 3 the settings the search in the map.
+FORMAT, VERSION = "dqreg map", 3
 
 
 @dataclasses.dataclass(frozen=True)

@@ -71,6 +71,17 @@ def _pair(values: FloatArray) -> str:
     return f"{np.median(values):.2g} / {values.max():.2g}" if len(values) else ""
 
 
+def search_words(trip: TrajectoryRun) -> str:
+    """How long frames were sought in all of the map, in a sentence; empty where none was."""
+    searches = [result.timings["search"] for result in trip.results if "search" in result.timings]
+    if not searches:
+        return ""
+    return (
+        f"searched all of the map for {len(searches)} of {len(trip.results)} frames: {sum(searches):.1f} s, the "
+        f"longest {max(searches):.1f} s (--time-limit bounds each, --map-search never leaves them out)"
+    )
+
+
 def trust_words(trip: TrajectoryRun, truth: FloatArray) -> str:
     """Whether the covariances keep their word, in a sentence. Shapes: truth (n, 4, 4)."""
     covariances = np.stack([result.covariance for result in trip.results])

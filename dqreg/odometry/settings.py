@@ -11,7 +11,7 @@ from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.geometry.beams import Beams, beams_of
 from dqreg.geometry.morton import morton_order
-from dqreg.registration.option_checks import require_flag
+from dqreg.registration.option_checks import read_time_limit, require_flag, require_word
 
 # Voxel over the median range of the first frame: 0.4 m in halls and streets, 0.1 m on a desk.
 VOXEL_SHARE = 0.05
@@ -25,6 +25,7 @@ MIN_RINGED_POINTS = 1_000
 
 
 Method = Literal["plane", "dq", "dq-points"]
+MapSearch = Literal["never", "doubt"]
 
 
 class OdometryOptions(TypedDict, total=False):
@@ -40,6 +41,8 @@ class OdometryOptions(TypedDict, total=False):
     method: Method
     threads: int
     history: int | None
+    map_search: MapSearch
+    time_limit: float | None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,11 +72,17 @@ class OdometrySettings:
         Threads of KISS-ICP's parts; 0 takes all cores.
     history : int, optional
         Frames that ``poses`` and ``trajectory`` keep, for programs that never end. Default: all, 128 bytes a frame.
+    map_search : {"never", "doubt"}
+        Whether a frame that is lost, or fits badly, where it is expected is sought in all of the map, which takes as
+        long as many frames. With "never" it stays lost or in doubt, and `Odometry.relocalise` can be called for it.
+    time_limit : float, optional
+        Seconds that the search for one frame in all of the map may take; one that had no time to end tells nothing, and
+        the verdict says so. Default: no limit. `Odometry.relocalise` searches to the end.
 
     Raises
     ------
     InputError
-        If a value is out of range, or the method unknown.
+        If a value is out of range, or a word unknown.
 
     Examples
     --------
@@ -92,6 +101,8 @@ class OdometrySettings:
     method: Method = "plane"
     threads: int = 0
     history: int | None = None
+    map_search: MapSearch = "doubt"
+    time_limit: float | None = None
 
     def __post_init__(self) -> None:
         require_flag("deskew", self.deskew)
@@ -110,8 +121,9 @@ class OdometrySettings:
             )
         if self.history is not None and self.history < 1:
             raise InputError(f"history must be at least 1, or None to keep all poses; got {self.history}")
-        if self.method not in (known := get_args(Method)):
-            raise InputError(f"unknown method {self.method!r}; known are {', '.join(known)}")
+        require_word("method", self.method, get_args(Method))
+        require_word("map_search", self.map_search, get_args(MapSearch))
+        read_time_limit(self.time_limit)
 
     def resolve(self, points: FloatArray) -> Resolved:
         """The lengths of a sequence, from its first frame.

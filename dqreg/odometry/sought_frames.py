@@ -9,17 +9,21 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import PointCloud
+from dqreg.icp.stopwatch import Stopwatch
+from dqreg.kernels.threads import TimeUpError, until
 from dqreg.odometry.align import FrameSearch
 from dqreg.odometry.assess import MapLink
 from dqreg.odometry.cold_start import ColdStartTracker, SuspectFrame
 from dqreg.odometry.frame import DownsampledFrame
 from dqreg.odometry.kiss import rigid
+from dqreg.odometry.nearby_places import place_nearby
 from dqreg.odometry.next_frame import NextFrame
 from dqreg.odometry.prediction import Prediction
 from dqreg.odometry.settings import OdometrySettings, Resolved
@@ -60,34 +64,82 @@ class SeekingTracker(ColdStartTracker):
         before, waiting = self._kept(), self._waiting
         self._waiting = max(waiting - 1, 0)
         found = super()._register(given)
-        # What entered the map stays in it, and so does another map that was begun.
-        is_settled = not self._timeline.missed or self._at.world is not given.world
-        is_asked = given.expected is None and PLACE_IN_DOUBT.intersection(found.verdict.codes)
-        if is_settled or waiting or not is_asked:
+        if waiting or not self._is_sought(given, found):
             return found
-        sought = sought_in_map(given.world, given.frame.without(before.at.motion), given.lengths, self.settings)
-        self._waiting, self._pause = self._pause, min(LONGER_PAUSES * self._pause + 1, LONGEST_PAUSE)
+        watch = Stopwatch(self.settings.time_limit)
+        result = self._placed_nearby(given, before, found, watch) or self._placed_in_map(given, before, found, watch)
+        if self._timeline.missed:
+            self._waiting, self._pause = self._pause, min(LONGER_PAUSES * self._pause + 1, LONGEST_PAUSE)
+        else:
+            self._pause, self._waiting = 0, 0
+        result.timings["search"] = watch.total
+        return result
+
+    def _is_sought(self, given: NextFrame, found: Registration) -> bool:
+        """Whether a frame is sought: what entered the map stays in it, and so does another map that was begun."""
+        is_settled = not self._timeline.missed or self._at.world is not given.world
+        is_asked = given.expected is None and self.settings.map_search == "doubt"
+        is_lost = PLACE_IN_DOUBT.intersection(found.verdict.codes) or self._at.link.slides(found)
+        return is_asked and not is_settled and bool(is_lost)
+
+    def _placed_nearby(
+        self, given: NextFrame, before: _Before, found: Registration, watch: Stopwatch
+    ) -> Registration | None:
+        """The frame at the only place nearby where it fits, if it is accepted there."""
+        at, usual = before.at, self._usual_fraction
+        if not usual > 0.0:
+            return None
+        T_expected = rigid(predict(at.T_last, at.motion, given.ratio))
+        anchors = [(at.T_last, T_expected)] + ([] if at.T_doubtful is None else [(at.T_doubtful, at.T_doubtful)])
+        search = FrameSearch(given.world.surface, given.lengths, self.settings, usual, anchors)
+        T = None
+        with suppress(TimeUpError), until(watch.deadline):
+            T = place_nearby(search, given.frame.without(at.motion))
+        if T is None:
+            return None
+        words = "its place was told by a search nearby in the map: where it was expected it was lost or in doubt"
+        return self._placed_at(T, given, before, found, Reason(words, "sought_in_map"), accepted=True)
+
+    def _placed_in_map(self, given: NextFrame, before: _Before, found: Registration, watch: Stopwatch) -> Registration:
+        """The frame where a search in all of the map puts it, if that tells more than how it was found."""
+        frame = given.frame.without(before.at.motion)
+        sought = sought_in_map(given.world, frame, given.lengths, self.settings, time_limit=watch.left)
+        if "search_time_limit" in sought.verdict.codes:
+            unfinished = _unfinished(self.settings.time_limit)
+            return dataclasses.replace(found, verdict=found.verdict._remarked(unfinished))
         if sought.verdict.level == "failed":
             return found
-        after, T = self._kept(), rigid(sought.T_target_source)
+        doubts = () if sought.verdict.level == "accepted" else (_doubt(found, sought),)
+        words = "its place was told by a global search in the map: near the expected one it was lost or in doubt"
+        T, remark = rigid(sought.T_target_source), Reason(words, "sought_in_map")
+        return self._placed_at(T, given, before, found, remark, doubts) or found
+
+    def _placed_at(
+        self,
+        T: FloatArray,
+        given: NextFrame,
+        before: _Before,
+        found: Registration,
+        remark: Reason,
+        doubts: tuple[Reason, ...] = (),
+        *,
+        accepted: bool = False,
+    ) -> Registration | None:
+        """The frame at a place, if that tells more than how it was found, or if it is accepted there."""
+        after = self._kept()
         self._put_back(before)
         step = rigid(pose.inverse(before.at.T_last) @ T)
         motion = rigid(predict(np.eye(4), step, 1.0 / self._timeline.span))
         self._at = dataclasses.replace(before.at, motion=motion)
-        is_sure = sought.verdict.level == "accepted"
-        there = Prediction(T, doubts=() if is_sure else (_doubt(found, sought),))
-        again = super()._register(dataclasses.replace(given, expected=there))
-        apart = float(given.frame.scan._spread.motion(found.T_target_source, again.T_target_source))
-        is_elsewhere = not apart <= given.lengths.near
-        if self._timeline.missed and not _tells_more(again, found, is_sure=is_sure, is_elsewhere=is_elsewhere):
-            self._put_back(after)
-            return found
+        again = super()._register(dataclasses.replace(given, expected=Prediction(T, doubts=doubts)))
         if self._timeline.missed:
+            apart = float(given.frame.scan._spread.motion(found.T_target_source, again.T_target_source))
+            is_elsewhere = not apart <= given.lengths.near
+            if accepted or not _tells_more(again, found, is_sure=not doubts, is_elsewhere=is_elsewhere):
+                self._put_back(after)
+                return None
             self._at = dataclasses.replace(self._at, motion=before.at.motion)
-        else:
-            self._pause, self._waiting = 0, 0
-        words = "its place was told by a global search in the map: near the expected one it was lost or in doubt"
-        return dataclasses.replace(again, verdict=again.verdict._remarked(Reason(words, "sought_in_map")))
+        return dataclasses.replace(again, verdict=again.verdict._remarked(remark))
 
     def _kept(self) -> _Before:
         at, timeline = self._at, self._timeline
@@ -122,14 +174,32 @@ def _doubt(found: Registration, sought: Registration) -> Reason:
     return Reason(words, "alternative_poses")
 
 
+def _unfinished(limit: float | None) -> Reason:
+    words = (
+        f"the time limit of {limit:g} s ended the search for this frame in all of the map before its end: allow more "
+        "(time_limit=), or call relocalise where there is time"
+    )
+    return Reason(words, "search_time_limit")
+
+
 def sought_in_map(
-    world: VoxelMap, frame: DownsampledFrame, lengths: Resolved, settings: OdometrySettings, start: Any = None
+    world: VoxelMap,
+    frame: DownsampledFrame,
+    lengths: Resolved,
+    settings: OdometrySettings,
+    start: Any = None,
+    *,
+    time_limit: float | None = None,
 ) -> Registration:
     """A frame registered to all of a map, by a global search where no initial pose is given."""
-    found = register(PointCloud(frame.dense, viewpoint=np.zeros(3)), world.points, start)
+    watch = Stopwatch(time_limit)
+    found = register(PointCloud(frame.dense, viewpoint=np.zeros(3)), world.points, start, time_limit=time_limit)
     if found.verdict.level != "accepted" or start is not None:
         return found
-    return _without_equal_turn(found, frame, world, lengths, settings)
+    with suppress(TimeUpError), until(watch.deadline):
+        return _without_equal_turn(found, frame, world, lengths, settings)
+    words = f"the time limit of {time_limit:g} s ended the comparison with other turns, one of which may fit as well"
+    return dataclasses.replace(found, verdict=found.verdict.doubted(Reason(words, "alternative_poses")))
 
 
 def _without_equal_turn(

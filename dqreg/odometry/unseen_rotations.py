@@ -37,6 +37,8 @@ GAP_STEPS = 1.5
 # Poses that are judged by many points, and initial poses that are refined, so many steps of the lattice apart.
 SHORTLIST, INITIAL_POSES = 180, 6
 APART_STEPS, WHOLE_TURN_DEG = 2.1, 180.0
+# Share of the best run with few points below which another one is not refined with all.
+LIKELY_SHARE = 0.8
 # Turns about the middle of what is seen that are refined; share of its points beyond what counts as its ends.
 OWN_TURNS, MIDDLE_QUANTILE = 3, 0.01
 
@@ -158,11 +160,20 @@ def _others(search: FrameSearch, found: Deskewed, limit_deg: float) -> list[Alig
     """Where a frame ends after other turns, each place once."""
     frame, known = found.frame, [found.aligned]
     scan = search.scan_of(frame)
-    for start in _initial_poses(search, scan, found.aligned, limit_deg):
-        run = search.refine(scan, start)
+    starts = _initial_poses(search, scan, found.aligned, limit_deg)
+    # From where it lies as well: a few points may find what all of them, held by their rings, did not.
+    starts += [found.aligned.T_target_source] if found.aligned.found else []
+    for coarse in likely([search.approach(scan, start) for start in starts]):
+        run = search.settle(scan, coarse.T_target_source, coarse, anew=True)
         if run.status == "converged" and not any(_is_same(search, frame, run, other) for other in known):
             known.append(run)
     return known[1:]
+
+
+def likely(runs: Sequence[Alignment]) -> list[Alignment]:
+    """Those of runs with few points that may hold as many inliers as the best one."""
+    least = LIKELY_SHARE * max((run.inlier_fraction for run in runs), default=0.0)
+    return [run for run in runs if not run.ended_early and run.inlier_fraction >= least]
 
 
 def _is_same(search: FrameSearch, frame: DownsampledFrame, one: Alignment, other: Alignment) -> bool:
