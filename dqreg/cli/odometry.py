@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +11,7 @@ from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option
 from dqreg.cli.overwriting import require_apart, require_ending
 from dqreg.cli.signals import SIGNAL_CODE, PoliteSignals, write
 from dqreg.cli.values import FILE
-from dqreg.errors import InputError, MissingDependencyError
+from dqreg.errors import InputError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -33,6 +32,8 @@ OURS = {
     "motion": "guides our engine",
     "method": "is the estimator of our engine",
     "search_deg": "is the search of our engine",
+    "map_search": "is the search of our engine",
+    "time_limit": "limits the search of our engine",
 }
 
 
@@ -47,7 +48,7 @@ OURS = {
 @click.option("--engine", type=click.Choice(["dq", "kiss-icp"]), default="dq", show_default=True,
               help="Odometry engine.")  # fmt: skip
 @click.option("--truth", type=FILE, help="True trajectory (KITTI, TUM, truth.json), to print the errors.")
-@click.option("--compare", is_flag=True, help="Run KISS-ICP, GenZ-ICP and small_gicp on the same frames: one table.")
+@click.option("--compare", is_flag=True, help="Then run KISS-ICP, GenZ-ICP and small_gicp on them: one table.")
 @click.option("--frames", type=FILE, help="Write a CSV: verdict, standard deviations and reasons of every frame.")
 @click.option("--plot", type=FILE, help="Plot the path, the errors and the uncertainty (.png, .svg, .pdf).")
 @click.option("--times", type=FILE, help="Timestamps, one line for each frame  [default: times.txt beside the scans].")
@@ -64,6 +65,9 @@ OURS = {
 @click.option("--no-deskew", "deskew", flag_value=False, default=True, help="No motion compensation within a sweep.")
 @click.option("--search", "search_deg", type=float, default=60.0, show_default=True, help="Largest rotation between "
               "two frames that is searched, degrees.")  # fmt: skip
+@click.option("--map-search", type=click.Choice(["never", "doubt"]), default="doubt", show_default=True,
+              help="Search in all of the map for a frame that is lost or in doubt where it is expected.")  # fmt: skip
+@click.option("--time-limit", type=float, metavar="SECONDS", help="Time limit of such a search, for one frame.")
 @click.option("--method", default="plane", show_default=True, help="Estimator: plane, dq or dq-points.")
 @click.option("--view", is_flag=True, help="Show map, frame and trajectory in the browser while it runs, on this "
               "machine alone, until Ctrl-C. Works over ssh.")  # fmt: skip
@@ -85,15 +89,17 @@ def odometry_command(scans: Path, **options: Any) -> int:
     dqreg odometry my_scans --json | jq '.frames[] | select(.level != "accepted")'
     dqreg odometry kitti/ --loader kitti --sequence 07 --out poses_07.txt
 
-    Ctrl-C keeps the frames that are done and writes what was asked for of them; a second one stops at once.
+    Ctrl-C keeps the frames (with --compare, the engines) that are done and writes what was asked for of them; a second
+    one stops at once.
 
     Exit codes: 0 every frame accepted, 1 some were not (they are named), 2 bad input, 130 or 143 stopped by a signal.
     """
+    from dqreg.cli.odometry_engines import run_one, run_others
     from dqreg.odometry.scans import open_scans
     from dqreg.odometry.settings import OdometrySettings
 
     _refuse_contradictions(options)
-    names = ("voxel_size", "max_range", "min_range", "deskew", "search_deg", "method")
+    names = ("voxel_size", "max_range", "min_range", "deskew", "search_deg", "method", "map_search", "time_limit")
     settings = OdometrySettings(**{name: options[name] for name in names})
     _require_goals(scans, options)
     # A table squeezed into a pipe's 80 columns cannot be read.
@@ -105,19 +111,20 @@ def odometry_command(scans: Path, **options: Any) -> int:
     motion = _motion(console, scans, data, options)
     view = _live(console, options)
     show = None if view is None else view.show
-    trips = _compare(shown, data, settings) if options["compare"] else []
     with PoliteSignals() as asked:
         # Another engine's frames are not kept.
         asked.polite = options["engine"] == "dq"
-        trips.append(_run(shown, options["engine"], data, settings, show, motion, asked.asked))
+        main = run_one(shown, options["engine"], data, settings, show, motion, asked.asked)
+        # The answer is ours, so the others come after it: they may take longer, and be stopped.
+        others = run_others(shown, data, settings, asked.asked) if options["compare"] else []
     if asked.number:
-        done = len(trips[-1].poses)
-        write(f"stopped after {done} of {len(data)} frames; the answer is of these")
+        done = len(main.poses)
+        write(f"stopped after {done} of {len(data)} frames; the answer is of these" if done < len(data)
+              else "stopped in the comparison; the table is of the engines that were done")  # fmt: skip
         if not done:
             return SIGNAL_CODE + asked.number
-        data, truth, trips = _first(data, done), None if truth is None else truth[:done], trips[-1:]
-    _show(console, trips, truth)
-    main = trips[-1]
+        data, truth = _first(data, done), None if truth is None else truth[:done]
+    _show(console, [*others, main], truth)
     _write(console, main, data, truth, options)
     if options["as_json"]:
         from dqreg.odometry.frame_table import to_records
@@ -215,47 +222,8 @@ def _truth(file: Path | None, scans: Scans) -> FloatArray | None:
     return match_truth(poses, times, scans.times, len(scans))
 
 
-def _run(
-    console: Console,
-    engine: str,
-    scans: Scans,
-    settings: Any,
-    show: Callable[..., object] | None = None,
-    motion: MotionPrior | None = None,
-    stop: Callable[[], bool] = lambda: False,
-) -> TrajectoryRun:
-    from dqreg.odometry.peers import KissEngine, run_engine
-    from dqreg.odometry.run_sequence import run_sequence
-    from dqreg.report.work_bar import WorkBar
-
-    with WorkBar(console) as bar:
-        step = bar.steps(len(scans), engine)
-        if engine == "dq":
-            return run_sequence(scans, settings, step, show, motion, stop)
-        kiss = KissEngine(settings.max_range or 100.0, settings.voxel_size, settings.deskew, settings.min_range)
-        return run_engine("KISS-ICP", kiss, scans, step)
-
-
-def _compare(console: Console, scans: Scans, settings: Any) -> list[TrajectoryRun]:
-    """The other engines."""
-    from dqreg.odometry.frame import read_frame
-    from dqreg.odometry.peers import peers, run_engine
-    from dqreg.report.work_bar import WorkBar
-
-    trips = []
-    for name, make in peers(settings, read_frame(scans[0].points, None).points):
-        try:
-            engine = make()
-        except MissingDependencyError as error:
-            say(console, f"{name}: not run: {error}")
-            continue
-        with WorkBar(console) as bar:
-            trips.append(run_engine(name, engine, scans, bar.steps(len(scans), name)))
-    return trips
-
-
 def _show(console: Console, trips: list[TrajectoryRun], truth: FloatArray | None) -> None:
-    from dqreg.odometry.scores import results_table, trust_words
+    from dqreg.odometry.scores import results_table, search_words, trust_words
     from dqreg.report.table import print_tables
 
     print_tables(console, [results_table(trips, truth)])
@@ -271,6 +239,8 @@ def _show(console: Console, trips: list[TrajectoryRun], truth: FloatArray | None
         say(console, f"  frame {number}: {result.verdict.level.upper()}: {'; '.join(result.verdict.reasons)}")
     if len(bad) > NAMED_FRAMES:
         say(console, f"  and {len(bad) - NAMED_FRAMES} more: see --frames FILE")
+    if searches := search_words(trips[-1]):
+        say(console, searches)
 
 
 def _write(

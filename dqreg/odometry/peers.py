@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.errors import InputError, load_package
+from dqreg.errors import load_package
 from dqreg.odometry.frame import read_frame
 from dqreg.odometry.kiss import load_kiss, rigid
 from dqreg.odometry.run_sequence import TrajectoryRun
@@ -90,11 +90,17 @@ class SmallGicpEngine:
 
 
 def run_engine(
-    name: str, engine: SequenceEngine, scans: Scans, tell: Callable[[int], object] | None = None
+    name: str,
+    engine: SequenceEngine,
+    scans: Scans,
+    tell: Callable[[int], object] | None = None,
+    stop: Callable[[], bool] = lambda: False,
 ) -> TrajectoryRun:
-    """Run another engine over a sequence."""
+    """Run another engine over a sequence, or until ``stop`` says so."""
     poses, seconds = [], []
     for number in range(len(scans)):
+        if stop():
+            break
         data = scans[number]
         began = time.perf_counter()
         poses.append(engine.place(data.points, data.timestamps))
@@ -109,8 +115,6 @@ def peers(settings: OdometrySettings, first: FloatArray) -> Iterable[tuple[str, 
 
     MAD-ICP publishes no wheels, so it is not among them.
     """
-    if not len(first):
-        raise InputError("the first frame holds no finite point; a comparison needs one to measure the voxel")
     lengths = settings.resolve(first)
     reach, voxel = lengths.max_range, lengths.voxel_size
     return (

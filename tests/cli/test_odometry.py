@@ -12,7 +12,10 @@ import pytest
 
 pytest.importorskip("kiss_icp")
 
-from dqreg.odometry import Odometry
+from dqreg.cli.odometry_engines import run_others
+from dqreg.cli.outputs import consoles
+from dqreg.odometry import Odometry, OdometrySettings
+from dqreg.odometry.scans import open_scans
 from tests.cli.command import run
 
 
@@ -94,6 +97,20 @@ def test_the_comparison_is_one_command(sequence, capsys):
     text = capsys.readouterr().out
     for name in ("KISS-ICP, defaults", "GenZ-ICP, range", "small_gicp, scan to scan", "dqreg"):
         assert name in text
+
+
+def test_a_comparison_that_is_stopped_keeps_the_engines_that_are_done(sequence):
+    frames, asked = open_scans(sequence / "good.npz"), iter([False] * (len(open_scans(sequence / "good.npz")) + 3))
+    trips = run_others(consoles(quiet=True, as_json=False)[0], frames, OdometrySettings(), lambda: next(asked, True))
+    assert [trip.name for trip in trips] == ["KISS-ICP, defaults"]
+
+
+def test_a_comparison_begins_with_the_first_frame_that_holds_points(sequence, tmp_path, capsys):
+    with np.load(sequence / "good.npz") as file:
+        later = np.r_[0, file["offsets"]]
+        np.savez(tmp_path / "late.npz", points=file["points"], offsets=later)
+    assert run("odometry", tmp_path / "late.npz", "--compare", "--first", "2") == 1
+    assert "KISS-ICP, defaults" in capsys.readouterr().out
 
 
 def test_kiss_icp_runs_through_the_same_command(sequence, tmp_path):
