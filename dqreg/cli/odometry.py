@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from dqreg._arrays import FloatArray
-    from dqreg.odometry.live import LiveMap
-    from dqreg.odometry.motion import MotionPrior
     from dqreg.odometry.run_sequence import TrajectoryRun
     from dqreg.odometry.scans import Scans
 
@@ -94,7 +92,7 @@ def odometry_command(scans: Path, **options: Any) -> int:
 
     Exit codes: 0 every frame accepted, 1 some were not (they are named), 2 bad input, 130 or 143 stopped by a signal.
     """
-    from dqreg.cli.odometry_engines import run_one, run_others
+    from dqreg.cli.odometry_engines import live_view, motion_prior, run_one, run_others
     from dqreg.odometry.scans import open_scans
     from dqreg.odometry.settings import OdometrySettings
 
@@ -108,8 +106,8 @@ def odometry_command(scans: Path, **options: Any) -> int:
         open_scans(scans, options["times"], options["loader"], options["sequence"], options["topic"]), options["first"]
     )
     truth = _truth(options["truth"], data)
-    motion = _motion(console, scans, data, options)
-    view = _live(console, options)
+    motion = motion_prior(console, scans, data, options)
+    view = live_view(console, options)
     show = None if view is None else view.show
     with PoliteSignals() as asked:
         # Another engine's frames are not kept.
@@ -167,29 +165,6 @@ def _refuse_contradictions(options: dict[str, Any]) -> None:
         if option.name in OURS and context.get_parameter_source(option.name) is not ParameterSource.DEFAULT:
             words = f"{option.opts[0]} {OURS[option.name]}"
             raise InputError(f"{words}, and --engine {engine} was asked for: leave one out")
-
-
-def _live(console: Console, options: dict[str, Any]) -> LiveMap | None:
-    """The page that shows the run, open before it begins."""
-    if not options["view"]:
-        return None
-    from dqreg.odometry.live import LiveMap
-    from dqreg.report.live_server import where
-
-    view = LiveMap(options["port"])
-    say(console, where(view.server))
-    return view
-
-
-def _motion(console: Console, path: Path, scans: Scans, options: dict[str, Any]) -> MotionPrior | None:
-    """The motion that another topic of the bag tells."""
-    if options["motion"] is None:
-        return None
-    from dqreg.odometry.motion_topics import open_motion
-
-    prior = open_motion(path, options["motion"], scans, options["topic"])
-    say(console, prior.words)
-    return prior
 
 
 def _first(scans: Scans, count: int | None) -> Scans:

@@ -1,9 +1,10 @@
-"""The engines that `dqreg odometry` runs over a sequence, each with its progress."""
+"""The engines that `dqreg odometry` runs over a sequence, each with its progress, and what goes along with ours."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from dqreg.cli.outputs import say
 from dqreg.errors import InputError, MissingDependencyError
@@ -12,6 +13,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from dqreg._arrays import FloatArray
+    from dqreg.odometry.live import LiveMap
     from dqreg.odometry.motion import MotionPrior
     from dqreg.odometry.run_sequence import TrajectoryRun
     from dqreg.odometry.scans import Scans
@@ -70,3 +72,26 @@ def _first_points(scans: Scans) -> FloatArray:
         if len(points := read_frame(scans[number].points, None).points):
             return points
     raise InputError("no frame holds a finite point; a comparison needs one to measure the voxel")
+
+
+def live_view(console: Console, options: dict[str, Any]) -> LiveMap | None:
+    """The page that shows the run, open before it begins."""
+    if not options["view"]:
+        return None
+    from dqreg.odometry.live import LiveMap
+    from dqreg.report.live_server import where
+
+    view = LiveMap(options["port"])
+    say(console, where(view.server))
+    return view
+
+
+def motion_prior(console: Console, path: Path, scans: Scans, options: dict[str, Any]) -> MotionPrior | None:
+    """The motion that another topic of the bag tells."""
+    if options["motion"] is None:
+        return None
+    from dqreg.odometry.motion_topics import open_motion
+
+    prior = open_motion(path, options["motion"], scans, options["topic"])
+    say(console, prior.words)
+    return prior

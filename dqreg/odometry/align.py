@@ -42,7 +42,7 @@ MIN_KERNEL_SCALE_VOXELS = 0.05
 MIN_POINTS_FOR_CELLS = 1_000
 # Runs with few points, each from where the last one ended, and the inliers that one has to win for another: rings of
 # a LiDAR hold the steps back, and a run ends by their number.
-APPROACHES, WORTHWHILE_SHARE = 4, 0.02
+MAX_APPROACHES, WORTHWHILE_SHARE = 4, 0.02
 # Points that the pose of a frame with times is found from, before its motion is found with it from all.
 POINTS_BEFORE_SWEEP = 1_000
 # First kernel scale, over the largest distance.
@@ -124,7 +124,7 @@ class FrameSearch:
         """The pose of a few points of a frame near a known one, (4, 4), begun again where that wins inliers."""
         few = scan.thinned(COARSE_POINTS)
         run = self._coarse(few, T_map_frame)
-        for _ in range(APPROACHES - 1):
+        for _ in range(MAX_APPROACHES - 1):
             again = run if run.ended_early else self._coarse(few, run.T_target_source)
             won = again.inlier_fraction - run.inlier_fraction
             run = again if won > 0.0 else run

@@ -20,7 +20,7 @@ from dqreg.rigid import single_pose
 # Radius of the lattice and its step, in largest distances of a pair.
 RADIUS_REACHES, STEP_REACHES = 3.0, 1.0
 # Poses that are judged by few points and by many, and the distinct ones of these that a few points are run from.
-SHORTLIST, RUNS = (180, 60), 12
+LATTICE_SHORTLIST, COARSE_RUNS = (180, 60), 12
 # Poses are distinct that are so many steps of the lattice apart.
 APART_STEPS = 0.8
 
@@ -54,10 +54,10 @@ def _starts(search: FrameSearch, frame: DownsampledFrame) -> list[FloatArray]:
     reach, kept = search.lengths.reach, list[FloatArray]()
     poses = np.concatenate([_lattice(T, reach) for T in _centres(search)])
     apart, apart_rad = APART_STEPS * STEP_REACHES * reach, np.deg2rad(APART_STEPS * LATTICE_STEP_DEG)
-    for T in best_poses(search.surface, frame.seen, poses, 0.5 * reach, SHORTLIST):
+    for T in best_poses(search.surface, frame.seen, poses, 0.5 * reach, LATTICE_SHORTLIST):
         if all(shift_between(T, one) > apart or single_pose.angle_between(T, one) > apart_rad for one in kept):
             kept.append(T)
-        if len(kept) == RUNS:
+        if len(kept) == COARSE_RUNS:
             break
     return kept
 
