@@ -158,10 +158,9 @@ class Tracker:
         slides = self._at.link.slides(found) and self._at.kept_out < self.settings.patience
         enters = grows or (self._is_absorbed(place) and not slides)
         result = self._at.link.linked(found, place, self._timeline.count, merged=enters)
-        if similar is not None:
-            self._unlike = None if len(similar.result()) else T
-        if result.verdict.level != "accepted":
-            self._unlike = None
+        accepted = result.verdict.level == "accepted"
+        if similar is not None or not accepted:
+            self._unlike = T if similar is not None and accepted and not len(similar.result()) else None
         learned = dataclasses.replace(given, frame=frame, insert=given.insert and not grows)
         self._learn(learned, result, T_predicted, enters=enters)
         return result
