@@ -7,16 +7,20 @@ from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import FloatArray, as_float, as_pose, require_finite
+from dqreg._arrays import BoolArray, FloatArray, as_pose
 from dqreg.errors import InputError
 from dqreg.odometry.kiss import rigid
 from dqreg.rigid import pose, twist
+from dqreg.rigid.pose_covariance import inverse_of_known, read_covariance
+from dqreg.trust.covariance import TOUCHED
 from dqreg.trust.records import Direction, Reason
 
 # One sigma to three: where a prediction is taken to hold.
 COVERED_SIGMAS = 3.0
 # Standard deviations beyond which frame and prediction contradict each other.
 EXCLUDED_SIGMAS = 6.0
+# Smallest eigenvalue of an information of unit diagonal that is no rounding.
+MIN_HELD_INFORMATION = 1e-12
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,24 +41,16 @@ class Prediction:
         T = as_pose(prediction, "prediction")
         if covariance is None:
             return Prediction(T)
-        C = as_float(covariance, "prediction_covariance")
-        if C.shape != (6, 6):
-            raise InputError(f"prediction_covariance must be (6, 6), rotation first; got shape {C.shape}")
-        require_finite(C, "prediction_covariance")
-        lowest = float(np.linalg.eigvalsh(0.5 * (C + C.T))[0])
-        if not np.allclose(C, C.T, rtol=1e-6, atol=1e-12 * float(np.abs(C).max())) or lowest <= 0.0:
-            raise InputError(
-                f"prediction_covariance must be symmetric with eigenvalues above 0; the smallest is {lowest:.3g}. Give "
-                "a motion of which nothing is known a large variance"
-            )
-        return Prediction(T, np.asarray(np.linalg.inv(0.5 * (C + C.T)), dtype=np.float64))
+        C = read_covariance(covariance, "prediction_covariance")
+        return Prediction(T, inverse_of_known(C, np.isfinite(np.diag(C))))
 
     @property
     def spread(self) -> float:
-        """How far off the place may be; infinite where no covariance was given."""
-        if self.information is None:
+        """How far off the place may be; infinite where no covariance was given, or one that leaves it unknown."""
+        known = np.zeros(6, dtype=bool) if self.information is None else np.diag(self.information) > 0.0
+        if self.information is None or not known[3:].all():
             return np.inf
-        place = np.linalg.inv(self.information)[3:, 3:]
+        place = inverse_of_known(self.information, known)[3:, 3:]
         return COVERED_SIGMAS * float(np.sqrt(np.linalg.eigvalsh(place)[-1]))
 
     def holds(self, limit: float) -> bool:
@@ -74,9 +70,22 @@ class Prediction:
         off = twist.log(rigid(pose.inverse(centre) @ self.T_map_frame @ pose.inverse(T) @ centre))
         total = information + prior
         scale = np.sqrt(np.maximum(np.diag(total), np.finfo(float).tiny))
-        covariance = np.linalg.inv(total / scale / scale[:, None]) / scale / scale[:, None]
+        covariance, is_free = _inverse(total / scale / scale[:, None], bool((np.diag(self.information) > 0.0).all()))
+        covariance = covariance / scale / scale[:, None]
         step = covariance @ prior @ off
-        return rigid(centre @ twist.exp(step) @ pose.inverse(centre) @ T), 0.5 * (covariance + covariance.T)
+        covariance = 0.5 * (covariance + covariance.T)
+        covariance[is_free], covariance[:, is_free] = np.nan, np.nan
+        return rigid(centre @ twist.exp(step) @ pose.inverse(centre) @ T), covariance
+
+
+def _inverse(total: FloatArray, known: bool) -> tuple[FloatArray, BoolArray]:
+    """Inverse of an information of unit diagonal, 0 along what neither frame nor prediction knows, and what that is."""
+    if known:
+        return np.asarray(np.linalg.inv(total), dtype=np.float64), np.zeros(6, dtype=bool)
+    values, vectors = np.linalg.eigh(total)
+    held = values > MIN_HELD_INFORMATION
+    touched = (np.abs(vectors[:, ~held]) > TOUCHED).any(axis=1)
+    return np.asarray((vectors[:, held] / values[held]) @ vectors[:, held].T), touched
 
 
 def held_directions(

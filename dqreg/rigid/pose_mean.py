@@ -7,21 +7,24 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dqreg._arrays import FloatArray, as_float, as_place, require_finite
+from dqreg._arrays import FloatArray, as_place
 from dqreg._records import one_line
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.rigid._matrices import from_matrix, to_matrix
 from dqreg.rigid._mean import mean as mean_rotation
 from dqreg.rigid._mean import shares
 from dqreg.rigid._operands import as_rigid_poses
+from dqreg.rigid.pose_covariance import MIN_EIGENVALUE, read_covariances
 from dqreg.rigid.twist import adjoint, exp, left_jacobian_inverse, log
 
 # Iterations at most, and the step at which they end: a few times rounding, in radians and in the translations' size.
 _MAX_STEPS, _CONVERGED_STEP = 100, 1e-13
 # The same for fused poses, in sigmas of the answer.
 _STEP_SIGMAS = 1e-10
-# Smallest eigenvalue of correlations that is no rounding.
-_MIN_EIGENVALUE = 1e-15
+FAR_ORIGIN = (
+    "About an origin far from the poses turns and shifts are one but for rounding: give covariances about a point near "
+    "the poses, and that point as centre="
+)
 
 
 class PoseMean(NamedTuple):
@@ -171,11 +174,11 @@ def _inverse(T: FloatArray) -> FloatArray:
 
 
 def _as_information(covariances: ArrayLike, count: int) -> FloatArray:
-    C = as_float(covariances, "covariances")
-    if C.shape != (count, 6, 6):
-        raise InputError(f"covariances must have shape ({count}, 6, 6), one each; got {C.shape}")
-    require_finite(C, "covariances")
-    return _inverse_of(C)
+    C = read_covariances(covariances, "covariances", count, FAR_ORIGIN)
+    known = np.isfinite(np.diagonal(C, axis1=-2, axis2=-1))
+    if known.all():
+        return _inverse_of(C)
+    return np.asarray(_inverse_of(np.where(np.isinf(C), 1.0, C)) * known[:, :, None] * known[:, None, :])
 
 
 def _inverse_of(C: FloatArray) -> FloatArray:
@@ -183,12 +186,11 @@ def _inverse_of(C: FloatArray) -> FloatArray:
     variances = np.diagonal(C, axis1=-2, axis2=-1)
     size = np.sqrt(np.where(variances > 0.0, variances, 1.0))
     values, vectors = np.linalg.eigh(C / size[..., :, None] / size[..., None, :])
-    if not (variances > 0.0).all() or not (values > _MIN_EIGENVALUE).all():
+    if not (variances > 0.0).all() or not (values > MIN_EIGENVALUE).all():
         raise InputError(
-            f"covariances must be positive definite; the smallest variance is {variances.min():.3g}, and the smallest "
-            f"eigenvalue of correlations {values.min():.3g}, where more than {_MIN_EIGENVALUE:g} is no rounding. "
-            "What is not known has a large variance; about an origin far from the poses turns and shifts are one but "
-            "for rounding: give covariances about a point near the poses, and that point as centre="
+            f"covariances must leave no motion unknown to all; the smallest variance is {variances.min():.3g}, and the "
+            f"smallest eigenvalue of correlations {values.min():.3g}, where more than {MIN_EIGENVALUE:g} is no "
+            f"rounding. {FAR_ORIGIN}"
         )
     half = vectors / np.sqrt(values)[..., None, :] / size[..., :, None]
     return np.asarray(half @ np.swapaxes(half, -1, -2))

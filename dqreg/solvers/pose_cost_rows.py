@@ -22,8 +22,9 @@ from typing import Any
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, as_float, as_vectors, as_weights
+from dqreg._arrays import FloatArray, as_vectors, as_weights
 from dqreg.errors import InputError
+from dqreg.rigid.pose_covariance import inverse_of_known
 from dqreg.solvers.matches import Matches, refuse_zero_directions
 from dqreg.solvers.moments import sums_of
 from dqreg.solvers.narrow_data import is_narrow
@@ -102,10 +103,6 @@ def _origins(given: dict[str, Any], weights: FloatArray) -> Origins:
     return sums[0], sums[1]
 
 
-# Departure from symmetry, and smallest eigenvalue of the correlations, that rounding may leave.
-MAX_ASYMMETRY = 1e-9
-MIN_EIGENVALUE = 1e-13
-
 _CROSS = np.zeros((3, 3, 3))
 for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
     _CROSS[_i, _j, _k], _CROSS[_i, _k, _j] = 1.0, -1.0
@@ -116,10 +113,10 @@ def prior_form(T: FloatArray, covariance: FloatArray, frame: FloatArray) -> Quad
     axes, R_0 = frame[:3, :3], T[:3, :3]
     known = np.isfinite(np.diag(covariance))
     r, t = known[:3], known[3:]
-    turn = _inverse(covariance[:3, :3], r)
+    turn = inverse_of_known(covariance[:3, :3], r)
     cross = np.where(t[:, None] & r, covariance[3:, :3], 0.0)
     follows = cross @ turn
-    rest = _inverse(np.where(t[:, None] & t, covariance[3:, 3:], 0.0) - follows @ cross.T, t)
+    rest = inverse_of_known(np.where(t[:, None] & t, covariance[3:, 3:], 0.0) - follows @ cross.T, t)
     values, vectors = np.linalg.eigh(axes @ turn @ axes.T)
     rows = np.hstack([(R_0.T @ vectors).T, np.zeros((3, 1)), vectors.T])
     matrix = isotropic_form(rows.T @ ((0.5 * values.sum() - values)[:, None] * rows))
@@ -128,47 +125,3 @@ def prior_form(T: FloatArray, covariance: FloatArray, frame: FloatArray) -> Quad
     shift = np.hstack([-follows @ axes.T @ sine, axes.T, np.zeros((3, 1))])
     origin = frame[:3, 3]
     return QuadraticForm(matrix + shift.T @ rest @ shift, R_0.T @ (origin - T[:3, 3]), origin)
-
-
-def read_covariance(value: object, name: str) -> FloatArray:
-    """Covariance of a twist, checked.
-
-    Shapes: value (6, 6), returns (6, 6).
-
-    >>> read_covariance([1, 1, float("inf"), 4, 4, 4], "covariance")[2:4, 2:4].tolist()
-    [[inf, 0.0], [0.0, 4.0]]
-    """
-    C = as_float(value, name)
-    if C.shape == (6,):
-        C = np.diag(C)
-    if C.shape != (6, 6):
-        raise InputError(f"{name} must be a 6x6 matrix, rotation first, or six variances; got shape {C.shape}")
-    if np.isnan(C).any():
-        raise InputError(f"{name} holds NaN; give an infinite variance to what is unknown")
-    variances = np.diag(C)
-    if not (variances > 0.0).all():
-        raise InputError(f"{name} must have variances above 0; got {variances.tolist()}. Lock what is exact: dof=")
-    unknown = np.isinf(variances)
-    C = np.where(np.diag(unknown), 0.0, C)
-    if not np.isfinite(C).all() or C[unknown].any() or C[:, unknown].any():
-        raise InputError(f"{name} must hold finite numbers, and zeros beside an infinite variance")
-    size = np.sqrt(np.where(unknown, 1.0, variances))
-    correlations = C / size / size[:, None] + np.diag(unknown.astype(np.float64))
-    uneven = float(np.abs(correlations - correlations.T).max())
-    if uneven > MAX_ASYMMETRY:
-        raise InputError(f"{name} must be symmetric; its correlations differ by {uneven:.3g} across the diagonal")
-    least = float(np.linalg.eigvalsh(correlations)[0])
-    if not least > MIN_EIGENVALUE:
-        raise InputError(
-            f"{name} must be positive definite; the smallest eigenvalue of its correlations is {least:.3g}. "
-            "Lock what is exact: dof="
-        )
-    symmetric: FloatArray = np.where(np.diag(unknown), np.inf, 0.5 * (C + C.T))
-    return symmetric
-
-
-def _inverse(block: FloatArray, known: BoolArray) -> FloatArray:
-    inverse = np.zeros((3, 3))
-    if known.any():
-        inverse[np.ix_(known, known)] = np.linalg.inv(block[np.ix_(known, known)])
-    return inverse

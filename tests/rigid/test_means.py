@@ -208,7 +208,7 @@ def test_errors_of_the_mean_pose():
             pose.mean(*arguments)
     with pytest.raises(InputError, match="not both"):
         pose.mean(two, [1, 1], covariances=C)
-    with pytest.raises(InputError, match="positive definite"):
+    with pytest.raises(InputError, match="above 0"):
         pose.mean(two, covariances=-C)
     with pytest.raises(InputError, match=r"\(2, 6, 6\)"):
         pose.mean(two, covariances=C[:1])
