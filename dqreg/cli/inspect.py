@@ -186,7 +186,7 @@ def _registered(scan: Path, part: Path, unit: ShownTarget, shown: Console, optio
     """The scan on the part, in the unit that was asked for, with the digests of both files as they are read."""
     from dqreg._open3d import load_open3d
     from dqreg.files.poses import read_start
-    from dqreg.registration.side_digests import digests_of_sides
+    from dqreg.files.side_digests import digests_of_sides
     from dqreg.report import make_progress
 
     digests = digests_of_sides({"source": scan, "target": part})

@@ -185,8 +185,8 @@ def record_of(found: Inspected, head: dict[str, str]) -> dict[str, Any]:
 
 def record_without_pose(result: Registration, head: dict[str, str]) -> dict[str, Any]:
     """The same of a scan that no pose was found for: its verdict, and nothing measured."""
+    from dqreg.files.side_digests import DIGESTS, known_digests
     from dqreg.registration.result_json import ANGLE_UNITS, CONVENTIONS
-    from dqreg.report.sheet import digests_of
 
     return {
         "verdict": result.verdict,
@@ -209,5 +209,5 @@ def record_without_pose(result: Registration, head: dict[str, str]) -> dict[str,
         "counts": None,
         "steps": [],
         "sections": [],
-        "sha256": dict(digests_of(result.settings)),
+        DIGESTS: known_digests(result.settings),
     }

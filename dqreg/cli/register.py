@@ -137,11 +137,11 @@ def register_command(
         start_where_nothing_is_kept()
     from dqreg._open3d import load_open3d
     from dqreg.files.poses import read_start
+    from dqreg.files.side_digests import digests_of_sides
     from dqreg.inspection.decision import decide
     from dqreg.inspection.tolerances import share_of_percent, tolerance_of
     from dqreg.registration.display_unit import shown_target
     from dqreg.registration.part_inspection import expected_deviation_of
-    from dqreg.registration.side_digests import digests_of_sides
     from dqreg.report import make_progress
 
     # Asked before the work starts, so that no result is lost after it.

@@ -133,8 +133,8 @@ def attach(
     result: Registration, source: Path | None, target: Path | None, display_units: str | None, start: Any
 ) -> tuple[Registration, Any]:
     """A loaded result with its two sides, from the files given or those that it names, and its start, in a unit."""
+    from dqreg.files.side_digests import CHANGED, DIGESTS, changed_words
     from dqreg.registration.display_unit import in_unit, shown_target
-    from dqreg.registration.side_digests import compared
 
     missing = [name for name in ("max_distance", "centre", "diagonal") if name not in result.settings]
     if missing:
@@ -147,7 +147,8 @@ def attach(
             f"--display-units {display_units}: the result names no length unit; register with --target-units"
         )
     scan, part = (_side(result, name, given) for name, given in (("source", source), ("target", target)))
-    result = compared(result, {"source": scan, "target": part})
+    if changed := changed_words(result.settings.get(DIGESTS), {"source": scan, "target": part}):
+        result = dataclasses.replace(result, settings={**result.settings, CHANGED: changed})
     unit = shown_target(part, own, display_units)
     if unit.scale == 1.0:
         return result.attached(scan, part), start

@@ -13,9 +13,9 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError, UnitsError
 from dqreg.files.setting_lengths import SETTING_LENGTHS
+from dqreg.files.side_digests import DIGESTS
 from dqreg.files.units import factor
 from dqreg.geometry import Mesh
-from dqreg.registration.side_digests import with_digests
 from dqreg.rigid.twist import scaling_by
 
 if TYPE_CHECKING:
@@ -66,7 +66,9 @@ class ShownTarget:
         """A result that names the file, not what was made of it; one that is going to be kept has digests of both."""
         if self.scale != 1.0:
             result = dataclasses.replace(result, settings={**result.settings, "target": str(path)})
-        return with_digests(result, digests) if digests else result
+        if not digests:
+            return result
+        return dataclasses.replace(result, settings={**result.settings, DIGESTS: dict(digests)})
 
     def native(self, result: Registration) -> Registration:
         """A result in the unit of the file."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import bounds
+from dqreg.files.side_digests import CHANGED
 from dqreg.files.units import MIXED, MIXED_RARELY, factor
 from dqreg.geometry import Mesh
 from dqreg.report.result_protocol import RegisteredPair, RegistrationResult
@@ -41,7 +42,7 @@ def hints_of(result: RegistrationResult) -> list[str]:
 
 def remarks_of(result: RegistrationResult) -> list[str]:
     """What a person should know beside the verdict: that the files are others now; of a pose that was accepted more."""
-    changed = [f"{words}."] if (words := result.settings.get("changed")) else []
+    changed = [f"{words}."] if (words := result.settings.get(CHANGED)) else []
     if result.verdict.level != "accepted" or result.inputs is None or not is_mesh_on_cloud(result.inputs):
         return changed
     return [

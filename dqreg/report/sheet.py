@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import itertools
 import math
 from collections.abc import Mapping, Sequence
@@ -13,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg.files.side_digests import known_digests
 from dqreg.inspection import Inspection, Place
 from dqreg.inspection.decision import worst_of
 from dqreg.inspection.places import COVERAGE_FACTOR
@@ -160,25 +160,8 @@ def _coverage(found: Inspection, unit: str) -> dict[str, Any] | None:
 
 
 def digests_of(settings: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """SHA-256 of the files that were registered: name of the file and digest.
-
-    As they were read where that is known; as they are now where it is not, and where they have changed since and are
-    what is shown.
-    """
-    found = []
-    known = {} if settings.get("changed") else settings.get("sha256")
-    known = known if isinstance(known, dict) else {}
-    for name in ("source", "target"):
-        path = Path(str(settings.get(name) or ""))
-        if isinstance(known.get(name), str):
-            found.append((path.name, known[name]))
-            continue
-        try:
-            with path.open("rb") as stream:
-                found.append((path.name, hashlib.file_digest(stream, "sha256").hexdigest()))
-        except (OSError, ValueError):
-            continue
-    return found
+    """SHA-256 of the files that were registered: name of the file and digest."""
+    return [(Path(str(settings.get(side))).name, digest) for side, digest in known_digests(settings).items()]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

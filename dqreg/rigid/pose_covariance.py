@@ -25,7 +25,7 @@ def read_covariance(value: object, name: str, remedy: str = "") -> FloatArray:
         C = np.diag(C)
     if C.shape != (6, 6):
         raise InputError(f"{name} must be a 6x6 matrix, rotation first, or six variances; got shape {C.shape}")
-    return _checked(C[None], name, remedy)[0]
+    return np.asarray(_checked(C[None], name, remedy)[0])
 
 
 def read_covariances(value: object, name: str, count: int, remedy: str = "") -> FloatArray:

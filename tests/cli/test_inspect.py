@@ -33,6 +33,7 @@ def test_from_a_suggested_plan_to_a_sheet(tmp_path: Path, capsys: pytest.Capture
     found = json.loads(capsys.readouterr().out)
     assert code == (0 if found["outcome"] == "pass" else 3)
     assert found["verdict"]["level"] == "accepted"
+    assert list(found["sha256"]) == ["source", "target"]
     # The pose is the datums', near the truth that the virtual scan came with: noise 0.05 mm on faces of 100 mm.
     assert np.abs(np.array(found["T_target_source"]) - case.T_target_source).max() < 0.1
     page = (tmp_path / "sheet.html").read_text(encoding="utf-8")

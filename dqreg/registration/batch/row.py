@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from dqreg.errors import DqregError
 from dqreg.files.file_digests import digest_of
 from dqreg.files.poses import read_start
+from dqreg.files.side_digests import DIGESTS
 from dqreg.registration.batch.row_inspection import RowInspection, inspect_row
 from dqreg.registration.batch.worker import Failure, Status, Worker
 
@@ -132,7 +133,7 @@ def run_row(row: Row, targets: Targets, thumbnail: Thumbnail | None = None) -> R
     if shown.scale != 1.0:
         about["shown"] = {"units": shown.units, "rms": result.rms}
     record = shown.native(result).to_dict()
-    record["settings"]["sha256"] = {"source": before["scan"][2], "target": before["target"][2]}
+    record["settings"][DIGESTS] = {"source": before["scan"][2], "target": before["target"][2]}
     return RowResult("ran", "", {**record, BATCH: about}, picture, page)
 
 
