@@ -136,11 +136,12 @@ def _ground_truth(truth: Path, target: Path | None, scan: Path | None) -> tuple[
 
 def _unit_of_result(path: Path) -> str | None:
     """The unit in which a result of `dqreg register` gives its lengths; None for a pose from elsewhere."""
-    from dqreg.files.poses import holds_object, read_json
+    from dqreg.files.json_records import read_json
+    from dqreg.files.poses import holds_object
 
     if not holds_object(path):
         return None
-    settings = read_json(path).get("settings")
+    settings = read_json(path, "a result").get("settings")
     named = settings.get("target_units") if isinstance(settings, dict) else None
     return named if isinstance(named, str) else None
 

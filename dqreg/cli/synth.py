@@ -35,8 +35,7 @@ def synth(recipe: Path, out: Path | None, seed: int | None, as_json: bool, quiet
     dqreg synth datasets_synth/many/turntable.toml
     dqreg synth datasets_synth/many/street.toml --out street
     """
-    import json
-
+    from dqreg.files.json_records import read_json
     from dqreg.synth import read_recipe, write_case
     from dqreg.synth.many_cases import is_of_many, write_many
 
@@ -44,7 +43,7 @@ def synth(recipe: Path, out: Path | None, seed: int | None, as_json: bool, quiet
     if is_of_many(recipe):
         with shown.status("scanning"):
             folder = write_many(out or recipe.stem, recipe, seed=seed)
-        truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
+        truth = read_json(folder / "truth.json", "the truth of a case")
         say(console, f"wrote {folder}: {len(truth['scans'])} scans, truth.json with T_world_scan and viewpoints")
         if as_json:
             print_json({"folder": str(folder), "truth": truth})

@@ -11,7 +11,8 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, as_float, as_pose
 from dqreg.errors import InputError
-from dqreg.files.poses import POSE, read_json, read_pose
+from dqreg.files.json_records import read_json
+from dqreg.files.poses import POSE, read_pose
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -34,7 +35,7 @@ def read_truth(path: str | os.PathLike[str]) -> TruePoses:
     first = as_pose(read_pose(path), f"{path}: {POSE}")
     if path.suffix.lower() != ".json":
         return TruePoses(first[None])
-    data = read_json(path)
+    data = read_json(path, "true poses")
     return truth_of(data, first, str(path))
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from pathlib import Path
 from typing import Any
@@ -11,8 +10,9 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, as_float, as_pose, with_last_row
 from dqreg.errors import InputError
+from dqreg.files.json_records import read_json
 from dqreg.files.tables import read_text
-from dqreg.files.untrusted import read_record, require_readable, unreadable
+from dqreg.files.untrusted import require_readable, unreadable
 
 POSE = "T_target_source"
 # Starts that need no file.
@@ -24,7 +24,7 @@ def read_pose(path: str | os.PathLike[str]) -> FloatArray:
     path = require_readable(path, "a pose")
     kind = path.suffix.lower()
     if kind == ".json" or (kind != ".npy" and holds_object(path)):
-        rows = read_json(path).get(POSE)
+        rows = read_json(path, f"a pose, the key {POSE!r}").get(POSE)
         if rows is None:
             raise InputError(f"{path}: the key {POSE!r} is missing; give a result.json, a truth.json or a 4x4 text")
         return _matrix(_with_nan(rows), path)
@@ -61,7 +61,7 @@ def read_start(text: str | os.PathLike[str]) -> FloatArray | str | None:
 
 def _alternative(path: str, number: int) -> FloatArray:
     """Another pose of a result, counted from 1."""
-    found = read_json(require_readable(path, "a result")).get("alternatives")
+    found = read_json(path, "a result").get("alternatives")
     if not isinstance(found, list) or not 1 <= number <= len(found):
         has = f"{len(found)} alternatives" if isinstance(found, list) and found else "no alternatives"
         raise InputError(f"start {path}#{number}: that result has {has}; they are counted from 1")
@@ -69,19 +69,6 @@ def _alternative(path: str, number: int) -> FloatArray:
     T = _matrix(_with_nan(rows), Path(path))
     as_pose(T, f"start {path}#{number}")
     return T
-
-
-def read_json(path: Path) -> dict[str, Any]:
-    """The object of a JSON file."""
-    try:
-        data = json.loads(read_record(path, "a pose"))
-    except (ValueError, RecursionError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"cannot read {path}: {error}") from error
-    if not isinstance(data, dict):
-        raise InputError(f"{path}: expected a JSON object with the key {POSE!r}; got {type(data).__name__}")
-    return data
 
 
 def _read_table(path: Path) -> FloatArray:

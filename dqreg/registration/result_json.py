@@ -12,9 +12,9 @@ import numpy as np
 
 from dqreg._arrays import RIGID_TOLERANCE, FloatArray, as_pose, require_finite
 from dqreg.errors import InputError
+from dqreg.files.json_records import read_json
 from dqreg.files.setting_lengths import DISTANCES, SIZES
 from dqreg.files.strict_json import fields_from, plain, record_from
-from dqreg.files.untrusted import read_record
 from dqreg.icp.history import Iteration
 from dqreg.registration.invariants import violated_invariant
 from dqreg.trust.records import Direction, Reason, Verdict
@@ -65,14 +65,8 @@ def read_saved(
     path: str | Path, form: str, kind: str, writer: str, fields_of: Callable[[dict[str, Any]], dict[str, Any]]
 ) -> dict[str, Any]:
     """Fields of a result of one format from a file, each checked; whatever else lies there is an `InputError`."""
-    try:
-        values = json.loads(read_record(path, "a result that dqreg saved"))
-    except (ValueError, RecursionError) as error:
-        if isinstance(error, InputError):
-            raise
-        expected = f"the JSON that {writer} wrote, not a pose alone"
-        raise InputError(f"{path} is no readable result file: expected {expected} ({error})") from error
-    if not isinstance(values, dict) or values.get("format") != form:
+    values = read_json(path, f"the JSON that {writer} wrote, not a pose alone", kind=kind)
+    if values.get("format") != form:
         raise InputError(f'{path} is no {kind}: expected the key "format" to be {form!r}')
     try:
         return fields_of(values)

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray, as_float
 from dqreg.errors import InputError
+from dqreg.files.json_records import read_json
 from dqreg.files.strict_json import plain
 from dqreg.geometry import Mesh, PointCloud
 from dqreg.icp.history import Iteration, Stage
@@ -91,7 +92,7 @@ def result_of(place: Place) -> Registration:
 
     def make() -> Registration:
         saved = place.folder / ASKED
-        if saved.is_file() and json.loads(saved.read_text(encoding="utf-8")) == _asked(place):
+        if saved.is_file() and read_json(saved, "what was asked") == _asked(place):
             return Registration.load(place.folder / RESULT).attached(cleaned_file(place), place.part_path)
         return _registered(place)
 

@@ -10,6 +10,7 @@ from typing import Any
 from dqreg.errors import InputError
 from dqreg.files.csv_text import csv_rows
 from dqreg.files.file_digests import digest_of
+from dqreg.files.json_records import read_json
 from dqreg.files.strict_json import plain
 from dqreg.files.untrusted import read_record
 from dqreg.inspection.plan.file import HEAD
@@ -113,12 +114,7 @@ class Many:
     def _record(self, path: Path, name: str) -> dict[str, Any]:
         when = path.stat().st_mtime_ns
         if path not in self._read or self._read[path][0] != when:
-            try:
-                record = json.loads(read_record(path, "a result"))
-            except (ValueError, RecursionError) as error:
-                raise InputError(f"the result of {name} is no JSON: {error}") from error
-            if not isinstance(record, dict):
-                raise InputError(f"the result of {name} is none")
+            record = read_json(path, f"the result of {name}")
             # Iterations are most of a result, and no table shows them.
             record.pop("history", None)
             self._read[path] = when, record

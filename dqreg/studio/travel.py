@@ -15,6 +15,7 @@ import numpy as np
 from dqreg._arrays import FloatArray, as_vectors
 from dqreg.errors import InputError
 from dqreg.files.atomic import write_atomically
+from dqreg.files.json_records import read_json
 from dqreg.files.strict_json import plain
 from dqreg.registration.batch.worker import Failure, Worker
 from dqreg.registration.result import Registration
@@ -53,7 +54,7 @@ class Travel:
             self._thread = threading.Thread(target=self._run, daemon=True)
             self._thread.start()
         path = self.folder / STATE
-        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {**BEFORE}
+        found = read_json(path, "the state of a drive") if path.is_file() else {**BEFORE}
         return found | {"name": self.scans.name, "command": f"dqreg odometry {self.scans.name} --out poses.txt"}
 
     def close(self) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from dqreg.errors import InputError
 from dqreg.files.atomic import write_atomically
+from dqreg.files.json_records import read_json
 from dqreg.files.strict_json import plain, record_from
 from dqreg.inspection.plan.file import HEAD
 from dqreg.inspection.tolerances import share_of_percent
@@ -184,13 +185,8 @@ class Visit:
     def load(path: str | Path) -> Visit:
         """Read a saved visit; its files are looked for beside it where their own paths lead nowhere."""
         place = Path(path)
-        try:
-            values = json.loads(place.read_text(encoding="utf-8"))
-        except OSError as error:
-            raise InputError(f"cannot read the visit {place}: {error.strerror or error}") from error
-        except (UnicodeDecodeError, ValueError) as error:
-            raise InputError(f"{place} is no saved visit: {error}") from error
-        if not isinstance(values, dict) or values.pop(FORMAT, None) != VERSION:
+        values = read_json(place, "a visit of dqreg studio", kind="saved visit")
+        if values.pop(FORMAT, None) != VERSION:
             raise InputError(f'{place} is no saved visit: it has no "{FORMAT}": {VERSION}')
         found = Visit.of(values)
         return dataclasses.replace(found, scan=_beside(found.scan, place), part=_beside(found.part, place))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import secrets
 import shutil
@@ -16,7 +15,7 @@ import numpy as np
 from dqreg._arrays import FloatArray, as_pose
 from dqreg._records import one_line
 from dqreg.errors import InputError
-from dqreg.files.untrusted import read_record
+from dqreg.files.json_records import read_json
 from dqreg.synth.case_contents import PART, RECIPE, SCAN, TRUTH, case_contents
 from dqreg.synth.recipe import Recipe, read_recipe
 
@@ -100,7 +99,7 @@ def load_case(folder: str | os.PathLike[str]) -> Case:
             needed = f"{SCAN}, {PART} or {PART_PLY}, {TRUTH}"
             raise InputError(f"{folder} is not a case: {path.name} is missing; needed: {needed}")
     try:
-        truth = json.loads(read_record(folder / TRUTH, "the truth of a case"))
+        truth = read_json(folder / TRUTH, "the truth of a case")
         return Case(
             folder=folder,
             scan=folder / SCAN,

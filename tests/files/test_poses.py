@@ -72,7 +72,7 @@ def test_a_result_is_a_start_and_one_without_a_pose_is_not(tmp_path):
         ("a.npy", b"\x93NUMPY\x01\x00", "no plain array"),
         ("a.npy", b"not an array", "no plain array"),
         ("a.json", b'{"T_target_source": [[1, 2], [3]]}', "4x4"),
-        ("a.json", b"[" * 100_000, "cannot read"),
+        ("a.json", b"[" * 100_000, "no readable JSON file"),
     ],
 )
 def test_what_is_no_pose_is_named(tmp_path, name, content, said):

@@ -250,9 +250,9 @@ def test_a_damaged_file_is_refused_and_named(tmp_path: Path, name: str) -> None:
     ("content", "message"),
     [
         (b"", "found an empty file"),
-        (b'{"format": "dqreg registration 1"', "is no readable result file"),
+        (b'{"format": "dqreg registration 1"', "is no readable dqreg result"),
         (b"\xff\xfe\x00", "found bytes that are no UTF-8 text"),
-        (b"[" * 100_000, "is no readable result file"),
+        (b"[" * 100_000, "is no readable dqreg result"),
         (b"[1, 2]", "is no dqreg result"),
         (b"{}", "is no dqreg result"),
         (b'{"format": "dqreg registration 2"}', "is no dqreg result"),

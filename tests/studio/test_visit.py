@@ -82,9 +82,13 @@ def test_wrong_values_are_refused_by_name(values):
 
 
 def test_a_file_that_is_no_visit_is_refused(tmp_path):
-    (tmp_path / "x.json").write_text("{}")
-    with pytest.raises(InputError, match="no saved visit"):
-        Visit.load(tmp_path / "x.json")
+    for text in ("{}", "[1]", "[" * 200_000):
+        (tmp_path / "x.json").write_text(text)
+        with pytest.raises(InputError, match="no (readable )?saved visit"):
+            Visit.load(tmp_path / "x.json")
+    # Windows' editors put a mark first.
+    (tmp_path / "x.json").write_text("\ufeff" + FULL.as_text(), encoding="utf-8")
+    assert Visit.load(tmp_path / "x.json").tolerance == FULL.tolerance
     with pytest.raises(InputError, match="cannot read"):
         Visit.load(tmp_path / "none.json")
 

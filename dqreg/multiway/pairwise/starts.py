@@ -10,7 +10,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, as_pose
 from dqreg.errors import InputError
-from dqreg.files.poses import read_json
+from dqreg.files.json_records import read_json
 from dqreg.files.trajectories import read_poses
 from dqreg.multiway.pose_graph.edges import PART, Edge
 from dqreg.multiway.scans.scans import View
@@ -98,7 +98,7 @@ def read_starts_file(path: Path, count: int) -> list[FloatArray]:
 
 def read_result_poses(path: Path) -> list[FloatArray]:
     """Poses of the scans in an earlier result, or in the truth of a virtual case; NaN where there is none."""
-    listed = read_json(path).get("T_world_scan")
+    listed = read_json(path, "a result of dqreg multiway").get("T_world_scan")
     if not isinstance(listed, list):
         raise InputError(f"{path}: the key 'T_world_scan' is missing; give a result of dqreg multiway")
     return [_matrix(T, f"{path}: T_world_scan[{k}]") for k, T in enumerate(listed)]

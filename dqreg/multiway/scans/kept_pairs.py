@@ -13,6 +13,7 @@ import numpy as np
 
 from dqreg.errors import InputError
 from dqreg.files.atomic import write_atomically
+from dqreg.files.json_records import read_json
 from dqreg.geometry import Mesh, PointCloud
 from dqreg.registration.result import Registration
 from dqreg.registration.target import Target
@@ -49,10 +50,10 @@ def digest_of_part(part: Target) -> str:
 def kept(path: Path, fingerprint: dict[str, object]) -> Registration | None:
     """The result in a file, if all that it depends on is as it was."""
     try:
-        if json.loads(path.read_text(encoding="utf-8")).pop(KEY) != fingerprint:
+        if read_json(path, "a pair").pop(KEY) != fingerprint:
             return None
         return Registration.load(path)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, InputError):
+    except (OSError, KeyError, InputError):
         return None
 
 
@@ -70,8 +71,7 @@ def pairs_in(folder: Path) -> Iterator[Path]:
 
 def _is_pair(path: Path) -> bool:
     try:
-        record = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
+        said = read_json(path, "a pair").get(KEY)
+    except InputError:
         return False
-    said = record.get(KEY) if isinstance(record, dict) else None
     return isinstance(said, dict) and set(said) >= SAID

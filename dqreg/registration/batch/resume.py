@@ -18,7 +18,7 @@ from typing import Any
 from dqreg.errors import DqregError, InputError
 from dqreg.files.atomic import write_atomically
 from dqreg.files.folder_lock import held_folder
-from dqreg.files.untrusted import read_record
+from dqreg.files.json_records import read_json
 from dqreg.registration.batch.line import REPORTS, RESULTS
 from dqreg.registration.batch.row import BATCH, Row, RowResult, inputs_of
 from dqreg.registration.part_inspection import require_record
@@ -56,7 +56,7 @@ class Folder:
         """What the result file of a row holds."""
         path = self.result(row)
         try:
-            record = json.loads(read_record(path, "a result"))
+            record = read_json(path, "a result")
             if record[BATCH]["inputs"] != json.loads(json.dumps(inputs_of(row))):
                 return None
             if row.asked.report and not self.report(row).is_file():
