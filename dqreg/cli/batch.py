@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from dqreg.cli.exit_codes import NOT_ACCEPTED, NOT_PASSED, SIGNAL_CODE
 from dqreg.cli.lazy_group import Choice
 from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, read_head, say
 from dqreg.cli.overwriting import require_apart
 from dqreg.cli.registration_options import EFFORTS, METHODS
-from dqreg.cli.signals import SIGNAL_CODE, PoliteSignals
+from dqreg.cli.signals import PoliteSignals
 from dqreg.cli.values import FILE, UNITS, ToleranceType
 from dqreg.errors import printable
 
@@ -135,8 +136,8 @@ def batch(manifest: Path, target: Path | None, out: Path | None, as_json: bool, 
         )
         return SIGNAL_CODE + stop.number
     if not found.accepted:
-        return 1
-    return 0 if found.passed else 3
+        return NOT_ACCEPTED
+    return 0 if found.passed else NOT_PASSED
 
 
 def _record(found: Batch) -> dict[str, Any]:

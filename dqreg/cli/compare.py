@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from dqreg.cli.exit_codes import STOPPED_CODE
 from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, say
 from dqreg.cli.overwriting import require_apart
-from dqreg.cli.signals import STOPPED_CODE
 from dqreg.cli.values import FILE
 from dqreg.errors import InputError, printable
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from dqreg.cli.exit_codes import code_of
 from dqreg.cli.outputs import consoles, quiet_option, say, write_aligned
 from dqreg.cli.values import FILE
 from dqreg.kernels.compiling.second_process import start_where_nothing_is_kept
@@ -70,7 +71,7 @@ def demo(out: Path, quiet: bool) -> int:
     write_aligned(result, aligned_path, console)
     result.report(report_path, tolerance=TOLERANCE_MM, start=case.T_start)
     say(console, f"wrote {report_path}: open it in a browser")
-    return 0 if result.verdict.level == "accepted" else 1
+    return code_of([result.verdict.level])
 
 
 def _print_error(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dqreg.cli.attempts import refuse_swapped, register_files
+from dqreg.cli.exit_codes import code_of
 from dqreg.cli.faces import read_part_in
 from dqreg.cli.inspection_outputs import (
     check_goals,
@@ -19,7 +20,6 @@ from dqreg.cli.inspection_outputs import (
     write_failed,
 )
 from dqreg.cli.outputs import consoles, print_json, quiet_option, read_head, require_below_reach
-from dqreg.cli.register import exit_code
 from dqreg.cli.registration_options import (
     dof_option,
     exclude_option,
@@ -179,7 +179,7 @@ def inspect_command(
         result = found.registration
     if to_screen:
         print_json(record)
-    return exit_code(trusted=result.verdict.level == "accepted", passes=record["outcome"] == "pass")
+    return code_of([result.verdict.level], [record["outcome"]])
 
 
 def _registered(scan: Path, part: Path, unit: ShownTarget, shown: Console, options: dict[str, Any]) -> Registration:
@@ -218,4 +218,4 @@ def _suggest(part: Path, scan: Path | None, options: dict[str, Any]) -> int:
     scanned = ScannedPart.of(result.deviations())
     shares = dict(enumerate(scanned.coverage().tolist()))
     click.echo(suggested_plan(mesh, shares, units=mesh.units, noise=scanned.noise))
-    return 0 if result.verdict.level == "accepted" else 1
+    return code_of([result.verdict.level])

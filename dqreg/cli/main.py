@@ -8,10 +8,10 @@ import sys
 import threading
 import warnings
 
-from dqreg.cli.signals import SIGNAL_CODE, STOPPED_CODE, Signals, leave, leave_at_once, listen, say
+from dqreg.cli.exit_codes import BAD_INPUT, SIGNAL_CODE, STOPPED_CODE, UNEXPECTED_ERROR
+from dqreg.cli.signals import Signals, leave, leave_at_once, listen, say
 from dqreg.errors import DqregError, printable
 
-BAD_INPUT, UNEXPECTED_ERROR = 2, 4
 # What is wrong with a path itself, wherever it is first used.
 UNUSABLE = (errno.ENAMETOOLONG, errno.ELOOP)
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from dqreg.cli.exit_codes import code_of
 from dqreg.cli.lazy_group import Choice
 from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, say
 from dqreg.cli.overwriting import require_apart, require_ending
@@ -104,7 +105,7 @@ def multiway_command(scans: tuple[str, ...], quiet: bool, as_json: bool, **optio
     _write(console, result, options)
     if as_json:
         print_json(result.to_dict())
-    return 0 if result.verdict.level == "accepted" else 1
+    return code_of([result.verdict.level])
 
 
 def _files(scans: tuple[str, ...]) -> list[Path]:

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from dqreg.cli.exit_codes import SIGNAL_CODE, code_of
 from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, say
 from dqreg.cli.overwriting import require_apart, require_ending
-from dqreg.cli.signals import SIGNAL_CODE, PoliteSignals, write
+from dqreg.cli.signals import PoliteSignals, write
 from dqreg.cli.values import FILE
 from dqreg.errors import InputError
 
@@ -134,7 +135,7 @@ def odometry_command(scans: Path, **options: Any) -> int:
         from dqreg.report.live_server import wait
 
         wait(view.server)
-    return 0 if all(result.verdict.level == "accepted" for result in main.results) else 1
+    return code_of(result.verdict.level for result in main.results)
 
 
 def _require_goals(scans: Path, options: dict[str, Any]) -> None:

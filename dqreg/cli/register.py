@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dqreg.cli.attempts import refuse_swapped, register_files
+from dqreg.cli.exit_codes import code_of
 from dqreg.cli.lazy_group import Choice
 from dqreg.cli.outputs import (
     consoles,
@@ -180,14 +181,7 @@ def register_command(
     if as_json:
         found = None if measured is None else deviation_record(measured, decision, trusted=trusted)
         print_json(result.to_dict() if found is None else result.to_dict() | {"deviations": found})
-    return exit_code(trusted=trusted, passes=decision is None or decision.outcome == "pass")
-
-
-def exit_code(*, trusted: bool, passes: bool) -> int:
-    """What the shell is told of an alignment, and of the part in it."""
-    if not trusted:
-        return 1
-    return 0 if passes else 3
+    return code_of([result.verdict.level], [decision.outcome] if decision else [])
 
 
 def _check(

@@ -11,6 +11,8 @@ import signal
 import sys
 import time
 
+from dqreg.cli.exit_codes import SIGNAL_CODE
+
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from types import FrameType, TracebackType
@@ -24,8 +26,6 @@ WORDS = {
     signal.SIGTERM: "error: ended by a signal (SIGTERM); no file is left half-written",
     HANGUP: "error: the terminal was closed (SIGHUP); no file is left half-written",
 }
-# Exit codes above it tell which signal ended the program; that of Ctrl-C.
-SIGNAL_CODE, STOPPED_CODE = 128, 130
 # Files of the compiler, which calls back while it loads what it has compiled.
 COMPILER = f"{os.sep}llvmlite{os.sep}"
 # Seconds after which a signal that came at a bad moment is sent again.

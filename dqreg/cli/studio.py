@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from dqreg.cli.exit_codes import code_of
 from dqreg.cli.outputs import consoles, say
 from dqreg.cli.values import FILE
 from dqreg.errors import InputError
@@ -51,11 +52,12 @@ def studio(
     """
     console, _ = consoles(quiet=quiet, as_json=False)
     if visit is not None:
-        from dqreg.studio.replay import replay
+        from dqreg.studio.replay import inspected_again
 
-        result = replay(visit, out)
-        say(console, f"alignment: {result.verdict.level}; wrote its files to {out}")
-        return 0 if result.verdict.level == "accepted" else 1
+        found, outcome = inspected_again(visit, out)
+        judged = "" if outcome is None else f"; part: {outcome}"
+        say(console, f"alignment: {found.registration.verdict.level}{judged}; wrote its files to {out}")
+        return code_of([found.registration.verdict.level], [outcome])
     if odometry is not None and (scan is not None or batch is not None):
         raise InputError("--odometry has a page of its own: leave SCAN, PART and --batch out")
     if (scan is None) != (part is None):

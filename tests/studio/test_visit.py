@@ -84,7 +84,7 @@ def test_wrong_values_are_refused_by_name(values):
 def test_a_file_that_is_no_visit_is_refused(tmp_path):
     for text in ("{}", "[1]", "[" * 200_000):
         (tmp_path / "x.json").write_text(text)
-        with pytest.raises(InputError, match="no (readable )?saved visit"):
+        with pytest.raises(InputError, match=r"no (readable )?saved visit"):
             Visit.load(tmp_path / "x.json")
     # Windows' editors put a mark first.
     (tmp_path / "x.json").write_text("\ufeff" + FULL.as_text(), encoding="utf-8")
