@@ -13,7 +13,7 @@ from dqreg.cli.exit_codes import NOT_ACCEPTED, NOT_PASSED, SIGNAL_CODE
 from dqreg.cli.lazy_group import Choice
 from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, read_head, say
 from dqreg.cli.overwriting import require_apart
-from dqreg.cli.registration_options import EFFORTS, METHODS
+from dqreg.cli.registration_options import EFFORTS, METHODS, units_option
 from dqreg.cli.signals import PoliteSignals
 from dqreg.cli.values import FILE, UNITS, ToleranceType
 from dqreg.errors import printable
@@ -38,23 +38,25 @@ PICTURE_POINTS = 20_000
 @click.argument("manifest", type=FILE)
 @click.option("--target", type=FILE, help="Target of the rows that name none; required if MANIFEST is a folder.")
 @click.option("--out", type=FILE, help="Folder for results and summary  [default: NAME-results].")
-@click.option("--workers", type=int, help="Worker processes on this machine  [default: one for each core].")
+@click.option(
+    "--workers", type=int, metavar="N", help="Worker processes on this machine  [default: one for each core]."
+)
 @click.option("--scheduler", metavar="ADDRESS", help="Work on a Dask cluster instead, such as tcp://host:8786.")
 @click.option(
     "--resume", is_flag=True, help="Resume in a folder that holds results: rows that are done and unchanged are kept."
 )
 @click.option("--timeout", type=float, default=600.0, show_default=True, help="Time limit for each row, seconds.")
-@click.option("--threads", type=int, help="Threads of each process  [default: cores divided by workers].")
+@click.option("--threads", type=int, metavar="N", help="Threads of each process  [default: cores divided by workers].")
 @click.option("--start", default="none", show_default=True, metavar="none|identity|FILE", help="Default initial pose, "
               "for rows that name none.")  # fmt: skip
 @click.option("--method", type=Choice(METHODS), help="Estimator  [default: auto].")
 @click.option("--effort", type=Choice(EFFORTS), help="Closest-point queries of the last level  [default: normal].")
-@click.option("--max-distance", type=float, help="Maximum correspondence distance, target units.")
-@click.option("--max-angle", "max_angle_deg", type=float, help="Maximum angle between the normals of a correspondence, "
-              "degrees  [default: 60].")  # fmt: skip
-@click.option("--source-units", help="Length unit of the scans, where their files do not say.")
-@click.option("--target-units", help="Length unit of the targets, where their files do not say.")
-@click.option("--seed", type=int, help="Seed of all random draws  [default: 0].")
+@click.option("--max-distance", type=float, metavar="LENGTH", help="Maximum correspondence distance, target units.")
+@click.option("--max-angle", "max_angle_deg", type=float, metavar="DEGREES", help="Maximum angle between the normals of "
+              "a correspondence  [default: 60].")  # fmt: skip
+@units_option("source", "the scans, where their files do not say")
+@units_option("target", "the targets, where their files do not say")
+@click.option("--seed", type=int, metavar="N", help="Seed of all random draws  [default: 0].")
 @click.option("--plan", type=FILE, help="Inspection plan (TOML) of the parts, as in dqreg inspect.")
 @click.option("--tolerance", type=ToleranceType(), metavar="LENGTH", help="Largest deviation allowed, target units, or "
               "two sides as +0.2/-0.05: each part passes, fails or is undecided.")  # fmt: skip

@@ -13,6 +13,7 @@ import click
 from dqreg.cli.exit_codes import STOPPED_CODE
 from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, say
 from dqreg.cli.overwriting import require_apart
+from dqreg.cli.registration_options import units_option
 from dqreg.cli.values import FILE
 from dqreg.errors import InputError, printable
 
@@ -37,7 +38,7 @@ NOT_OF_TRUST = ("engines", "files", "start", "truth", "source_units", "target_un
               "task; 'list' lists them.")  # fmt: skip
 @click.option("--seeds", type=click.IntRange(min=1), help="With --sweep trust: tasks of each kind  [default: 10].")
 @click.option("--first-seed", type=click.IntRange(min=0), help="With --sweep trust: seed of the first.")
-@click.option("--workers", type=click.IntRange(min=1), help="With --sweep trust: processes  [default: 2].")
+@click.option("--workers", type=click.IntRange(min=1), metavar="N", help="With --sweep trust: processes  [default: 2].")
 @click.option("--multiway", is_flag=True, help="The inputs are many scans of one object; --truth holds the true pose "
               "of each.")  # fmt: skip
 @click.option("--fit-confidence", is_flag=True, help="With --sweep trust: fit the coefficients of "
@@ -51,10 +52,12 @@ NOT_OF_TRUST = ("engines", "files", "start", "truth", "source_units", "target_un
 @click.option("--start", metavar="none|identity|FILE", help="Initial pose  [default: that of the case; identity for "
               "SCAN TARGET].")  # fmt: skip
 @click.option("--truth", type=FILE, help="True pose of SCAN TARGET: truth.json, result.json or 4x4 text.")
-@click.option("--source-units", help="Length unit of SCAN.")
-@click.option("--target-units", help="Length unit of TARGET.")
+@units_option("source", "SCAN, where its file does not say")
+@units_option("target", "TARGET, where its file does not say")
 @click.option("--repeats", type=click.IntRange(min=1), default=3, show_default=True, help="Timed runs after a warm-up.")
-@click.option("--threads", type=click.IntRange(min=1), default=2, show_default=True, help="Threads of every engine.")
+@click.option(
+    "--threads", type=click.IntRange(min=1), metavar="N", default=2, show_default=True, help="Threads of every engine."
+)
 @click.option("--timeout", type=float, help="Time limit for each run, seconds  [default: 300, or that of the sweep].")
 @click.option("--home", type=float, default=0.01, show_default=True, help="A run succeeds if no point of the "
               "part is displaced by more than this fraction of the part's diagonal.")  # fmt: skip

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from dqreg.cli.outputs import as_json_option, consoles, print_json
+from dqreg.cli.registration_options import units_option
 from dqreg.cli.values import FILE, UNITS
 from dqreg.errors import InputError
 
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 @click.option("--near", type=float, nargs=3, metavar="X Y Z", help="Only the face that is closest to this point.")
 @click.option("--box", type=float, nargs=6, metavar="X Y Z X Y Z", help="Only the faces that lie in this box as a "
               "whole: two opposite corners.")  # fmt: skip
-@click.option("--target-units", type=UNITS, help="Length unit of PART, where its file does not say.")
+@units_option("target", "PART, where its file does not say")
 @click.option("--display-units", type=UNITS, help="Length unit of the table, and of all lengths given here  [default: "
               "PART's].")  # fmt: skip
 @as_json_option

@@ -28,6 +28,7 @@ from dqreg.cli.registration_options import (
     seed_option,
     start_option,
     time_limit_option,
+    units_option,
     viewpoint_option,
 )
 from dqreg.cli.values import FILE, UNITS, PlaceCommand, ToleranceType, places_of
@@ -106,9 +107,8 @@ class InspectCommand(PlaceCommand):
 @dof_option
 @viewpoint_option
 @time_limit_option
-@click.option("--source-units", type=UNITS, help="Length unit of SCAN, where its file does not say.")
-@click.option("--target-units", type=UNITS, help="Length unit of PART, where its file does not say  [default: the "
-              "plan's].")  # fmt: skip
+@units_option("source", "SCAN, where its file does not say")
+@units_option("target", "PART, where its file does not say", "the plan's")
 @click.option("--display-units", type=UNITS, help="Length unit of the sheet, and of all lengths given here; those of "
               "the plan are converted  [default: the plan's, else PART's].")  # fmt: skip
 @seed_option

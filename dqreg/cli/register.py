@@ -33,6 +33,7 @@ from dqreg.cli.registration_options import (
     seed_option,
     start_option,
     time_limit_option,
+    units_option,
     viewpoint_option,
 )
 from dqreg.cli.values import FILE, UNITS, PlaceCommand, ScaleType, ToleranceType, places_of
@@ -90,9 +91,8 @@ SECTIONS = {
               "to-plane (generalised); auto starts with dq and refines with plane.")  # fmt: skip
 @click.option("--no-acceleration", "accelerate", flag_value=False, default=True, help="No Anderson acceleration.")
 @seed_option
-@click.option("--source-units", type=UNITS, help="Length unit of SCAN, where its file does not say  "
-              "[default: TARGET's].")  # fmt: skip
-@click.option("--target-units", type=UNITS, help="Length unit of TARGET, where its file does not say.")
+@units_option("source", "SCAN, where its file does not say", "TARGET's")
+@units_option("target", "TARGET, where its file does not say")
 @click.option("--display-units", type=UNITS, help="Length unit of all that people read (screen, report, deviations), "
               "and of all lengths given here; --out and --aligned stay in TARGET's  [default: TARGET's].")  # fmt: skip
 @click.option("--units", type=Choice(["check", "ignore"]), default="check", show_default=True, help="Whether scans "

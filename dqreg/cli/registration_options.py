@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import click
 
 from dqreg.cli.lazy_group import Choice
-from dqreg.cli.values import PlaceType
+from dqreg.cli.values import UNITS, PlaceType
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from typing import Any
 
 # The same words as in the library, which a test compares: importing them would load the solvers for `--help`.
 METHODS = ("auto", "dq", "dq-points", "svd", "plane", "generalised")
@@ -44,3 +50,9 @@ seed_option = click.option(
     "--seed", type=int, metavar="N", default=0, show_default=True, help="Seed of all random draws: the same seed gives "
     "the same pose."
 )  # fmt: skip
+
+
+def units_option(side: str, of: str, default: str = "") -> Callable[[Any], Any]:
+    """Option for the length unit of a side, "source" or "target", by the words for what that is."""
+    said = f"  [default: {default}]" if default else ""
+    return click.option(f"--{side}-units", type=UNITS, help=f"Length unit of {of}{said}.")

@@ -14,7 +14,9 @@ from dqreg.cli.values import FILE
 @click.command()
 @click.argument("paper", type=click.Choice(["walker1991", "jia2020"]))
 @click.option("--out", type=FILE, help="Folder for the files it writes  [default: dqreg-PAPER].")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of all random draws.")
+@click.option(
+    "--seed", type=click.IntRange(min=0), metavar="N", default=0, show_default=True, help="Seed of all random draws."
+)
 @click.option("--quick", is_flag=True, help="Fewer trials: seconds, with less exact numbers.")
 @quiet_option
 def reproduce(paper: str, out: Path | None, seed: int, quick: bool, quiet: bool) -> int:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("recipe", type=FILE)
 @click.option("--out", type=FILE, help="Folder of the case  [default: the recipe's name].")
-@click.option("--seed", type=int, help="Seed, instead of that of the recipe.")
+@click.option("--seed", type=int, metavar="N", help="Seed, instead of that of the recipe.")
 @as_json_option
 @quiet_option
 def synth(recipe: Path, out: Path | None, seed: int | None, as_json: bool, quiet: bool) -> int:

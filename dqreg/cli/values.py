@@ -37,7 +37,8 @@ class UnitType(Choice):
         return f"{str(value)!r} is not one of {', '.join(self.choices)}{unit_meant(str(value), self.choices)}"
 
 
-UNITS = UnitType(["mm", "cm", "m", "inch", "ft"])
+# The same as in the library, which a test compares.
+UNITS = UnitType(["um", "mm", "cm", "m", "inch", "ft"])
 
 
 class ScaleType(Scale):

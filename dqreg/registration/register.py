@@ -70,7 +70,7 @@ def register(
         Largest distance of a correspondence, target units. Default: 0.2 of the smaller bounding-box diagonal.
     max_angle_deg : float
         Largest angle between the normals of a correspondence once the pose is near.
-    source_units, target_units : {"mm", "cm", "m", "inch", "ft"}, optional
+    source_units, target_units : {"um", "mm", "cm", "m", "inch", "ft"}, optional
         Length units. Where both are known and differ, the source is converted to the target's unit.
     effort : {"fast", "normal", "best"}
         Closest-point queries of the last stage on a mesh: about 8,000, 25,000, or as many as it takes to ask about all

@@ -13,6 +13,7 @@ from dqreg.errors import InputError
 from dqreg.files.atomic import write_atomically
 from dqreg.files.json_records import read_json
 from dqreg.files.strict_json import plain, record_from
+from dqreg.files.units import METRES
 from dqreg.inspection.plan.file import HEAD
 from dqreg.inspection.tolerances import share_of_percent
 
@@ -33,7 +34,6 @@ MAX_CUTS, MAX_PAIRS = 100, 200
 MAX_CORNERS, MAX_WORDS = 2_000, 400
 # Larger ones have no square: they are no place, and every distance to them is infinite.
 MAX_NUMBER = 1e150
-UNITS = ("mm", "cm", "m", "inch", "ft")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -140,8 +140,8 @@ class Visit:
             raise InputError(f"a lasso has {MAX_CORNERS} corners at most")
         _require_lengths(self)
         for side in (self.scan, self.part):
-            if side is not None and side.units is not None and side.units not in UNITS:
-                raise InputError(f"unknown unit {side.units!r:.40}; known are {', '.join(UNITS)}")
+            if side is not None and side.units is not None and side.units not in METRES:
+                raise InputError(f"unknown unit {side.units!r:.40}; known are {', '.join(METRES)}")
         if len(set(self.datums)) != len(self.datums) or len(self.datums) > 3:
             raise InputError("datums are up to three different faces")
         if self.T_start is not None and np.shape(self.T_start) != (4, 4):

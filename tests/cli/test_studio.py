@@ -61,9 +61,12 @@ def test_a_visit_is_done_again_without_the_page(tmp_path):
     Visit(*sides, start="identity", tolerance=0.1, head=(("serial", "7"),)).save(tmp_path / "visit.json")
     words = ["--replay", str(tmp_path / "visit.json"), "--out", str(tmp_path / "out")]
     assert CliRunner().invoke(studio, words, catch_exceptions=False, standalone_mode=False).return_value == 0
-    Visit(*sides, start="identity", tolerance=1e-9).save(tmp_path / "narrow.json")
-    narrow = ["--replay", str(tmp_path / "narrow.json"), "--out", str(tmp_path / "narrow")]
-    assert CliRunner().invoke(studio, narrow, catch_exceptions=False, standalone_mode=False).return_value == 3
     assert {path.name for path in (tmp_path / "out").iterdir()} >= {"result.json", "plan.toml", "report.html"}
     T = np.array(json.loads((tmp_path / "out" / "result.json").read_text())["T_target_source"])
     np.testing.assert_allclose(T[:3, 3], -off, atol=1e-6)
+    # A part whose upper face is worn, far beyond its tolerance, fails.
+    points = sample_mesh(part, 2000, np.random.default_rng(0)).points
+    points[points[:, 2] > points[:, 2].max() - 1e-6, 2] -= 0.05
+    write_cloud(tmp_path / "scan.ply", points)
+    Visit(*sides, start="identity", tolerance=0.01).save(tmp_path / "visit.json")
+    assert CliRunner().invoke(studio, words, catch_exceptions=False, standalone_mode=False).return_value == 3

@@ -37,9 +37,9 @@ def _scale(text: str) -> float | str:
 
 
 def _viewpoints(text: str) -> list[list[float]] | str:
-    from dqreg.registration.options import NO_VIEWPOINT
+    from dqreg.registration.options import NO_VIEWPOINT, ORIGIN
 
-    if text == NO_VIEWPOINT:
+    if text in (NO_VIEWPOINT, ORIGIN):
         return text
     found = [[_finite(word) for word in place.replace(",", " ").split()] for place in text.split(";")]
     if any(len(place) != 3 for place in found):

@@ -3,7 +3,7 @@ import { h, facts, number, count, long } from "./dom.js";
 import { Trouble } from "./api.js";
 import { STAND } from "./stage.js";
 
-const UNITS = ["mm", "cm", "m", "inch", "ft"];
+const UNITS = ["mm", "cm", "m", "inch", "ft", "um"];
 const MESHES = /\.(stl|obj|off|glb|gltf|3mf|step|stp|iges|igs)$/i;
 
 export function enter(app, stage) {

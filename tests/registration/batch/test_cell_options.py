@@ -25,6 +25,7 @@ def test_every_option_of_register_is_offered_or_said_not_to_be():
         ("scale", "25.4", 25.4),
         ("viewpoint", "0, 0, 5", [[0.0, 0.0, 5.0]]),
         ("viewpoint", "none", "none"),
+        ("viewpoint", "origin", "origin"),
         ("viewpoint", "0 0 5; 1 2 3", [[0.0, 0.0, 5.0], [1.0, 2.0, 3.0]]),
     ],
 )
