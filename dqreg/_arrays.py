@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dqreg._rotations import nearest_rotation
 from dqreg.errors import InputError, warn_of_old_name
 
 FloatArray = NDArray[np.float64]
@@ -211,9 +212,8 @@ def as_pose(value: Any, name: str, limit: float = MAX_ROTATION_GAP) -> FloatArra
     far = np.abs(T[:3, 3]).max()
     if far > MAX_LENGTH:
         raise InputError(f"{name} moves by {far:.3g}; lengths beyond {MAX_LENGTH:g} cannot be worked with")
-    U, _, Vt = np.linalg.svd(R)
     pose = T.copy()
-    pose[:3, :3] = U @ Vt
+    pose[:3, :3] = nearest_rotation(R)
     pose[3] = [0.0, 0.0, 0.0, 1.0]
     return pose
 

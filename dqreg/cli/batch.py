@@ -52,8 +52,8 @@ PICTURE_POINTS = 20_000
 @click.option("--method", type=Choice(METHODS), help="Estimator  [default: auto].")
 @click.option("--effort", type=Choice(EFFORTS), help="Closest-point queries of the last level  [default: normal].")
 @click.option("--max-distance", type=float, metavar="LENGTH", help="Maximum correspondence distance, target units.")
-@click.option("--max-angle", "max_angle_deg", type=float, metavar="DEGREES", help="Maximum angle between the normals of "
-              "a correspondence  [default: 60].")  # fmt: skip
+@click.option("--max-angle", "max_angle_deg", type=float, metavar="DEGREES", help="Maximum angle between the normals "
+              "of a correspondence  [default: 60].")  # fmt: skip
 @units_option("source", "the scans, where their files do not say")
 @units_option("target", "the targets, where their files do not say")
 @click.option("--seed", type=int, metavar="N", help="Seed of all random draws  [default: 0].")

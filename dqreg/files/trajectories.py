@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
+from dqreg._rotations import nearest_rotation
 from dqreg.errors import InputError
 from dqreg.files.untrusted import read_record
 
@@ -115,8 +116,7 @@ def _rigid(numbers: FloatArray, path: str | Path) -> FloatArray:
     if not (off <= NO_ROTATION).all() or not (np.linalg.det(R) > 0.0).all():
         raise InputError(f"{path}: a rotation block departs from a rotation by {off.max():.3g}; expected rigid poses")
     rounded = off > ROTATION_ROUNDING
-    U, _, Vt = np.linalg.svd(R[rounded])
-    poses[rounded, :3, :3] = U @ Vt
+    poses[rounded, :3, :3] = nearest_rotation(R[rounded])
     return poses
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import FloatArray, as_float
+from dqreg._rotations import nearest_rotation
 from dqreg.errors import InputError, warn_of_old_name
 from dqreg.files.trajectories import found_rows
 from dqreg.odometry.kiss import load_kiss, rigid
@@ -170,8 +171,7 @@ def nees(
 
 def _aligned_rmse(places: FloatArray, truth: FloatArray) -> float:
     a, b = places - places.mean(axis=0), truth - truth.mean(axis=0)
-    U, _, Vt = np.linalg.svd(a.T @ b)
-    turn = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+    turn = nearest_rotation(a.T @ b)
     return float(np.sqrt(np.mean(np.sum((a @ turn - b) ** 2, axis=1))))
 
 

@@ -10,14 +10,13 @@ import platform
 import sys
 from typing import Any
 
-import numpy as np
-
 from dqreg._arrays import FloatArray
 from dqreg.errors import load_package
 from dqreg.odometry.settings import Resolved
+from dqreg.rigid.single_pose import orthonormal
 
-# A rotation is nearly one where its columns are orthonormal to this.
-IDENTITY, ORTHONORMAL_TOLERANCE = np.eye(3), 1e-9
+# What its core is handed.
+rigid = orthonormal
 
 
 def load_kiss(module: str) -> Any:
@@ -31,19 +30,6 @@ def _without_wheel() -> str:
     here = f"Python {platform.python_version()} on {platform.system()} {platform.machine()}"
     wheels = "Python 3.11 to 3.13 on Linux, Windows and Apple silicon have one"
     return "" if has_wheel else f" (there is no wheel of KISS-ICP for {here}; {wheels}, else a C++ compiler is needed)"
-
-
-def rigid(T: FloatArray) -> FloatArray:
-    """The pose with its rotation made orthogonal to the last digit."""
-    pose, R = T.copy(), T[:3, :3]
-    off = R.T @ R - IDENTITY
-    if np.abs(off).max() < ORTHONORMAL_TOLERANCE:
-        # What is next in the series of the nearest rotation is below the last digit.
-        pose[:3, :3] -= 0.5 * (R @ off)
-        return pose
-    U, _, Vt = np.linalg.svd(R)
-    pose[:3, :3] = U @ Vt
-    return pose
 
 
 class KissParts:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg._rotations import nearest_rotation
 from dqreg.errors import InputError, load_package
 from dqreg.report.view3d import ELLIPSOID_DIAGONALS
 from dqreg.rigid import quaternion
@@ -60,9 +61,7 @@ def add_ellipsoid(server: Any, name: str, axes: FloatArray, at: FloatArray, size
     larger = ELLIPSOID_DIAGONALS * size / float(lengths.max())
     directions = axes / np.maximum(lengths, np.finfo(float).tiny)[:, None]
     # Axes of length zero have no direction: whatever completes a rotation.
-    U, _, Vt = np.linalg.svd(directions.T)
-    R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
     scale = tuple(float(max(length * larger, 1e-3 * size)) for length in lengths)
-    wxyz = quaternion.from_matrix(R)
+    wxyz = quaternion.from_matrix(nearest_rotation(directions.T))
     handle = server.scene.add_icosphere(name, 1.0, (220, 60, 40), scale=scale, opacity=0.45, wxyz=wxyz, position=at)
     return handle, larger

@@ -18,6 +18,7 @@ from dqreg._arrays import (
     require_finite,
     with_last_row,
 )
+from dqreg._rotations import nearest_rotation
 from dqreg.errors import InputError
 
 # What a product of a few rotations departs from orthonormal.
@@ -84,9 +85,8 @@ def _nearest(R: FloatArray, worn: BoolArray) -> FloatArray:
     """Nearest rotations where they are worn, as they are elsewhere: few are, and it costs a hundred looks."""
     if not worn.any():
         return R
-    U, _, Vt = np.linalg.svd(R[worn])
     found = R.copy()
-    found[worn] = U @ Vt
+    found[worn] = nearest_rotation(R[worn])
     return found
 
 

@@ -10,10 +10,13 @@ import math
 import numpy as np
 
 from dqreg._arrays import FloatArray, product
+from dqreg._rotations import nearest_rotation
 
 # Angle below which the next terms of the series are beyond the last digit.
 _SERIES_RAD = 1e-3
-_IDENTITY = np.eye(4)
+_IDENTITY, _NO_ROTATION = np.eye(4), np.eye(3)
+# A rotation is nearly one where its columns are orthonormal to this.
+_ORTHONORMAL_TOLERANCE = 1e-9
 
 
 def from_parts(R: FloatArray, t: FloatArray) -> FloatArray:
@@ -21,6 +24,18 @@ def from_parts(R: FloatArray, t: FloatArray) -> FloatArray:
     T = _IDENTITY.copy()
     T[:3, :3], T[:3, 3] = R, t
     return T
+
+
+def orthonormal(T: FloatArray) -> FloatArray:
+    """The pose with its rotation made orthogonal to the last digit. Shapes: (4, 4) both."""
+    pose, R = T.copy(), T[:3, :3]
+    off = R.T @ R - _NO_ROTATION
+    if np.abs(off).max() < _ORTHONORMAL_TOLERANCE:
+        # What is next in the series of the nearest rotation is below the last digit.
+        pose[:3, :3] -= 0.5 * (R @ off)
+    else:
+        pose[:3, :3] = nearest_rotation(R)
+    return pose
 
 
 def apply(T: FloatArray, points: FloatArray) -> FloatArray:

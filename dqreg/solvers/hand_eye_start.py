@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg._rotations import nearest_rotation
 from dqreg.errors import DegenerateGeometryError
 from dqreg.rigid import pose, quaternion
 
@@ -63,8 +64,7 @@ def by_rotation_first(A: FloatArray, B: FloatArray) -> FloatArray:
     X, R_A, R_B = np.eye(4), A[:, :3, :3], B[:, :3, :3]
     rows = np.einsum("nij,kl->nikjl", R_A, np.eye(3)) - np.einsum("ij,nlk->nikjl", np.eye(3), R_B)
     nearest = _smallest(rows.reshape(len(A), 9, 9))[:, 0].reshape(3, 3)
-    U, _, Vt = np.linalg.svd(nearest * np.sign(np.linalg.det(nearest)))
-    X[:3, :3] = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+    X[:3, :3] = nearest_rotation(nearest * np.sign(np.linalg.det(nearest)))
     # (R_A - I) t_X = R_X t_B - t_A
     left, right = R_A - np.eye(3), B[:, :3, 3] @ X[:3, :3].T - A[:, :3, 3]
     normal = np.einsum("nij,nik->jk", left, left)

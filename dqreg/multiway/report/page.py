@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg.multiway.pose_graph.loops import CHI2_LIMIT
 from dqreg.multiway.report import tables
 from dqreg.multiway.report.figures import graph_figure, overlap_figure
 from dqreg.multiway.report.result_protocol import ManyScans
@@ -50,7 +51,11 @@ def to_html(result: ManyScans) -> str:
     tiles = [
         ("Scans placed", f"{len(result.placed)} of {len(result.names)}", "in one frame"),
         ("Pairs used", f"{len(used)} of {len(result.edges)}", f"{sum(e.level == 'accepted' for e in used)} accepted"),
-        ("Loops that close", f"{sum(loop.chi2 <= 22.46 for loop in loops)} of {len(loops)}", "of three used pairs"),
+        (
+            "Loops that close",
+            f"{sum(loop.chi2 <= CHI2_LIMIT for loop in loops)} of {len(loops)}",
+            "of three used pairs",
+        ),
         ("Sigma of rotation", f"{text_of(_most(spread[:, 0]), 2)} deg", "largest of all scans"),
         ("Sigma of translation", f"{text_of(_most(spread[:, 1]), 2)}{unit}", "largest of all scans"),
     ]
