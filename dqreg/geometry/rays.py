@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray, median, quantile
+from dqreg.geometry.angles import gaps_around
 from dqreg.geometry.morton import morton_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
@@ -125,8 +126,7 @@ def _apart(directions: FloatArray, ranges: FloatArray) -> tuple[float, float]:
     apart = np.full(len(rows), np.nan)
     towards = np.arctan2(flat[:, 1:, 1], flat[:, 1:, 0])
     for count in NEIGHBOUR_COUNTS[::-1]:
-        angles = np.sort(towards[:, :count], axis=1)
-        gaps = np.diff(np.concatenate([angles, angles[:, :1] + 2.0 * np.pi], axis=1), axis=1).max(axis=1)
+        gaps = gaps_around(towards[:, :count])[1].max(axis=1)
         apart = np.where(gaps < OPEN_RAD, lengths[:, count], apart)
     known = np.isfinite(apart)
     if np.mean(known) < SURROUNDED_SHARE:

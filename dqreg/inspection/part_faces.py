@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from dqreg._arrays import FloatArray, IntArray, as_place
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.geometry import Mesh
+from dqreg.geometry.angles import gaps_around
 from dqreg.geometry.mesh_faces import areas_of, faces_of
 from dqreg.inspection.features import Feature, FeatureKind, fit_feature
 from dqreg.inspection.features.models import distances
@@ -281,6 +282,5 @@ def _faces_inward(feature: Feature, points: FloatArray, normals: FloatArray, wei
     if feature.kind == "sphere":
         return True
     # A concave fillet surrounds its axis on less than half a turn.
-    angles = np.sort(np.arctan2(offsets @ feature.frame[:, 1], offsets @ feature.frame[:, 0]))
-    gaps = np.diff(np.append(angles, angles[0] + 2.0 * np.pi))
-    return bool(gaps.max() < np.pi)
+    angles = np.arctan2(offsets @ feature.frame[:, 1], offsets @ feature.frame[:, 0])
+    return bool(gaps_around(angles)[1].max() < np.pi)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray, median
+from dqreg.geometry.angles import gaps_around
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 
@@ -249,13 +250,9 @@ def open_sides(at: FloatArray, flat: FloatArray, rows: IntArray) -> tuple[FloatA
     Shapes: flat (n, 2), of which rows (m, k) are the nearest to each point, itself the first.
     """
     (x, y), others = np.ascontiguousarray(flat.T), rows[:, 1:]
-    angles = np.arctan2(np.take(y, others) - at[:, 1:], np.take(x, others) - at[:, :1])
-    angles.sort(axis=1)
-    # The first neighbour closes the round.
-    closed = np.concatenate([angles, angles[:, :1] + 2.0 * np.pi], axis=1)
-    gaps = np.diff(closed, axis=1)
+    angles, gaps = gaps_around(np.arctan2(np.take(y, others) - at[:, 1:], np.take(x, others) - at[:, :1]))
     each, widest = np.arange(len(at)), gaps.argmax(axis=1)
-    return gaps[each, widest], closed[each, widest] + 0.5 * gaps[each, widest]
+    return gaps[each, widest], angles[each, widest] + 0.5 * gaps[each, widest]
 
 
 def stand_near(points: FloatArray, rows: IntArray, cloud: FloatArray, others: IntArray, reach: float) -> BoolArray:

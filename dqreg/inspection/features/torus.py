@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg.geometry.angles import gaps_around
 from dqreg.inspection.features.starts import frame_along
 from dqreg.rigid import twist
 
@@ -171,8 +172,7 @@ def _is_held(ring: _Ring, points: FloatArray, slopes: FloatArray, form: float) -
 
 def _apart(angles: FloatArray) -> int:
     """How many angles lie apart, the widest gap of the turn left out; a fine grid has many, however close they are."""
-    ordered = np.sort(angles)
-    gaps = np.diff(np.append(ordered, ordered[0] + 2.0 * np.pi))
+    gaps = gaps_around(angles)[1]
     widest = int(np.argmax(gaps))
     along = np.concatenate([[0.0], np.cumsum(np.roll(gaps, -1 - widest)[:-1])])
     count, last = 1, 0.0

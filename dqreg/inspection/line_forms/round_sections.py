@@ -8,6 +8,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import DegenerateGeometryError, InputError
+from dqreg.geometry.angles import gaps_around
 from dqreg.inspection.features import Feature
 from dqreg.inspection.features.models import distances
 from dqreg.inspection.features.starts import frame_along
@@ -141,8 +142,7 @@ def _arc_deg(points: FloatArray, feature: Feature) -> float:
 
 def _round_deg(turn: FloatArray) -> float:
     """Degrees that angles cover: a whole turn without the largest gap between them."""
-    order = np.sort(turn)
-    return 360.0 - float(np.degrees(np.diff(np.r_[order, order[0] + 2.0 * np.pi]).max()))
+    return 360.0 - float(np.degrees(gaps_around(turn)[1].max()))
 
 
 def _centre(section: Profile, noise: float) -> tuple[FloatArray, FloatArray]:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg.geometry.angles import gaps_around
 from dqreg.inspection.characteristics import Measured
 from dqreg.inspection.features.fit import zone_width
 from dqreg.inspection.features.zone import chebyshev_step
@@ -84,7 +85,7 @@ def _hidden_share(whole: Profile, blocks: Profile) -> float:
     """What a zone may lack, as a share of it, because its extremes lie between blocks or beyond the last one."""
     along = np.sort(blocks.along)
     if whole.radius:
-        gaps = np.diff(along, append=along[0] + 2.0 * np.pi) / (2.0 * np.pi)
+        gaps = gaps_around(along)[1] / (2.0 * np.pi)
         return _between(float(gaps[gaps <= OPENING_SHARE].max(initial=0.0)) * ROUND_UNDULATIONS)
     ends = float(whole.along.min()), float(whole.along.max())
     size = (ends[1] - ends[0]) or 1.0

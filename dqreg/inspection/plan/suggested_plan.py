@@ -9,6 +9,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh
+from dqreg.geometry.angles import gaps_around
 from dqreg.geometry.mesh_faces import faces_of
 from dqreg.inspection.part_faces import Face, part_faces
 from dqreg.inspection.plan.suggested_datums import suggest_datums
@@ -116,8 +117,7 @@ def _slender(corners: FloatArray, face: Face) -> float:
     """Length of a cylinder in diameters; 0 of one that is not closed, as a fillet."""
     assert face.feature is not None
     local = (corners - face.feature.point) @ face.feature.frame
-    turns = np.sort(np.arctan2(local[:, 1], local[:, 0]))
-    gap = float(np.diff(np.r_[turns, turns[0] + 2.0 * math.pi]).max())
+    gap = float(gaps_around(np.arctan2(local[:, 1], local[:, 0]))[1].max())
     return float(np.ptp(local[:, 2])) / face.feature.diameter if gap < OPEN_GAP_RAD else 0.0
 
 

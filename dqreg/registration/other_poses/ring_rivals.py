@@ -13,6 +13,7 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, median
 from dqreg.geometry import CloudSurface
+from dqreg.geometry.angles import gaps_around
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.vector_rows import row_dots
@@ -78,8 +79,7 @@ class _Cloud:
         one = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
         one /= np.linalg.norm(one, axis=1, keepdims=True)
         x, y = (np.einsum("ikj,ij->ik", around, axis) for axis in (one, np.cross(normals, one)))
-        angles = np.sort(np.arctan2(y, x), axis=1)
-        gaps = np.diff(angles, axis=1, append=angles[:, :1] + 2.0 * np.pi)
+        gaps = gaps_around(np.arctan2(y, x))[1]
         return np.asarray(gaps.max(axis=1, initial=0.0) < MAX_GAP_RAD)
 
 
