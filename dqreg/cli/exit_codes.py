@@ -9,7 +9,8 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-NOT_ACCEPTED, BAD_INPUT, NOT_PASSED, UNEXPECTED_ERROR = 1, 2, 3, 4
+NOT_ACCEPTED, BAD_INPUT = 1, 2
+NOT_PASSED, UNEXPECTED_ERROR = 3, 4
 # Codes above it tell which signal ended the program; that of Ctrl-C.
 SIGNAL_CODE, STOPPED_CODE = 128, 130
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import FloatArray, as_pose
+from dqreg._numbers import is_number, is_whole
 from dqreg.compare.case import BenchmarkCase, SameLoop, make_case
 from dqreg.compare.engines.protocol import Setting
 from dqreg.compare.engines.registry import EngineSpec
@@ -81,7 +82,7 @@ class Protocol:
     settings: tuple[Setting, ...] = ("manual", "same-loop")  # Settings to run cases in; a sweep brings its own
     repeats: int = 3  # Timed runs of each case after one warm-up; a sweep brings its own
     threads: int = 2  # Threads that an engine may use
-    timeout: float = 300.0  # Seconds for one run; None takes the sweep's, and 300 for cases
+    timeout: float = 300.0  # Seconds for one run; a sweep brings its own
     # Whether cases are run without their initial pose; engines that need one do not take part then
     withhold_initial_pose: bool = False
     loop: SameLoop = dataclasses.field(default_factory=SameLoop)  # What the same loop means
@@ -92,11 +93,12 @@ class Protocol:
     def __post_init__(self) -> None:
         for name, least in (("repeats", 1), ("threads", 1)):
             value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int) or value < least:
+            if not is_whole(value) or value < least:
                 raise InputError(f"{name} must be a whole number, {least} or more; got {value!r}")
         for name in ("timeout", "success_threshold"):
-            if not 0.0 < getattr(self, name) < float("inf"):
-                raise InputError(f"{name} must be a number above 0; got {getattr(self, name)!r}")
+            value = getattr(self, name)
+            if not is_number(value) or not 0.0 < value < float("inf"):
+                raise InputError(f"{name} must be a number above 0; got {value!r}")
 
 
 @dataclasses.dataclass(frozen=True)

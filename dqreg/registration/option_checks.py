@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import numbers
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from dqreg._arrays import MAX_LENGTH
+from dqreg._numbers import is_number, is_whole
 from dqreg.errors import InputError, did_you_mean
 
 # What other libraries call what is meant.
@@ -32,7 +32,7 @@ def require_flag(name: str, value: object) -> None:
 
 def require_seed(seed: Any) -> None:
     """Raise unless random numbers can begin there."""
-    if isinstance(seed, bool) or not isinstance(seed, numbers.Integral) or seed < 0:
+    if not is_whole(seed) or seed < 0:
         raise InputError(f"seed must be a whole number, 0 or more; got {seed!r:.60}")
 
 
@@ -47,11 +47,6 @@ def require_observer(observer: object, name: str) -> None:
     """Raise unless it is a function, or None."""
     if observer is not None and not callable(observer):
         raise InputError(f"{name} must be a function of one record, or None; got {observer!r:.80}")
-
-
-def is_number(value: object) -> bool:
-    """Whether an option is a number; True is one of Python's, and none that anybody means."""
-    return isinstance(value, numbers.Real) and not isinstance(value, bool)
 
 
 def as_float(number: Any) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dqreg._arrays import MAX_LENGTH
+from dqreg._numbers import is_number
 from dqreg.errors import InputError
 from dqreg.icp import COARSE_POINTS, ESTIMATORS, Estimator, IcpSettings, Stopping
 from dqreg.icp.estimators import cells_to_cells
@@ -24,7 +25,6 @@ from dqreg.icp.noise_by_face import (
 from dqreg.registration.constraints import PoseConstraints
 from dqreg.registration.option_checks import (
     as_float,
-    is_number,
     read_time_limit,
     require_flag,
     require_observer,

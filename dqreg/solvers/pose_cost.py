@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray, as_pose
 from dqreg.errors import InputError
-from dqreg.rigid.pose_covariance import read_covariance
 from dqreg.solvers.dof import Freedom
 from dqreg.solvers.dof_words import as_frame
 from dqreg.solvers.fit import PoseFit
@@ -155,8 +154,7 @@ class PoseCost:
         PoseCost
             Its information at T in the same frame is the inverse of the covariance.
         """
-        checked = read_covariance(covariance, "covariance", "Lock what is exact: dof=")
-        return cls(prior_form(as_pose(T, "T"), checked, as_frame(frame, "frame")))
+        return cls(prior_form(as_pose(T, "T"), covariance, as_frame(frame, "frame")))
 
     def __add__(self, other: object) -> PoseCost:
         if isinstance(other, PoseCost):

@@ -24,7 +24,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, as_vectors, as_weights
 from dqreg.errors import InputError
-from dqreg.rigid.pose_covariance import inverse_of_known
+from dqreg.rigid.pose_covariance import inverse_of_known, read_covariance
 from dqreg.solvers.matches import Matches, refuse_zero_directions
 from dqreg.solvers.moments import sums_of
 from dqreg.solvers.narrow_data import is_narrow
@@ -108,8 +108,9 @@ for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
     _CROSS[_i, _j, _k], _CROSS[_i, _k, _j] = 1.0, -1.0
 
 
-def prior_form(T: FloatArray, covariance: FloatArray, frame: FloatArray) -> QuadraticForm:
-    """Quadratic form of a prior. Shapes: covariance (6, 6)."""
+def prior_form(T: FloatArray, given: object, frame: FloatArray) -> QuadraticForm:
+    """Quadratic form of a prior, whose covariance is as a caller gave it."""
+    covariance = read_covariance(given, "covariance", "Lock what is exact: dof=")
     axes, R_0 = frame[:3, :3], T[:3, :3]
     known = np.isfinite(np.diag(covariance))
     r, t = known[:3], known[3:]

@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
+from dqreg._numbers import is_number
 from dqreg.errors import InputError
 
 
@@ -68,7 +69,7 @@ class Noise:
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 <= value < np.inf:
+            if not is_number(value) or not 0.0 <= value < np.inf:
                 raise InputError.of("must be a number that is not negative", name=field.name, given=value)
         for name in ("dropout", "outlier_share", "mixed_share"):
             if getattr(self, name) > 1.0:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
+from dqreg._numbers import is_number
 from dqreg.errors import InputError
 from dqreg.synth.parts.patches import circle, fan, grid, lift, require_count, ring, walls, weld
 
@@ -90,7 +91,7 @@ def require_size(size: Any) -> None:
 
 
 def _require_above_zero(name: str, value: Any, index: int | None = None) -> None:
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or not 0.0 < value < np.inf:
+    if not is_number(value) or not 0.0 < value < np.inf:
         raise InputError.of("must be a number above 0", name=name, index=index, given=value)
 
 
@@ -98,8 +99,6 @@ def three(values: Any, name: str) -> tuple[float, float, float]:
     """Check that there are three numbers."""
     # A ragged list makes NumPy raise by itself.
     array = np.asarray(values, dtype=object)
-    if array.shape != (3,) or not all(
-        isinstance(v, (int, float, np.number)) and not isinstance(v, bool) for v in array
-    ):
+    if array.shape != (3,) or not all(map(is_number, array)):
         raise InputError.of("must be three numbers, along x, y, z", name=name, given=values)
     return array[0], array[1], array[2]
