@@ -13,7 +13,7 @@ from dqreg.inspection.membership import OFF_SIGMAS
 from dqreg.inspection.regions import Outcome
 from dqreg.inspection.statistics import MIN_SCANNED_POINTS
 from dqreg.inspection.tolerances import PointLimits
-from dqreg.solvers.robust import GAUSSIAN_MEDIAN
+from dqreg.solvers.robust import GAUSSIAN_MEDIAN, scatter_of
 
 # Expanded uncertainty, in standard deviations: 95 % (ISO 14253-1, k = 2).
 COVERAGE_FACTOR = 2.0
@@ -102,7 +102,7 @@ def _medians(
     rooms = np.median(room[::step][around], axis=1)
     # Far off a part it stands with those that were measured beside it as well: what closes a hole has its feet along
     # the rim, where good points have theirs too. Nearer, those beside a point that noise has raised are raised as well.
-    sigma = deviations.noise or GAUSSIAN_MEDIAN * float(np.median(np.abs(values - np.median(values))))
+    sigma = deviations.noise or scatter_of(values)
     far = np.flatnonzero(np.abs(values[asked]) > OFF_SIGMAS * sigma)
     if len(far):
         points = (deviations.points[rows] - deviations.origin)[::step]

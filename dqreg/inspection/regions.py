@@ -14,7 +14,7 @@ from dqreg.geometry import Mesh, PointCloud
 from dqreg.geometry.mesh_faces import areas_of, faces_of
 from dqreg.inspection.coverage import weighted_median
 from dqreg.inspection.deviations import Deviations
-from dqreg.solvers.robust import GAUSSIAN_MEDIAN
+from dqreg.solvers.robust import scatter_of
 
 Outcome = Literal["pass", "fail", "undecided"]
 
@@ -141,15 +141,14 @@ def edge_places(mesh: Mesh, of_triangle: IntArray, step: float) -> tuple[FloatAr
 
 
 def _region(number: int, values: FloatArray, name: str, centre: FloatArray) -> Region:
-    median = float(np.median(values))
     return Region(
         number=number,
         name=name,
         centre=centre,
         points=len(values),
-        median=median,
+        median=float(np.median(values)),
         # Strays near a face are not the face's: half the points may be any without moving these two much.
-        spread=float(GAUSSIAN_MEDIAN * np.median(np.abs(values - median))),
+        spread=scatter_of(values),
         within=float(np.quantile(np.abs(values), 0.95)),
     )
 

@@ -16,7 +16,7 @@ from dqreg.inspection.deviation_files import decimals_of, write_sections
 from dqreg.inspection.deviations import Deviations
 from dqreg.inspection.places import MEDIAN_SIGMA
 from dqreg.inspection.scanned_part import ScannedPart
-from dqreg.solvers.robust import GAUSSIAN_MEDIAN
+from dqreg.solvers.robust import scatter_of
 
 # Half the thickness of the slab of scan points that stands for the cut, and the step along the curve, in spacings of
 # the scan.
@@ -278,6 +278,6 @@ def _medians(
         counts[place] = len(rows)
         if len(rows) >= MIN_PLACE_POINTS:
             medians[place] = np.median(values[rows])
-            spread = GAUSSIAN_MEDIAN * float(np.median(np.abs(values[rows] - medians[place])))
+            spread = scatter_of(values[rows])
             sigma[place] = MEDIAN_SIGMA * max(spread, part.noise) / np.sqrt(len(rows))
     return medians, sigma, counts

@@ -34,6 +34,15 @@ HALF_NORMAL = math.sqrt(math.pi / 2.0)
 GAUSSIAN_MEDIAN = 1.4826
 
 
+def scatter_of(values: FloatArray) -> float:
+    """Standard deviation of Gaussian numbers, (n,), about their median, which half of them may lie far from.
+
+    >>> scatter_of(np.array([0.0, 1.0, 2.0, 1e9]))
+    1.4826
+    """
+    return GAUSSIAN_MEDIAN * float(np.median(np.abs(values - np.median(values))))
+
+
 class Kernel(Protocol):
     """A robust kernel of distances."""
 

@@ -241,10 +241,10 @@ async def _lines(session: Session, request: Request) -> AsyncIterator[bytes]:
         await asyncio.sleep(POLL_SECONDS)
 
 
-def _json(value: Any, status: int = 200) -> Response:
+def _json(value: Any) -> Response:
     from starlette.responses import JSONResponse
 
-    return JSONResponse(value, status)
+    return JSONResponse(value)
 
 
 def _asset(name: str) -> Response:

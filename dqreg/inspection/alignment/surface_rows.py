@@ -22,7 +22,7 @@ from dqreg.inspection.places import PLACE_POINTS
 from dqreg.inspection.regions import MIN_DENSITY_RATIO
 from dqreg.rigid import pose, twist
 from dqreg.solvers import Freedom, PoseCost
-from dqreg.solvers.robust import GAUSSIAN_MEDIAN
+from dqreg.solvers.robust import scatter_of
 
 # Points that an alignment takes at most, evenly over the scan; more say the same.
 MAX_POINTS = 100_000
@@ -112,7 +112,7 @@ class SurfaceRows:
     def weighed_by_noise(self, T: FloatArray) -> SurfaceRows:
         """The same with weights of maximum likelihood, as they must be beside a prior."""
         values = self.deviations(T)[0]
-        spread = GAUSSIAN_MEDIAN * float(np.median(np.abs(values - np.median(values))))
+        spread = scatter_of(values)
         smallest = np.finfo(float).eps * self.size
         return dataclasses.replace(self, weights=self.weights / max(spread, smallest) ** 2)
 
