@@ -13,7 +13,6 @@ from dqreg.icp import NO_POSE, Alignment
 from dqreg.kernels.threads import as_plain
 from dqreg.odometry.follow import SPURIOUS_INFORMATION_RATIO
 from dqreg.odometry.frame import DownsampledFrame
-from dqreg.odometry.kiss import rigid
 from dqreg.odometry.map_surface import MapPlanes
 from dqreg.odometry.prediction import Prediction, contradiction, held_directions, held_notes
 from dqreg.odometry.rivals import ComparedFrame
@@ -21,6 +20,7 @@ from dqreg.registration.assess import Uncertainty
 from dqreg.registration.empty_results import unmeasured, without_pose
 from dqreg.registration.result import Registration
 from dqreg.rigid import single_pose, twist
+from dqreg.rigid.single_pose import orthonormal
 from dqreg.solvers.row_sums import MotionSums
 from dqreg.trust import Evidence, Information, information_of, judge
 from dqreg.trust.code_sets import PLACE_UNKNOWN
@@ -50,7 +50,7 @@ def frame_result(
         )
         return without_pose((Reason(words, "lost"), *notes), run.status, settings)
     uncertainty = None if information is None else Uncertainty.of(information)
-    T = rigid(run.T_target_source)
+    T = orthonormal(run.T_target_source)
     doubts = place.doubts
     if uncertainty is not None and prediction is not None and prediction.information is not None:
         doubts = (*doubts, *contradiction(T, uncertainty.directions, prediction, settings["near"]))

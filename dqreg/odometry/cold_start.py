@@ -15,7 +15,6 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.odometry.assess import MapLink
 from dqreg.odometry.frame import DownsampledFrame
-from dqreg.odometry.kiss import rigid
 from dqreg.odometry.next_frame import NextFrame
 from dqreg.odometry.starts import predict
 from dqreg.odometry.tracker import Tracker
@@ -23,6 +22,7 @@ from dqreg.odometry.tracker_state import Standing
 from dqreg.odometry.voxel_map import VoxelMap
 from dqreg.registration.result import Registration
 from dqreg.rigid import pose
+from dqreg.rigid.single_pose import orthonormal
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -65,5 +65,5 @@ class ColdStartTracker(Tracker):
             self._suspect = None
         elif result.verdict.level == "suspect" and not self._usual:
             T = result.T_target_source
-            motion = rigid(predict(np.eye(4), pose.inverse(T_last) @ T, 1.0 / steps))
+            motion = orthonormal(predict(np.eye(4), pose.inverse(T_last) @ T, 1.0 / steps))
             self._suspect = SuspectFrame(given.frame, T, motion, self._timeline.count)

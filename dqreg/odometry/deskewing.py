@@ -22,11 +22,11 @@ from dqreg.odometry.align import MIN_POINTS_FOR_CELLS, POINTS_BEFORE_SWEEP, Fram
 from dqreg.odometry.assess import LOST_FRACTION
 from dqreg.odometry.follow import SweptFrame, is_in_cells, off_at
 from dqreg.odometry.frame import DownsampledFrame
-from dqreg.odometry.kiss import rigid
 from dqreg.odometry.starts import predict
 from dqreg.odometry.sweep import swept
 from dqreg.odometry.voxel_map import VoxelMap
 from dqreg.rigid import Trajectory, pose, twist
+from dqreg.rigid.single_pose import orthonormal
 from dqreg.rigid.twist import scaling_by
 from dqreg.trust.records import Reason
 
@@ -139,8 +139,8 @@ class Deskewed:
             step, change = sweep_steps(best.frame, best.aligned)
             if off_at(best.frame.reach, change) <= worthwhile:
                 break
-            frame = best.frame.without(rigid(twist.exp(twist.log(best.frame.motion) + change)))
-            T = rigid(best.aligned.T_target_source @ twist.exp(step))
+            frame = best.frame.without(orthonormal(twist.exp(twist.log(best.frame.motion) + change)))
+            T = orthonormal(best.aligned.T_target_source @ twist.exp(step))
             aligned = search.settle(search.scan_of(frame), T, best.aligned)
             if not fits_no_worse(aligned, best.aligned):
                 break
@@ -203,7 +203,7 @@ def undo_first_sweep(
     if not skewed.aligned.inlier_fraction >= LOST_FRACTION:
         return None
     half = 0.5 * twist.log(skewed.frame.motion)
-    middle = rigid(pose.inverse(T_first) @ skewed.aligned.T_target_source @ twist.exp(-half))
+    middle = orthonormal(pose.inverse(T_first) @ skewed.aligned.T_target_source @ twist.exp(-half))
     mean = twist.log(middle) / max(ratio, 1.0)
     motion = twist.exp(mean + half)
     if off_at(frame.reach, mean - half) <= REPEATED_MISFIT_VOXELS * lengths.voxel_size:

@@ -11,9 +11,10 @@ from dqreg._arrays import FloatArray, as_float
 from dqreg._rotations import nearest_rotation
 from dqreg.errors import InputError, warn_of_old_name
 from dqreg.files.trajectories import found_rows
-from dqreg.odometry.kiss import load_kiss, rigid
+from dqreg.odometry.kiss import load_kiss
 from dqreg.odometry.trajectory import bridge_gaps
 from dqreg.rigid import pose, twist
+from dqreg.rigid.single_pose import orthonormal
 from dqreg.rigid.twist import scaling_by
 
 # A single step worse than this is a lost frame, whatever the scene: half the everyday lattice, which finds its way.
@@ -85,7 +86,7 @@ def evaluate(poses: Any, truth: Any, steps: tuple[int, ...] = (1, 10)) -> Errors
     if raw.shape != true.shape or raw.shape[1:] != (4, 4):
         raise InputError(f"poses and truth must both be (n, 4, 4); got {raw.shape} and {true.shape}")
     estimated, missing = bridge_gaps(raw)
-    estimated, true = (np.stack([rigid(T) for T in rows]) for rows in (estimated, true))
+    estimated, true = (np.stack([orthonormal(T) for T in rows]) for rows in (estimated, true))
     relative = {k: relative_errors(estimated, true, k) for k in steps}
     off = relative_errors(estimated, true, 1)[0] > LOST_DEG
     metrics = load_kiss("metrics")
@@ -155,8 +156,8 @@ def nees(
     noise = np.diag(scaling_by(np.deg2rad(truth_sigma_deg) ** 2, truth_sigma**2))
     usable = found_rows(P) & np.isfinite(C).all(axis=(1, 2))
     for i in np.flatnonzero(usable[1:] & usable[:-1]):
-        step, true = (pose.inverse(rigid(T[i])) @ rigid(T[i + 1]) for T in (P, G))
-        error = twist.log(rigid(step @ pose.inverse(true)))
+        step, true = (pose.inverse(orthonormal(T[i])) @ orthonormal(T[i + 1]) for T in (P, G))
+        error = twist.log(orthonormal(step @ pose.inverse(true)))
         # Increments about a sensor, turned from the map's axes to the sensor's own.
         R_before, R = P[i, :3, :3], P[i + 1, :3, :3]
         before, after = (np.kron(np.eye(2), r.T) for r in (R_before, R))

@@ -23,10 +23,10 @@ from dqreg.icp.level import MIN_SCALE_RATIO, NEAR_ANGLE_RAD, SAMPLING_ERROR_SHAR
 from dqreg.icp.loop import MIN_CORRESPONDENCES, Run
 from dqreg.kernels.threads import as_plain
 from dqreg.odometry.frame import DownsampledFrame
-from dqreg.odometry.kiss import rigid
 from dqreg.odometry.map_surface import MapPlanes, MapSurface
 from dqreg.odometry.sweep import swept_by
 from dqreg.rigid import single_pose
+from dqreg.rigid.single_pose import orthonormal
 from dqreg.solvers.robust import LEAST_FRACTION
 from dqreg.solvers.status import Status
 
@@ -91,7 +91,7 @@ def follow(
         scale, fraction, energy, total, squares, used, _ = figures.tolist()
         if used < MIN_CORRESPONDENCES:
             return Alignment(T, "no correspondences", tuple(history), pairs, weights, mixture=mixture)
-        after = rigid(moved)
+        after = orthonormal(moved)
         motion = float(spread.motion(T, after))
         record = Iteration(
             number=first + len(history),

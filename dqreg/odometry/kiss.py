@@ -15,9 +15,6 @@ from dqreg.errors import load_package
 from dqreg.odometry.settings import Resolved
 from dqreg.rigid.single_pose import orthonormal
 
-# What its core is handed.
-rigid = orthonormal
-
 
 def load_kiss(module: str) -> Any:
     """A module of KISS-ICP."""
@@ -53,4 +50,4 @@ class KissParts:
 
     def learn(self, deviation: FloatArray) -> None:
         """Tell the threshold how far the prediction was off, (4, 4)."""
-        self._threshold.update_model_deviation(rigid(deviation))
+        self._threshold.update_model_deviation(orthonormal(deviation))

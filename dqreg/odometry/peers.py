@@ -11,10 +11,11 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.errors import load_package
 from dqreg.odometry.frame import read_frame
-from dqreg.odometry.kiss import load_kiss, rigid
+from dqreg.odometry.kiss import load_kiss
 from dqreg.odometry.run_sequence import TrajectoryRun
 from dqreg.odometry.scans import Scans
 from dqreg.odometry.settings import OdometrySettings
+from dqreg.rigid.single_pose import orthonormal
 
 
 class SequenceEngine(Protocol):
@@ -83,8 +84,8 @@ class SmallGicpEngine:
                 downsampling_resolution=self._voxel,
                 max_correspondence_distance=self._reach,
             )
-            self._motion = rigid(np.array(found.T_target_source))
-            self._T = rigid(self._T @ self._motion)
+            self._motion = orthonormal(np.array(found.T_target_source))
+            self._T = orthonormal(self._T @ self._motion)
         self._last = finite
         return self._T.copy()
 

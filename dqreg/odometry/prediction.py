@@ -9,9 +9,9 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, as_pose
 from dqreg.errors import InputError
-from dqreg.odometry.kiss import rigid
 from dqreg.rigid import pose, twist
 from dqreg.rigid.pose_covariance import inverse_of_known, read_covariance
+from dqreg.rigid.single_pose import orthonormal
 from dqreg.trust.covariance import TOUCHED
 from dqreg.trust.records import Direction, Reason
 
@@ -67,7 +67,7 @@ class Prediction:
         centre = pose.from_parts(np.eye(3), T[:3, 3])
         carried = pose.adjoint(pose.from_parts(np.eye(3), T[:3, 3] - self.T_map_frame[:3, 3]))
         prior = carried.T @ self.information @ carried
-        off = twist.log(rigid(pose.inverse(centre) @ self.T_map_frame @ pose.inverse(T) @ centre))
+        off = twist.log(orthonormal(pose.inverse(centre) @ self.T_map_frame @ pose.inverse(T) @ centre))
         total = information + prior
         scale = np.sqrt(np.maximum(np.diag(total), np.finfo(float).tiny))
         covariance, is_free = _inverse(total / scale / scale[:, None], bool((np.diag(self.information) > 0.0).all()))
@@ -75,7 +75,7 @@ class Prediction:
         step = covariance @ prior @ off
         covariance = 0.5 * (covariance + covariance.T)
         covariance[is_free], covariance[:, is_free] = np.nan, np.nan
-        return rigid(centre @ twist.exp(step) @ pose.inverse(centre) @ T), covariance
+        return orthonormal(centre @ twist.exp(step) @ pose.inverse(centre) @ T), covariance
 
 
 def _inverse(total: FloatArray, known: bool) -> tuple[FloatArray, BoolArray]:

@@ -22,7 +22,6 @@ from dqreg.odometry.align import FrameSearch
 from dqreg.odometry.assess import MapLink
 from dqreg.odometry.cold_start import ColdStartTracker, SuspectFrame
 from dqreg.odometry.frame import DownsampledFrame
-from dqreg.odometry.kiss import rigid
 from dqreg.odometry.nearby_places import place_nearby
 from dqreg.odometry.next_frame import NextFrame
 from dqreg.odometry.prediction import Prediction
@@ -34,6 +33,7 @@ from dqreg.odometry.voxel_map import VoxelMap
 from dqreg.registration.register import register
 from dqreg.registration.result import Registration
 from dqreg.rigid import pose
+from dqreg.rigid.single_pose import orthonormal
 from dqreg.trust.code_sets import PLACE_IN_DOUBT
 from dqreg.trust.records import Reason
 
@@ -89,7 +89,7 @@ class SeekingTracker(ColdStartTracker):
         at, usual = before.at, self._usual_fraction
         if not usual > 0.0:
             return None
-        T_expected = rigid(predict(at.T_last, at.motion, given.ratio))
+        T_expected = orthonormal(predict(at.T_last, at.motion, given.ratio))
         anchors = [(at.T_last, T_expected)] + ([] if at.T_doubtful is None else [(at.T_doubtful, at.T_doubtful)])
         search = FrameSearch(given.world.surface, given.lengths, self.settings, usual, anchors)
         T = None
@@ -111,7 +111,7 @@ class SeekingTracker(ColdStartTracker):
             return found
         doubts = () if sought.verdict.level == "accepted" else (_doubt(found, sought),)
         words = "its place was told by a global search in the map: near the expected one it was lost or in doubt"
-        T, remark = rigid(sought.T_target_source), Reason(words, "sought_in_map")
+        T, remark = orthonormal(sought.T_target_source), Reason(words, "sought_in_map")
         return self._placed_at(T, given, before, found, remark, doubts) or found
 
     def _placed_at(
@@ -128,8 +128,8 @@ class SeekingTracker(ColdStartTracker):
         """The frame at a place, if that tells more than how it was found, or if it is accepted there."""
         after = self._kept()
         self._put_back(before)
-        step = rigid(pose.inverse(before.at.T_last) @ T)
-        motion = rigid(predict(np.eye(4), step, 1.0 / self._timeline.span))
+        step = orthonormal(pose.inverse(before.at.T_last) @ T)
+        motion = orthonormal(predict(np.eye(4), step, 1.0 / self._timeline.span))
         self._at = dataclasses.replace(before.at, motion=motion)
         again = super()._register(dataclasses.replace(given, expected=Prediction(T, doubts=doubts)))
         if self._timeline.missed:
@@ -152,7 +152,7 @@ class SeekingTracker(ColdStartTracker):
 
     def _go_on_from(self, found: Registration, world: VoxelMap) -> None:
         """Expect the next frame where one was found."""
-        self._at = Standing(rigid(found.T_target_source), world=world, link=MapLink(is_held=True))
+        self._at = Standing(orthonormal(found.T_target_source), world=world, link=MapLink(is_held=True))
         self._timeline.missed, self._timeline.slid, self._first = 0, 0, None
         self._unlike = self._suspect = None
         self._pause, self._waiting = 0, 0
@@ -206,7 +206,7 @@ def _without_equal_turn(
     found: Registration, frame: DownsampledFrame, world: VoxelMap, lengths: Resolved, settings: OdometrySettings
 ) -> Registration:
     """The same, in doubt where all walls fit as well after another turn: of a hall whose furniture was replaced."""
-    T = rigid(found.T_target_source)
+    T = orthonormal(found.T_target_source)
     search = FrameSearch(world.surface, lengths, settings, np.nan, [(T, T)])
     search.surface.about(T[:3, 3], frame.reach + lengths.reach)
     if not (equal := equal_turns(search, frame)):

@@ -15,7 +15,7 @@ from dqreg.odometry.align import MIN_POINTS_FOR_CELLS, FrameSearch
 from dqreg.odometry.assess import LOST_FRACTION, first_frame, frame_result, information_of_place
 from dqreg.odometry.deskewing import REPEATED_MISFIT_VOXELS, Deskewed, undo_first_sweep
 from dqreg.odometry.frame import DownsampledFrame, RawFrame
-from dqreg.odometry.kiss import KissParts, rigid
+from dqreg.odometry.kiss import KissParts
 from dqreg.odometry.next_frame import NextFrame
 from dqreg.odometry.prediction import Prediction
 from dqreg.odometry.repeats import like_itself, similar_shifts, with_met_normals
@@ -30,6 +30,7 @@ from dqreg.odometry.voxel_map import VoxelMap
 from dqreg.registration.empty_results import without_pose
 from dqreg.registration.result import Registration
 from dqreg.rigid import pose
+from dqreg.rigid.single_pose import orthonormal
 from dqreg.solvers.status import Status
 from dqreg.trust.limits import fraction_fits
 from dqreg.trust.records import Reason
@@ -75,8 +76,8 @@ class Tracker:
         kiss = self._kiss or KissParts(lengths)
         if expected is not None and self._kiss is not None:
             # What deskews the frame: the motion that is expected, over all of the frames that it spans.
-            step = rigid(pose.inverse(self._at.T_last) @ expected.T_map_frame)
-            motion = rigid(predict(np.eye(4), step, 1.0 / self._timeline.span))
+            step = orthonormal(pose.inverse(self._at.T_last) @ expected.T_map_frame)
+            motion = orthonormal(predict(np.eye(4), step, 1.0 / self._timeline.span))
             self._at = dataclasses.replace(self._at, motion=motion)
         frame = raw.downsampled(lengths)
         if frame is None or len(frame.seen) < MIN_POINTS:
@@ -119,7 +120,7 @@ class Tracker:
     def _register(self, given: NextFrame) -> Registration:
         T_last, motion = self._at.T_last, self._at.motion
         frame, lengths, kiss, ratio, expected = given.frame, given.lengths, given.kiss, given.ratio, given.expected
-        T_predicted = rigid(predict(T_last, motion, ratio)) if expected is None else expected.T_map_frame
+        T_predicted = orthonormal(predict(T_last, motion, ratio)) if expected is None else expected.T_map_frame
         surface, T_likely = given.world.surface, T_predicted
         if expected is None:
             T_likely, motion = self._pace.expect(T_last, motion, ratio)
@@ -128,7 +129,7 @@ class Tracker:
         frame = frame.without(motion)
         # Points farther off than its own can reach cannot be met.
         surface.about(T_last[:3, 3], frame.reach + lengths.reach)
-        anchors, is_told = self._anchors(rigid(T_likely)), expected is not None and expected.holds(lengths.reach)
+        anchors, is_told = self._anchors(orthonormal(T_likely)), expected is not None and expected.holds(lengths.reach)
         search = FrameSearch(surface, lengths, self.settings, self._usual_fraction, anchors, is_told)
         # With times it is deskewed once more, and seen then.
         seen = self._seen(frame, lengths) if frame.back is None else None
@@ -150,7 +151,7 @@ class Tracker:
         first = looked_through(turned.told(first, search), seen.result(), map_sample(surface))
         # What is said of it then changes neither its pose nor whether it enters; places that it is like ask the map.
         if grows := given.insert and self._surely_enters(first, frame) and not asked and not measured:
-            given.world.insert(lambda: frame.dense, rigid(T))
+            given.world.insert(lambda: frame.dense, orthonormal(T))
         place = first if similar is None else like_itself(first, search, frame, seen.result(), similar)
         # For the next frame, which is taken for as dense.
         self._view = seen.result()
@@ -189,7 +190,7 @@ class Tracker:
         if expected is not None or self._slides_on(deskewed.aligned):
             return TurnedFrame(deskewed, doubts=() if expected is None else expected.doubts)
         steps = self._timeline.span
-        since = Since(steps, rigid(predict(self._at.T_last, self._at.motion, steps)))
+        since = Since(steps, orthonormal(predict(self._at.T_last, self._at.motion, steps)))
         # Rarely asked for.
         view = seen or self._seen(deskewed.frame, search.lengths, beside=False)
         return compared_turns(
@@ -253,7 +254,7 @@ class Tracker:
         # Of a gap only the mean motion is known, and of one that nobody measured none.
         step = pose.inverse(self._at.T_last) @ T
         before, ahead = self._at.motion, self._timeline.is_ahead
-        motion = before if ahead else rigid(predict(np.eye(4), step, 1.0 / self._timeline.steps))
+        motion = before if ahead else orthonormal(predict(np.eye(4), step, 1.0 / self._timeline.steps))
         self._pace.learn(given.frame.scan._spread, T, before, motion)
         self._timeline.trust()
         self._usual.append(result.inlier_fraction)

@@ -12,8 +12,8 @@ from dqreg.errors import InputError
 from dqreg.files.atomic import write_atomically
 from dqreg.files.g2o import to_g2o
 from dqreg.files.trajectories import Form, Gaps, form_by_name, found_rows, read_poses, to_kitti, to_tum
-from dqreg.odometry.kiss import rigid
 from dqreg.rigid import Trajectory
+from dqreg.rigid.single_pose import orthonormal
 from dqreg.rigid.twist import TRANSLATION_FIRST
 
 # Information that is written of a motion of which nothing is known.
@@ -58,7 +58,7 @@ def bridge_gaps(poses: Any) -> tuple[FloatArray, IntArray]:
     bridged = poses.copy()
     missing = np.setdiff1d(np.arange(len(poses)), found)
     if len(missing):
-        path = Trajectory(found.astype(np.float64), np.stack([rigid(T) for T in poses[found]]))
+        path = Trajectory(found.astype(np.float64), np.stack([orthonormal(T) for T in poses[found]]))
         inside = missing[(missing > found[0]) & (missing < found[-1])]
         bridged[inside] = path.at(inside)
         bridged[: found[0]], bridged[found[-1] :] = poses[found[0]], poses[found[-1]]

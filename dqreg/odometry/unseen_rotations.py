@@ -16,11 +16,11 @@ from dqreg.icp import Alignment
 from dqreg.odometry.align import LATTICE_STEP_DEG, FrameSearch
 from dqreg.odometry.deskewing import Deskewed
 from dqreg.odometry.frame import DownsampledFrame
-from dqreg.odometry.kiss import rigid
 from dqreg.odometry.rivals import ComparedFrame, shift_between
 from dqreg.odometry.starts import best_poses, candidates
 from dqreg.odometry.timeline import MAX_PREDICTED_STEPS
 from dqreg.rigid import pose, single_pose
+from dqreg.rigid.single_pose import orthonormal
 from dqreg.trust.records import Alternative, Reason
 
 # Share of the inliers of the best pose, or of the frames before, from which on another one is as good: half-turns of
@@ -204,5 +204,6 @@ def _about_middle(run: Alignment) -> list[FloatArray]:
     about = pose.from_parts(np.eye(3), axes @ (0.5 * (low + high)))
     turns = [quarters * 0.5 * np.pi * axis for axis in axes.T for quarters in (1, 2, 3)]
     return [
-        rigid(about @ pose.exp(np.r_[turn, np.zeros(3)]) @ pose.inverse(about) @ run.T_target_source) for turn in turns
+        orthonormal(about @ pose.exp(np.r_[turn, np.zeros(3)]) @ pose.inverse(about) @ run.T_target_source)
+        for turn in turns
     ]
