@@ -42,6 +42,15 @@ class Clock:
             return FAR_STEPS * max(self._steps, default=0.0)
         return 0.0 if self._now is None or self._trusted is None else self._now - self._trusted
 
+    @property
+    def last_trusted(self) -> tuple[float | None, int]:
+        """Time of the last trusted frame where it is known, else the frames from the last stamp taken to it, or -1."""
+        return self._trusted, self._owed
+
+    @last_trusted.setter
+    def last_trusted(self, value: tuple[float | None, int]) -> None:
+        self._trusted, self._owed = value
+
     def trust(self) -> None:
         """The frame of now is trusted."""
         self._trusted, self.is_ahead = self._now, False

@@ -48,14 +48,15 @@ class ColdStartTracker(Tracker):
         if suspect is None or "lost" not in found.verdict.codes or not given.insert:
             return found
         before, timeline = self._at, self._timeline
-        missed, self._suspect, tried = timeline.missed, None, VoxelMap(given.lengths, given.world.points)
+        last, self._suspect, tried = timeline.last_trusted(), None, VoxelMap(given.lengths, given.world.points)
         tried.insert(lambda: suspect.frame.dense, suspect.T_map_frame)
         self._at = Standing(suspect.T_map_frame, suspect.motion, tried, MapLink.hanging_on(suspect.number))
         timeline.resume(timeline.count - suspect.number - 1)
         again = super()._register(dataclasses.replace(given, world=tried, ratio=timeline.steps))
         if again.verdict.level != "failed":
             return again
-        self._at, self._suspect, timeline.missed = before, suspect, missed
+        self._at, self._suspect = before, suspect
+        timeline.put_back(last)
         return found
 
     def _learn(self, given: NextFrame, result: Registration, T_predicted: FloatArray, *, enters: bool) -> None:

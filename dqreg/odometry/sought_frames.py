@@ -27,6 +27,7 @@ from dqreg.odometry.next_frame import NextFrame
 from dqreg.odometry.prediction import Prediction
 from dqreg.odometry.settings import OdometrySettings, Resolved
 from dqreg.odometry.starts import predict
+from dqreg.odometry.timeline import LastTrusted
 from dqreg.odometry.tracker_state import Standing
 from dqreg.odometry.unseen_rotations import equal_turns
 from dqreg.odometry.voxel_map import VoxelMap
@@ -46,8 +47,7 @@ class _Before:
     """What a frame that stays out of the map changes of a drive."""
 
     at: Standing
-    missed: int
-    slid: int
+    last: LastTrusted
     suspect: SuspectFrame | None
     unlike: FloatArray | None
 
@@ -142,13 +142,12 @@ class SeekingTracker(ColdStartTracker):
         return dataclasses.replace(again, verdict=again.verdict._remarked(remark))
 
     def _kept(self) -> _Before:
-        at, timeline = self._at, self._timeline
-        at = dataclasses.replace(at, link=copy.copy(at.link))
-        return _Before(at, timeline.missed, timeline.slid, self._suspect, self._unlike)
+        at = dataclasses.replace(self._at, link=copy.copy(self._at.link))
+        return _Before(at, self._timeline.last_trusted(), self._suspect, self._unlike)
 
     def _put_back(self, before: _Before) -> None:
         self._at, self._suspect, self._unlike = before.at, before.suspect, before.unlike
-        self._timeline.missed, self._timeline.slid = before.missed, before.slid
+        self._timeline.put_back(before.last)
 
     def _go_on_from(self, found: Registration, world: VoxelMap) -> None:
         """Expect the next frame where one was found."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections import deque
 
 import numpy as np
@@ -14,6 +15,17 @@ from dqreg.trust.records import Reason
 
 # Steps of the last motion beyond which constant velocity is a guess like any other.
 MAX_PREDICTED_STEPS = 5.0
+
+
+@dataclasses.dataclass(frozen=True)
+class LastTrusted:
+    """The last trusted frame, as a timeline and its clock know it."""
+
+    missed: int  # Frames since
+    slid: int  # Those of them that only left a motion free
+    pace: float  # Seconds a frame, 0 where unknown
+    is_ahead: bool  # Whether it may be very long since
+    by_clock: tuple[float | None, int]  # See `Clock.last_trusted`
 
 
 class Timeline:
@@ -94,6 +106,16 @@ class Timeline:
         if self._clock.is_ahead or not self._gap > 0.0 or not self._pace > 0.0:
             return self.steps, remark
         return float(np.clip(self._gap / self._pace, 0.0, MAX_PREDICTED_STEPS)), remark
+
+    def last_trusted(self) -> LastTrusted:
+        """What the next frames are measured from, to be put back where a try is in vain."""
+        clock = self._clock
+        return LastTrusted(self.missed, self.slid, self._pace, clock.is_ahead, clock.last_trusted)
+
+    def put_back(self, last: LastTrusted) -> None:
+        """Measure from there again; stamps that were read since stay read."""
+        self.missed, self.slid, self._pace = last.missed, last.slid, last.pace
+        self._clock.is_ahead, self._clock.last_trusted = last.is_ahead, last.by_clock
 
     def resume(self, missed: int) -> None:
         """Trust an earlier frame after all, so many before the frame of now."""

@@ -37,6 +37,8 @@ def test_a_lost_frame_that_does_not_fit_the_suspect_one_leaves_the_map_as_it_is(
     noise = np.random.default_rng(0).uniform(-10, 10, (6000, 3))
     assert odometry.register_frame(noise, stamp=0.2).verdict.level == "failed"
     np.testing.assert_array_equal(odometry.local_map, before)
+    # The time of the last trusted frame too: else the pace of the next would be that since the suspect one.
+    assert odometry._timeline._gap == pytest.approx(0.2, rel=1e-12)
     # And the next one goes on, two steps after the suspect one.
     again = odometry.register_frame(fast.scans[3], stamp=0.3)
     assert np.isfinite(again.T_target_source).all()
