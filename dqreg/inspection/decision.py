@@ -181,7 +181,7 @@ def _largest(room: FloatArray, asked: BoolArray, cut: Cut, regions: tuple[Region
 
 def _codes(deviations: Deviations) -> tuple[str, ...]:
     """Of what keeps a part from passing beside its deviations."""
-    doubts = {WALL_SIDE: bool(deviations.wall_doubts), SOLVED_SCALE: deviations._scale_solved}
+    doubts = {WALL_SIDE: bool(deviations.wall_doubts), SOLVED_SCALE: deviations.scale_solved}
     return tuple(code for code, holds in doubts.items() if holds)
 
 

@@ -37,8 +37,8 @@ class Deviations:
         The scan under its pose, and the closest place of the target, in the caller's target frame.
     faces : ndarray of int, (n,)
         Face of the mesh, or point of the cloud, that is closest. Faces without area are not counted.
-    signed : bool
-        Whether the sign means something.
+    signed, scale_solved : bool
+        Whether the sign means something; whether the scan was scaled to fit, so that none of its lengths can pass.
     reason : str
         What the sign means, or why there is none.
     units : str or None
@@ -114,7 +114,7 @@ class Deviations:
     reach_from: ReachFrom = "given"
     limit: float = 0.0
     wall_doubts: tuple[WallDoubt, ...] = ()
-    _scale_solved: bool = False  # The scan was scaled to fit: its lengths are known up to a factor
+    scale_solved: bool = False
 
     def __post_init__(self) -> None:
         if self.tolerance is not None:

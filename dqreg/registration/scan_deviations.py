@@ -52,7 +52,7 @@ def scan_deviations(
         facing=_facing(inputs, T_target_source),
         **options,
     )
-    return dataclasses.replace(found, _scale_solved=True) if settings.get("scale_solved") else found
+    return dataclasses.replace(found, scale_solved=True) if settings.get("scale_solved") else found
 
 
 def _facing(inputs: SourceAndTarget, T_target_source: FloatArray) -> Facing | None:

@@ -63,7 +63,7 @@ def characteristics_table(found: Inspection, unit: str) -> Table:
 
 def scale_words(found: Inspection) -> list[str]:
     """Why no length passes, of a scan that was scaled to fit."""
-    return [SCALE_WORDS] if found.deviations is not None and found.deviations._scale_solved else []
+    return [SCALE_WORDS] if found.deviations is not None and found.deviations.scale_solved else []
 
 
 def kind_words(row: Characteristic) -> str:

@@ -118,7 +118,7 @@ def test_a_new_run_removes_pairs_alone_and_says_so(folder: Path, tmp_path: Path)
     assert run(*words, *starts, "--quiet") in (0, 1)
     assert all(path.read_text() == text for path, text in theirs.items())
     assert not (pairs / "9-8-search.json").exists()
-    assert json.loads((pairs / "0-1-start.json").read_text())["multiway"]["version"]
+    assert json.loads((pairs / "0-1-start.json").read_text())["multiway"]["code"]
 
 
 def test_pairs_of_a_killed_run_are_not_removed_without_a_word(

@@ -27,7 +27,7 @@ def refused(*words: str) -> Exception:
 def test_wrong_words_are_refused_before_anything_is_served(tmp_path):
     assert "SCAN and PART" in str(refused("scan.ply"))
     assert "no such file" in str(refused(str(tmp_path / "scan.ply"), str(tmp_path / "part.stl")))
-    assert "cannot read the visit" in str(refused("--replay", str(tmp_path / "visit.json")))
+    assert "expected the path of a visit" in str(refused("--replay", str(tmp_path / "visit.json")))
     assert "dqreg batch" in str(refused("--batch", str(tmp_path / "none")))
     (tmp_path / "file").write_text("x")
     assert "cannot keep visits" in str(refused("--folder", str(tmp_path / "file" / "inside")))

@@ -53,7 +53,7 @@ def test_symmetries_as_cases_write_them(tmp_path, kind):
         ("p.txt", "one two", "plain numbers"),
         ("p.json", "{}", "T_target_source"),
         ("p.json", "[1]", "object"),
-        ("p.json", "{", "cannot read"),
+        ("p.json", "{", "no readable JSON file"),
         ("p.json", '{"T_target_source": "no"}', "4x4"),
         ("p.json", json.dumps({"T_target_source": T.tolist(), "symmetric_truths": 3}), "list"),
         ("p.json", json.dumps({"T_target_source": T.tolist(), "symmetric_truths": [[1]]}), r"symmetric_truths\[0\]"),

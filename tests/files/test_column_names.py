@@ -11,8 +11,7 @@ import pytest
 from dqreg.files import read_cloud
 from dqreg.files.cloud_data import TimedCloudData
 from dqreg.files.column_names import NORMAL_NAMES, POSITION_NAMES, TIME_NAMES
-from dqreg.geometry import PointCloud
-from dqreg.geometry.objects import as_geometry
+from dqreg.geometry import PointCloud, as_geometry
 
 ROWS = np.array([[1.0, 2.0, 3.0, 0.5, 0.0, 1.0, 0.0], [4.0, 5.0, 6.0, 0.25, 1.0, 0.0, 0.0]])
 AXES = ("x", "y", "z")

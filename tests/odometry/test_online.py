@@ -160,7 +160,7 @@ def test_a_map_of_a_newer_program_is_named_with_what_to_do(jerky, tmp_path):
         return tmp_path / "other.npz"
 
     with pytest.raises(
-        InputError, match=r"other\.npz is no map.* version 7, and versions 1 to 2 are read.*update dqreg"
+        InputError, match=r"other\.npz is no map.* version 7, and versions 1 to 3 are read.*update dqreg"
     ):
         Odometry.load(written(version=7, lengths={**header["lengths"], "unheard_of": 1.0}))
     # Of old, with noise or without.

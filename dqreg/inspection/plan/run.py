@@ -115,14 +115,12 @@ def inspect(deviations: Deviations, plan: Plan) -> Inspection:
     decision = None
     if not aligned.missing and (plan.tolerance is not None or own):
         laid, decision = _judged(laid, part, plan, own)
-    rows = [
-        _characteristic(aligned, plan, row, errors, scaled=deviations._scale_solved) for row in plan.characteristics
-    ]
+    rows = [_characteristic(aligned, plan, row, errors, scaled=deviations.scale_solved) for row in plan.characteristics]
     if decision is None and errors and len(errors) == len(rows) + len(plan.face_tolerances):
         raise errors[0]
     cuts = _sections(aligned, plan, refused)
     rows += refused
-    outcomes: list[Outcome] = ["undecided"] if deviations._scale_solved else []
+    outcomes: list[Outcome] = ["undecided"] if deviations.scale_solved else []
     outcomes += [row.outcome for row in rows] + ([decision.outcome] if decision else [])
     return Inspection(
         outcome=worst_of(outcomes),

@@ -43,7 +43,7 @@ def points_on_faces(
         totals[:] = 0.0
         count, total, squares = 0, 0.0, 0.0
         # Numbers of their own: those of an array would be read anew for every point, as others are written to.
-        face, one, two, three = plane(planes, 0), plane(planes, 1), plane(planes, 2), plane(planes, 3)
+        face, one, two, three = plane(planes[0]), plane(planes[1]), plane(planes[2]), plane(planes[3])
         for j in range(np.uint64(length)):
             i = np.uint64(r * length) + j
             x, y, z = points[i, 0], points[i, 1], points[i, 2]
@@ -67,9 +67,9 @@ def points_on_faces(
 
 
 @inside_kernels
-def plane(planes: FloatArray, k: int) -> Plane:
-    """The four numbers of a plane."""
-    return planes[k, 0], planes[k, 1], planes[k, 2], planes[k, 3]
+def plane(numbers: FloatArray) -> Plane:
+    """The four numbers of a plane, (4,)."""
+    return numbers[0], numbers[1], numbers[2], numbers[3]
 
 
 @inside_kernels

@@ -113,7 +113,7 @@ def test_no_length_of_a_scan_that_was_scaled_to_fit_passes() -> None:
     corner = {"name": "corner", "kind": "angle", "faces": [TOP, RIGHT], "tolerance": 0.5}
     wrong = {"name": "wrong", "kind": "distance", "faces": [BOTTOM, TOP], "nominal": 9, "tolerance": 0.1}
     plan = plan_of({"tolerance": 0.05, "characteristic": [HEIGHT, FLAT, OVER, corner, wrong]})
-    plain, scaled = inspect(found, plan), inspect(dataclasses.replace(found, _scale_solved=True), plan)
+    plain, scaled = inspect(found, plan), inspect(dataclasses.replace(found, scale_solved=True), plan)
     assert [row.outcome for row in plain.characteristics] == ["pass"] * 4 + ["fail"]
     assert [row.outcome for row in scaled.characteristics] == ["undecided"] * 3 + ["pass", "fail"]
     assert [row.value for row in scaled.characteristics] == [row.value for row in plain.characteristics]
@@ -124,4 +124,4 @@ def test_no_length_of_a_scan_that_was_scaled_to_fit_passes() -> None:
     assert "size of the part was not measured (solved_scale)" in str(characteristics_table(scaled, "mm").note)
     # Angles alone do not prove a part either: nothing of its size was measured.
     angles = plan_of({"characteristic": [corner]})
-    assert inspect(dataclasses.replace(found, _scale_solved=True), angles).outcome == "undecided"
+    assert inspect(dataclasses.replace(found, scale_solved=True), angles).outcome == "undecided"
