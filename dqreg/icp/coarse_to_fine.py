@@ -28,7 +28,7 @@ from dqreg.geometry.scan import Scan, with_planes
 from dqreg.geometry.surface import Surface
 from dqreg.icp.correspondences import Correspondences, find_correspondences
 from dqreg.icp.full_resolution import FINE_SCHEDULE, MIDDLE_POINTS, finish, settled_on_rims, with_last_step
-from dqreg.icp.level import EXPLAINED_FRACTION, AnnealingSchedule, IcpSettings, Level
+from dqreg.icp.level import EXPLAINED_FRACTION, NEAR_SCALE_DIAGONALS, AnnealingSchedule, IcpSettings, Level
 from dqreg.icp.loop import Alignment, Observer, Run
 from dqreg.solvers.robust import InlierMixture
 from dqreg.solvers.status import INTERRUPTED
@@ -40,8 +40,6 @@ COARSE_POINTS = 2_000
 FLOOR_NOISE_RATIO = 0.3
 # The same for exact data, in sizes of the part: float32 files round there.
 FLOOR_DIAGONALS = 1e-7
-# The basin is found where the scan is explained at a kernel scale below that fraction of the target's size.
-NEAR_SCALE_DIAGONALS = 0.01
 # Distance, in diagonals of the target, beyond which a point is an outlier to a wide and to a narrow kernel alike; at
 # least so many scales of the kernel.
 OUTLIER_DIAGONALS, OUTLIER_SCALES = 0.05, 3.0
@@ -216,7 +214,7 @@ def _near(level: Level, run: Run | None) -> Level:
     plan = level.plan
     if plan.fine is not None:
         # Planes of a mesh need so few steps that extrapolating them costs more than it saves; between two clouds each
-        # step is about half of the one before.
+        # step is about half of the one before, once the kernel is narrow.
         accelerate = plan.accelerate and isinstance(level.surface, CloudSurface)
         plan = replaced(plan, estimator=plan.fine, accelerate=accelerate)
     left = _left_by_inliers(level.scan, run) if run else np.inf
