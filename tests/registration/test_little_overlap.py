@@ -17,6 +17,7 @@ SIZE = PART.diagonal
 ACROSS = np.array([0.8, 0.5, 0.33])
 NOISE_DIAGONALS, COMMON, OFF_DIAGONALS = 3e-4, 0.2, 0.03
 POINTS, TARGET_POINTS = 6_000, 20_000
+RIGHT_DIAGONALS = 2e-3
 
 
 def cut(count: int, sign: float, rng: np.random.Generator) -> np.ndarray:
@@ -27,12 +28,22 @@ def cut(count: int, sign: float, rng: np.random.Generator) -> np.ndarray:
     return whole.points[rows] + NOISE_DIAGONALS * SIZE * rng.standard_normal((count, 1)) * whole.normals[rows]
 
 
-@pytest.mark.parametrize("seed", [1, 5])
-def test_the_loop_stays_in_the_basin_of_its_start(seed: int) -> None:
-    """Steps at a wide kernel were extrapolated out of it, onto other faces half of the part away."""
+def off_by(seed: int) -> float:
+    """How far the answer from a start 8 degrees off puts a point from its place at most, in sizes."""
     rng = np.random.default_rng(seed)
     source, target = cut(POINTS, 1.0, rng), cut(TARGET_POINTS, -1.0, rng)
     start = disturbance(rng, np.deg2rad(8.0), OFF_DIAGONALS * SIZE, PART.centre)
     found = dqreg.register(source, target, start, search="never")
-    away = np.linalg.norm(pose.apply(found.T_target_source, source) - source, axis=1).max()
-    assert away <= 2e-3 * SIZE
+    return float(np.linalg.norm(pose.apply(found.T_target_source, source) - source, axis=1).max()) / SIZE
+
+
+@pytest.mark.parametrize("seed", [1, 5])
+def test_the_loop_stays_in_the_basin_of_its_start(seed: int) -> None:
+    """Steps at a wide kernel were extrapolated out of it, onto other faces half of the part away."""
+    assert off_by(seed) <= RIGHT_DIAGONALS
+
+
+@pytest.mark.parametrize("seed", [3, 72203])
+def test_a_rough_start_is_asked_where_what_was_found_is_contradicted(seed: int) -> None:
+    """Its own normals disagree before the first step; the loop had laid both on top of each other all the same."""
+    assert off_by(seed) <= RIGHT_DIAGONALS

@@ -31,21 +31,26 @@ def but_start_kept(begun: Fit, known: BestPoses, start: FloatArray, kernel_scale
 
     The pose that was left stands beside it. Where the loop itself went far, a kernel too narrow to leave the initial
     pose is asked; where the surfaces agree less there, what was found is the answer, and the initial pose stands beside
-    that. Nothing is kept that is contradicted.
+    that. Nothing is kept that is contradicted. A rough initial pose is, before the first step, and is asked all the
+    same where what was found is contradicted too: with little in common a wide kernel lays views on top of each other.
     """
     found = known.fit
     if not begun.between_clouds or not begun.found or not found.found:
         return known
-    if not any(is_elsewhere(found, found.T_target_source, T) for T in (begun.T_target_source, start)):
-        return known
+    is_left = any(is_elsewhere(found, found.T_target_source, T) for T in (begun.T_target_source, start))
     has_stayed = displacement_between(begun, start, begun.T_target_source) <= LEFT_DIAGONALS
+    if not is_left and (has_stayed or not _is_contradicted(found, found)):
+        return known
     if has_stayed and not _is_contradicted(begun, found):
         return _beside_found(begun, known)
-    if _is_contradicted(begun.at(start), found):
+    is_rough = _is_contradicted(begun.at(start), found)
+    if is_rough and not _is_contradicted(found, found):
         return known
     # A chosen method finds its own kernel, and would leave the initial pose again.
     if kernel_scale is not None and _is_as_sound(near := begun.resumed(start, kernel_scale), found, start):
         return _beside_found(near, known)
+    if is_rough or not is_left:
+        return known
     return replaced(known, turned=np.concatenate([known.turned, start[None]]))
 
 
