@@ -15,6 +15,7 @@ from dqreg.registration.other_poses.wall_sides import may_confuse_sides, rivals_
 from dqreg.registration.visibility import is_worse_where_seen
 from dqreg.rigid import pose
 from dqreg.rigid.rotations import angle_of, axis_of
+from dqreg.rigid.single_pose import orthonormal
 from dqreg.rigid.symmetry import SAME_AXIS_RAD, Axis
 from dqreg.search import symmetry_words
 from dqreg.search.poses import Poses
@@ -58,7 +59,8 @@ def alternatives_of(
         words = symmetry_words(axis.moved(target.origin), fit.problem.units[1], diagonal) if axis else ""
         motion = _motion_words(fit, poses[k] @ pose.inverse(poses[0]))
         figures = float(-deficit[k]), float(error[k])
-        pose_k = fit.problem.to_caller(poses[k])
+        # After many products of poses rounding is more than a result may depart from rigid.
+        pose_k = orthonormal(fit.problem.to_caller(poses[k]))
         found.append(Alternative(pose_k, float(rms[k]), words, *figures, motion, _symmetric=axis is not None))
     return tuple(found)
 
