@@ -87,7 +87,7 @@ class TurnedFrame:
     deskewed: Deskewed
     since: Since | None = None  # None where others tell the motion
     others: tuple[Alignment, ...] = ()  # Where it ends after other turns
-    doubts: tuple[Reason, ...] = ()  # What speaks against where others expect it
+    doubts: tuple[Reason, ...] = ()  # What speaks against its place
 
     def told(self, place: ComparedFrame, search: FrameSearch) -> ComparedFrame:
         """The place of the frame with what speaks against it after a gap."""
@@ -124,7 +124,19 @@ def compared_turns(
         others = [*(other for other in others if other is not best), run]
         found = Deskewed(found.frame, best, found.notes)
         found = found if found.frame.back is None else found.repeated(search, worthwhile)
-    return TurnedFrame(found, since, tuple(others))
+    is_guess = not since.is_gap and search.fits(found.aligned) and since.asks(search, found.aligned)
+    # Of turns that all fit less than usual the best is a guess: in a place that looks alike it looks through the map.
+    doubted = is_guess and since.is_suspicious(search, found.aligned, looked)
+    return TurnedFrame(found, since, tuple(others), (_guess(found.aligned, search.usual),) if doubted else ())
+
+
+def _guess(run: Alignment, usual: float) -> Reason:
+    words = (
+        f"{100 * run.inlier_fraction:.0f} % of the points are inliers at the best of all turns, after "
+        f"{100 * usual:.0f} % in the frames before, and the frame looked through what stands there: the sensor may be "
+        "in a place that looks alike"
+    )
+    return Reason(words, "falling_inlier_fraction")
 
 
 def _doubt(share: float, usual: float, steps: float) -> Reason:
