@@ -70,8 +70,11 @@ UNDER = ("position", "slot-position", "profile", "edge-point")
 ZONES = ("form", "roundness", "straightness", *TO_DATUM, "position", "profile", "slot-position")
 # Those of fitted features.
 FITTED = ("diameter", "distance", "angle", "parallelism", "perpendicularity", "angularity", "coaxiality", "position")
-# Which lines of a face a roundness or a straightness is of.
-LINE_KEYS = ("at", "direction", "of")
+# Which lines of a face a characteristic is of: key by key the kinds that it goes with.
+LINE_KEYS = {
+    "at": ("roundness", "straightness", "circular-runout"),
+    **dict.fromkeys(("direction", "of"), ("roundness", "straightness")),
+}
 # What a straightness may be of; a roundness is of the first.
 OF = ("surface", "axis")
 Triple = tuple[float, float, float]
@@ -204,10 +207,9 @@ def fit_of(entry: dict[str, Any], where: str) -> PlannedFit:
 
 def _line(entry: dict[str, Any], kind: str, where: str) -> PlannedLine:
     given = [key for key in LINE_KEYS if key in entry]
-    known = LINE_KEYS if kind in ("roundness", "straightness") else LINE_KEYS[: kind == "circular-runout"]
     for key in given:
-        if key not in known:
-            raise InputError(f"{where}: {key} goes with roundness and straightness, not with {kind}")
+        if kind not in LINE_KEYS[key]:
+            raise InputError(f"{where}: {key} goes with {', '.join(LINE_KEYS[key])}, not with {kind}")
     of = entry.get("of", "surface")
     require_one_of(of, OF if kind == "straightness" else OF[:1], f"{where}: of")
     if of == "axis" and len(given) > 1:

@@ -117,7 +117,9 @@ def test_what_has_no_runout_is_named() -> None:
             sheet(0, [{**row, "datum": datum}])
         return str(error.value)
 
-    assert "goes with roundness and straightness, not with total-runout" in told(journal("total", at=[5, 0, 30]))
+    assert "goes with roundness, straightness, circular-runout, not with total-runout" in told(
+        journal("total", at=[5, 0, 30])
+    )
     assert "direction goes with" in told(journal("circular", direction=[1, 0, 0]))
     assert "datum must be one of A" in told(journal("circular"), datum="B")
     assert "beyond what was scanned of the face" in told(journal("circular", at=[5, 0, 65]))

@@ -170,7 +170,7 @@ def test_what_was_not_scanned_all_round_is_not_measured() -> None:
         ({"kind": "straightness", "of": "axes", "face": WALL}, "of must be one of surface, axis"),
         ({"kind": "roundness", "of": "axis", "face": WALL}, "of must be one of surface"),
         ({"kind": "straightness", "of": "axis", "at": [1, 2, 3], "face": WALL}, "at does not go with"),
-        ({"kind": "form", "at": [1, 2, 3], "face": WALL}, "at goes with roundness and straightness"),
+        ({"kind": "form", "at": [1, 2, 3], "face": WALL}, "at goes with roundness, straightness, circular-runout"),
         ({"kind": "roundness", "at": [1, 2], "face": WALL}, "at must be three numbers"),
         ({"kind": "roundness", "at": [[1, 2, 3], [1, 2]], "face": WALL}, "at must be three numbers"),
         ({"kind": "straightness", "face": TOP, "direction": [0, 0, 0]}, "direction must not be of length zero"),
