@@ -152,8 +152,8 @@ class SeekingTracker(ColdStartTracker):
     def _go_on_from(self, found: Registration, world: VoxelMap) -> None:
         """Expect the next frame where one was found."""
         self._at = Standing(orthonormal(found.T_target_source), world=world, link=MapLink(is_held=True))
-        self._timeline.missed, self._timeline.slid, self._first = 0, 0, None
-        self._unlike = self._suspect = None
+        self._timeline.find_again()
+        self._first = self._unlike = self._suspect = None
         self._pause, self._waiting = 0, 0
 
 

@@ -122,9 +122,13 @@ class Timeline:
         self.missed, self.slid = missed, 0
         self._clock.resume(missed + 1)
 
+    def find_again(self) -> None:
+        """The frame of now was found by other means: the time since the last trusted one tells no pace."""
+        self._clock.trust()
+        self.missed, self.slid = 0, 0
+
     def trust(self) -> None:
         """The frame of now is trusted: the pace is that of the steps since the last one, where it is known."""
         if not self._clock.is_ahead and self._gap > 0.0:
             self._pace = self._gap / self.steps
-        self._clock.trust()
-        self.missed, self.slid = 0, 0
+        self.find_again()

@@ -6,6 +6,7 @@ import pytest
 from dqreg import Odometry
 from dqreg.errors import InputError
 from dqreg.odometry.timeline import Timeline
+from dqreg.synth.many_views import street_drive
 
 USUAL = [0.1 * number for number in range(10)]
 JUMP = [*USUAL[:5], 1e6, *USUAL[6:]]
@@ -84,3 +85,19 @@ def test_a_new_clock_is_a_remark(jerky):
 def test_a_stamp_that_is_no_number_is_named(jerky, stamp):
     with pytest.raises(InputError, match=r"stamp must be a number.*got"):
         Odometry().register_frame(jerky.frames[0], stamp=stamp)
+
+
+def test_a_frame_that_was_found_again_leaves_the_pace_as_it_was():
+    # Equal steps of 0.1 s, frames of noise, and the last one relocalised: the next two are expected one step on.
+    frames = street_drive(9, rings=32, rng=np.random.default_rng(20)).scans
+    odometry, noise = Odometry(map_search="never"), np.random.default_rng(0).uniform(-10.0, 10.0, (6000, 3))
+    for k in range(5):
+        odometry.register_frame(frames[k], stamp=0.1 * k)
+    for k in (5, 6):
+        assert odometry.register_frame(noise, stamp=0.1 * k).verdict.level == "failed"
+    assert odometry.relocalise(frames[6]).verdict.level == "accepted"
+    for k in (7, 8):
+        assert odometry._timeline.missed == 0
+        assert odometry._timeline._gap == pytest.approx(0.0)
+        assert odometry.register_frame(frames[k], stamp=0.1 * k).verdict.level == "accepted"
+        assert odometry._timeline._pace == pytest.approx(0.1)
