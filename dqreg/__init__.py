@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from dqreg.multiway import Multiway, register_many
     from dqreg.odometry import Odometry
     from dqreg.registration.register import register
-    from dqreg.registration.result import Registration
+    from dqreg.registration.result.result import Registration
     from dqreg.registration.target import Target, prepare_target
     from dqreg.rigid import DualQuaternion, Trajectory, quaternion
     from dqreg.solvers import Freedom, PoseCost, likelihood_weights, solve, solve_many
@@ -97,7 +97,7 @@ _HOMES = {
     "Odometry": "dqreg.odometry",
     "PointCloud": "dqreg.geometry",
     "PoseCost": "dqreg.solvers",
-    "Registration": "dqreg.registration.result",
+    "Registration": "dqreg.registration.result.result",
     "Target": "dqreg.registration.target",
     "Trajectory": "dqreg.rigid",
     "UnitsError": "dqreg.errors",

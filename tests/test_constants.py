@@ -15,7 +15,7 @@ OPEN = {"kernels", "registration", "trust"}
 CLEAR = {
     "files.gltf_guards": {"FLOAT32"},
     "geometry.exports": {"FLOAT32", "FLOAT64"},
-    "inspection.membership": {"BEYOND", "OUTLIER", "EXCLUDED"},
+    "inspection.membership.membership": {"BEYOND", "OUTLIER", "EXCLUDED"},
     "multiway.refinement.common_planes": {"ROUNDS"},
     "multiway.pose_graph.edges": {"PART"},
     "multiway.turntables.symmetric_part": {"PRIMES"},

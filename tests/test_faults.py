@@ -29,7 +29,7 @@ from dqreg.cli.main import main
 from dqreg.errors import InputError
 from dqreg.files import CloudData, read_geometry, write_cloud
 from dqreg.registration.batch.row import Targets, run_row
-from dqreg.registration.result import Registration
+from dqreg.registration.result.result import Registration
 from tests.registration.batch.scenes import all_gone, command, environment, left_over, make_scene, started
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="limits and signals of POSIX")

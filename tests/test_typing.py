@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, get_type_hints
 
 import dqreg
 from dqreg.odometry.settings import OdometryOptions, OdometrySettings
-from dqreg.registration.options import Options, RegisterOptions
+from dqreg.registration.options.options import Options, RegisterOptions
 from dqreg.trust import Evidence
 
 if TYPE_CHECKING:

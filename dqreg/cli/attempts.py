@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from dqreg._arrays import FloatArray
     from dqreg.geometry import Mesh, PointCloud
-    from dqreg.registration.result import Registration
+    from dqreg.registration.result.result import Registration
 
     Target = Path | Mesh | PointCloud
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from dqreg._arrays import FloatArray
     from dqreg.registration.batch import Batch, BatchProgress
-    from dqreg.registration.result import Registration
+    from dqreg.registration.result.result import Registration
     from dqreg.report.work_bar import WorkBar
 
 # Rows that are named one by one on the screen; all of them are in the summary.

@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from dqreg.inspection import Tolerance
-    from dqreg.registration.display_unit import ShownTarget
-    from dqreg.registration.result import Registration
+    from dqreg.registration.result.display_unit import ShownTarget
+    from dqreg.registration.result.result import Registration
 
 # Columns of a pipe, so that tables are not broken.
 PIPE_COLUMNS = 160
@@ -148,8 +148,8 @@ def inspect_command(
         )
     from dqreg.inspection import read_plan
     from dqreg.inspection.tolerances import share_of_percent, tolerance_of
-    from dqreg.registration.display_unit import shown_target
-    from dqreg.registration.part_inspection import expected_deviation_of, inspect_registration
+    from dqreg.registration.result.display_unit import shown_target
+    from dqreg.registration.result.part_inspection import expected_deviation_of, inspect_registration
 
     check_goals(goals, (scan, part, plan))
     allowed = None if tolerance is None else tolerance_of(tolerance, "--tolerance")
@@ -204,14 +204,14 @@ def _registered(scan: Path, part: Path, unit: ShownTarget, shown: Console, optio
 
 def _suggest(part: Path, scan: Path | None, options: dict[str, Any]) -> int:
     from dqreg.inspection.plan.suggested_plan import suggested_plan
-    from dqreg.registration.display_unit import shown_target
+    from dqreg.registration.result.display_unit import shown_target
 
     wanted = options.pop("display_units")
     mesh, _ = read_part_in(part, options["target_units"], wanted)
     if scan is None:
         click.echo(suggested_plan(mesh, units=mesh.units))
         return 0
-    from dqreg.inspection.scanned_part import ScannedPart
+    from dqreg.inspection.scanned_part.scanned_part import ScannedPart
 
     unit = shown_target(part, options["target_units"], wanted)
     result = _registered(scan, part, unit, consoles(quiet=True, as_json=True)[1], options)

@@ -16,8 +16,8 @@ from dqreg.errors import InputError, printable
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from dqreg.registration.part_inspection import Inspected
-    from dqreg.registration.result import Registration
+    from dqreg.registration.result.part_inspection import Inspected
+    from dqreg.registration.result.result import Registration
 
 Goals = Mapping[str, Path | None]
 # Options that are not called as what they ask for.
@@ -31,7 +31,7 @@ OF_MEASUREMENTS = ("table", "deviations", "sections")
 def check_goals(goals: Goals, read: Iterable[Path | None]) -> None:
     """Refuse, before the work, what cannot be written, and what would take the place of a file that is read."""
     from dqreg.files.atomic import require_writable
-    from dqreg.inspection.deviation_files import require_suffix
+    from dqreg.inspection.deviations.files import require_suffix
     from dqreg.report.page_file import page_path
 
     named = {OPTIONS.get(name, f"--{name}"): path for name, path in goals.items() if path != SCREEN}
@@ -79,7 +79,7 @@ def write(
 ) -> None:
     """Write all files that were asked for; ``native`` brings a result to the unit of the part's file."""
     from dqreg.files.atomic import write_atomically
-    from dqreg.inspection.sections import save_sections
+    from dqreg.inspection.scanned_part.sections import save_sections
     from dqreg.report.inspection_table import sheet_csv
 
     shown = found.registration
@@ -165,7 +165,7 @@ def json_text(record: dict[str, Any]) -> str:
 
 def record_of(found: Inspected, head: dict[str, str]) -> dict[str, Any]:
     """The inspection as plain values."""
-    from dqreg.inspection.decision import decision_record
+    from dqreg.inspection.decision.decision import decision_record
 
     sheet = found.sheet
     measured = {
@@ -186,7 +186,7 @@ def record_of(found: Inspected, head: dict[str, str]) -> dict[str, Any]:
 def record_without_pose(result: Registration, head: dict[str, str]) -> dict[str, Any]:
     """The same of a scan that no pose was found for: its verdict, and nothing measured."""
     from dqreg.files.side_digests import DIGESTS, known_digests
-    from dqreg.registration.result_json import ANGLE_UNITS, CONVENTIONS
+    from dqreg.registration.result.result_json import ANGLE_UNITS, CONVENTIONS
 
     return {
         "verdict": result.verdict,

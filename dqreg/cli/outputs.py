@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from dqreg.inspection import Decision, Deviations, Tolerance
-    from dqreg.registration.result import Registration
+    from dqreg.registration.result.result import Registration
 
 as_json_option = click.option("--json", "as_json", is_flag=True, help="The result as JSON on standard output, and "
                               "nothing else there.")  # fmt: skip
@@ -161,7 +161,7 @@ def tell_deviations(
     if not math.isfinite(result.rms):
         say(console, f"not written: {path} (no pose was found)" if path else "no deviations: no pose was found")
         return None
-    from dqreg.registration.part_inspection import deviations_within
+    from dqreg.registration.result.part_inspection import deviations_within
 
     with console.status("measuring deviations") as status:
 
@@ -251,7 +251,7 @@ def deviation_record(
     deviations: Deviations, decision: Decision | None = None, *, trusted: bool = False
 ) -> dict[str, Any]:
     """The figures of `tell_deviations` as plain values."""
-    from dqreg.inspection.decision import decision_record
+    from dqreg.inspection.decision.decision import decision_record
 
     return {
         "units": deviations.units,

@@ -139,10 +139,10 @@ def register_command(
     from dqreg._open3d import load_open3d
     from dqreg.files.poses import read_start
     from dqreg.files.side_digests import digests_of_sides
-    from dqreg.inspection.decision import decide
+    from dqreg.inspection.decision.decision import decide
     from dqreg.inspection.tolerances import share_of_percent, tolerance_of
-    from dqreg.registration.display_unit import shown_target
-    from dqreg.registration.part_inspection import expected_deviation_of
+    from dqreg.registration.result.display_unit import shown_target
+    from dqreg.registration.result.part_inspection import expected_deviation_of
     from dqreg.report import make_progress
 
     # Asked before the work starts, so that no result is lost after it.
@@ -193,7 +193,7 @@ def _check(
 ) -> None:
     from dqreg.files.atomic import require_writable
     from dqreg.files.write import require_cloud_suffix
-    from dqreg.inspection.deviation_files import require_suffix
+    from dqreg.inspection.deviations.files import require_suffix
     from dqreg.report.page_file import page_path
 
     if out is not None:

@@ -15,7 +15,7 @@ from dqreg.errors import InputError, printable
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from dqreg.registration.result import Registration
+    from dqreg.registration.result.result import Registration
     from dqreg.report.report_data import ReportData
 
 VIEWS = "best"
@@ -66,7 +66,7 @@ def show(
     dqreg show result.json --serve                  in the browser, also of another machine through ssh
     dqreg show result.json                          a window, where there is a display
     """
-    from dqreg.registration.result import Registration
+    from dqreg.registration.result.result import Registration
     from dqreg.report.page import to_html
     from dqreg.report.page_file import page_path, write_page
     from dqreg.report.pictures import parse_panels, picture_path, save_picture
@@ -134,7 +134,7 @@ def attach(
 ) -> tuple[Registration, Any]:
     """A loaded result with its two sides, from the files given or those that it names, and its start, in a unit."""
     from dqreg.files.side_digests import CHANGED, DIGESTS, changed_words
-    from dqreg.registration.display_unit import in_unit, shown_target
+    from dqreg.registration.result.display_unit import in_unit, shown_target
 
     missing = [name for name in ("max_distance", "centre", "diagonal") if name not in result.settings]
     if missing:

@@ -26,7 +26,7 @@ from dqreg.errors import InputError
 from dqreg.files.units import factor
 from dqreg.geometry import Mesh, PointCloud, sample_mesh
 from dqreg.geometry.opening import as_geometry
-from dqreg.registration.source import MESH_SAMPLES
+from dqreg.registration.problem.source import MESH_SAMPLES
 from dqreg.rigid import pose
 from dqreg.synth import Case, load_case, read_recipe, write_case
 

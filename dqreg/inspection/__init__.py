@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dqreg.inspection.aligned_part import AlignedStep
 from dqreg.inspection.alignment import (
     Datum,
     DatumAlignment,
@@ -13,25 +12,26 @@ from dqreg.inspection.alignment import (
     align_points,
     align_surface,
 )
-from dqreg.inspection.coverage import FaceCoverage
-from dqreg.inspection.decision import Decision, decide
-from dqreg.inspection.deviation_files import colours_of
-from dqreg.inspection.deviations import Deviations
-from dqreg.inspection.edge_points import edge_point
+from dqreg.inspection.decision.coverage import FaceCoverage
+from dqreg.inspection.decision.decision import Decision, decide
+from dqreg.inspection.decision.places import OutOfTolerance
+from dqreg.inspection.decision.regions import Region
+from dqreg.inspection.deviations.deviations import Deviations
+from dqreg.inspection.deviations.files import colours_of
+from dqreg.inspection.deviations.measure import measure_deviations
+from dqreg.inspection.deviations.outward_side import why_unsigned
 from dqreg.inspection.features import EdgePoint, Feature, Torus, fit_feature
-from dqreg.inspection.measure import measure_deviations
-from dqreg.inspection.membership import Counts
-from dqreg.inspection.outward_side import why_unsigned
+from dqreg.inspection.membership.membership import Counts
 from dqreg.inspection.part_faces import Face, faces_in_box, nearest_face, part_faces
-from dqreg.inspection.places import OutOfTolerance
 from dqreg.inspection.plan.file import Plan, read_plan
 from dqreg.inspection.plan.report import PlannedReport
-from dqreg.inspection.plan.run import Inspection, inspect
-from dqreg.inspection.plan.sheet_rows import Characteristic
-from dqreg.inspection.regions import Region
-from dqreg.inspection.sections import Section, section_of
+from dqreg.inspection.scanned_part.edge_points import edge_point
+from dqreg.inspection.scanned_part.sections import Section, section_of
+from dqreg.inspection.scanned_part.thickness import Thickness, thickness_of
+from dqreg.inspection.sheet.aligned_part import AlignedStep
+from dqreg.inspection.sheet.run import Inspection, inspect
+from dqreg.inspection.sheet.sheet_rows import Characteristic
 from dqreg.inspection.statistics import Band, Bands, Place, Summary
-from dqreg.inspection.thickness import Thickness, thickness_of
 from dqreg.inspection.tolerances import Tolerance
 
 __all__ = [

@@ -13,10 +13,10 @@ from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.geometry import Mesh
 from dqreg.geometry.angles import gaps_around
 from dqreg.geometry.mesh_faces import areas_of, faces_of
+from dqreg.inspection.deviations.outward_side import wound_outward
 from dqreg.inspection.features import Feature, FeatureKind, fit_feature
 from dqreg.inspection.features.models import distances
 from dqreg.inspection.features.torus import Torus, fit_torus
-from dqreg.inspection.outward_side import wound_outward
 
 FaceKind = Literal["plane", "cylinder", "cone", "sphere", "torus", "free"]
 

@@ -33,9 +33,9 @@ from dqreg.multiway.turntables.equal_steps import EqualSteps
 from dqreg.multiway.turntables.rotational_symmetry import turnings
 from dqreg.multiway.turntables.round_part import RoundPart, laid_by_angles
 from dqreg.multiway.visibility.sides import Sides
-from dqreg.registration.log import log_verdict
-from dqreg.registration.option_checks import read_time_limit, require_observer, require_seed, require_word
-from dqreg.registration.options import Effort
+from dqreg.registration.options.option_checks import read_time_limit, require_observer, require_seed, require_word
+from dqreg.registration.options.options import Effort
+from dqreg.registration.result.log import log_verdict
 from dqreg.registration.target import Target, prepare_target
 
 # Poses of pairs need not agree to better than this fraction of the spacing of the points.

@@ -11,9 +11,9 @@ import numpy as np
 from dqreg._arrays import RIGID_TOLERANCE, as_pose
 from dqreg.files.strict_json import plain, record_from
 from dqreg.multiway.pose_graph.edges import TEXT_OF_CODE, Edge
-from dqreg.registration import result_json
-from dqreg.registration.result import Registration
-from dqreg.registration.result_json import float_array
+from dqreg.registration.result import result_json
+from dqreg.registration.result.result import Registration
+from dqreg.registration.result.result_json import float_array
 
 FORMAT = "dqreg multiway 1"
 CONVENTIONS = {

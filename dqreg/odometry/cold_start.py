@@ -20,7 +20,7 @@ from dqreg.odometry.starts import predict
 from dqreg.odometry.tracker import Tracker
 from dqreg.odometry.tracker_state import Standing
 from dqreg.odometry.voxel_map import VoxelMap
-from dqreg.registration.result import Registration
+from dqreg.registration.result.result import Registration
 from dqreg.rigid import pose
 from dqreg.rigid.single_pose import orthonormal
 

@@ -11,7 +11,7 @@ from dqreg.files.atomic import write_atomically
 from dqreg.files.csv_text import csv_text
 from dqreg.odometry.run_sequence import TrajectoryRun
 from dqreg.odometry.scans import Scans
-from dqreg.registration.result import Registration
+from dqreg.registration.result.result import Registration
 
 HEADER = (
     "frame",

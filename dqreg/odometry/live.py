@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import FloatArray, as_vectors
-from dqreg.registration.result import Registration
+from dqreg.registration.result.result import Registration
 from dqreg.report.colours import SOURCE, TARGET, rgb
 from dqreg.report.live_server import add_ellipsoid, open_server, place
 from dqreg.rigid import pose

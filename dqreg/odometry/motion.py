@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
-from dqreg.registration.result import Registration
+from dqreg.registration.result.result import Registration
 from dqreg.rigid import Trajectory, pose, quaternion
 
 # A topic that is silent for so many of its usual steps says nothing of the motion meanwhile.

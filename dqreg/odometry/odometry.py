@@ -22,9 +22,9 @@ from dqreg.odometry.sought_frames import SeekingTracker, sought_in_map
 from dqreg.odometry.tracker import MIN_POINTS
 from dqreg.odometry.tracker_state import Standing
 from dqreg.odometry.voxel_map import VoxelMap
-from dqreg.registration.log import logged
-from dqreg.registration.option_checks import require_flag
-from dqreg.registration.result import Registration
+from dqreg.registration.options.option_checks import require_flag
+from dqreg.registration.result.log import logged
+from dqreg.registration.result.result import Registration
 from dqreg.rigid import Trajectory
 
 

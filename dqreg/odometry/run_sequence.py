@@ -16,7 +16,7 @@ from dqreg.odometry.odometry import Odometry
 from dqreg.odometry.prediction import Prediction
 from dqreg.odometry.scans import FrameData, Scans
 from dqreg.odometry.settings import OdometrySettings
-from dqreg.registration.result import Registration
+from dqreg.registration.result.result import Registration
 from dqreg.trust.records import Reason, Verdict
 
 

@@ -11,7 +11,7 @@ from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.geometry.beams import Beams, beams_of
 from dqreg.geometry.morton import morton_order
-from dqreg.registration.option_checks import read_time_limit, require_flag, require_word
+from dqreg.registration.options.option_checks import read_time_limit, require_flag, require_word
 
 # Voxel over the median range of the first frame: 0.4 m in halls and streets, 0.1 m on a desk.
 VOXEL_SHARE = 0.05

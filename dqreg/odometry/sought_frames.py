@@ -32,7 +32,7 @@ from dqreg.odometry.tracker_state import Standing
 from dqreg.odometry.unseen_rotations import equal_turns
 from dqreg.odometry.voxel_map import VoxelMap
 from dqreg.registration.register import register
-from dqreg.registration.result import Registration
+from dqreg.registration.result.result import Registration
 from dqreg.rigid import pose
 from dqreg.rigid.single_pose import orthonormal
 from dqreg.trust.code_sets import PLACE_IN_DOUBT

@@ -27,8 +27,8 @@ from dqreg.odometry.timeline import Timeline
 from dqreg.odometry.tracker_state import Standing
 from dqreg.odometry.unseen_rotations import Since, TurnedFrame, compared_turns
 from dqreg.odometry.voxel_map import VoxelMap
-from dqreg.registration.empty_results import without_pose
-from dqreg.registration.result import Registration
+from dqreg.registration.result.empty_results import without_pose
+from dqreg.registration.result.result import Registration
 from dqreg.rigid import pose
 from dqreg.rigid.single_pose import orthonormal
 from dqreg.solvers.status import Status

@@ -15,13 +15,13 @@ from dqreg.geometry import Scan
 from dqreg.icp.stopwatch import Stopwatch
 from dqreg.kernels.kept import Kept
 from dqreg.kernels.threads import TimeUpError, until
-from dqreg.registration.constraints import PoseConstraints
 from dqreg.registration.derived_values import Key
-from dqreg.registration.free_space import both_rays
-from dqreg.registration.options import Options
-from dqreg.registration.preparation import Prepared
-from dqreg.registration.problem import Problem
-from dqreg.registration.target_index import TargetIndex
+from dqreg.registration.options.constraints import PoseConstraints
+from dqreg.registration.options.options import Options
+from dqreg.registration.overlap.free_space import both_rays
+from dqreg.registration.problem.preparation import Prepared
+from dqreg.registration.problem.problem import Problem
+from dqreg.registration.problem.target_index import TargetIndex
 from dqreg.search import Candidate, PairTable, search
 from dqreg.solvers.search_stage import SearchStage, is_finished
 from dqreg.trust.rays import BothRays

@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
-from dqreg.registration.fit import Fit
+from dqreg.registration.fit.fit import Fit
 from dqreg.registration.other_poses.rivals import JUDGING_POINTS
 from dqreg.registration.other_poses.slides import CHANCE_SIGMAS, losses_and_scatter
 from dqreg.rigid import twist

@@ -22,11 +22,9 @@ from dqreg.registration.assess import (
     verdict_on,
     without_drift,
 )
-from dqreg.registration.common_faces import on_common_faces
 from dqreg.registration.continued_fit import all_points_say_more, in_doubt_on_all_points, on_all_points, settled
-from dqreg.registration.displacement import is_elsewhere
-from dqreg.registration.fit import Fit, coarse_to_fine
-from dqreg.registration.free_space import viewpoint_behind
+from dqreg.registration.fit.displacement import is_elsewhere
+from dqreg.registration.fit.fit import Fit, coarse_to_fine
 from dqreg.registration.initial_pose import GlobalSearch, InitialPose, initial_pose
 from dqreg.registration.other_poses.alternatives import alternatives_of, on_other_sides
 from dqreg.registration.other_poses.corner_rivals import beside_corners
@@ -44,9 +42,11 @@ from dqreg.registration.other_poses.rivals import (
 from dqreg.registration.other_poses.same_poses import but_on_the_way
 from dqreg.registration.other_poses.slides import without_slide
 from dqreg.registration.other_poses.wall_sides import equal_sides, on_best_sides
-from dqreg.registration.preparation import Prepared
-from dqreg.registration.problem import Problem, SourceAndTarget
-from dqreg.registration.result import Registration
+from dqreg.registration.overlap.common_faces import on_common_faces
+from dqreg.registration.overlap.free_space import viewpoint_behind
+from dqreg.registration.problem.preparation import Prepared
+from dqreg.registration.problem.problem import Problem, SourceAndTarget
+from dqreg.registration.result.result import Registration
 from dqreg.registration.visibility import on_shown_sides, on_visible_faces
 from dqreg.rigid import pose
 from dqreg.solvers.search_stage import SearchStage

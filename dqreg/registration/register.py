@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike
 from dqreg._arrays import renamed
 from dqreg.icp.history import Iteration
 from dqreg.icp.stopwatch import Stopwatch
-from dqreg.registration.log import logged
-from dqreg.registration.options import CONVERGENCE, Effort, Method, Options, Search, Units
+from dqreg.registration.options.options import CONVERGENCE, Effort, Method, Options, Search, Units
 from dqreg.registration.pipeline import align
-from dqreg.registration.problem import Problem
-from dqreg.registration.result import Registration
+from dqreg.registration.problem.problem import Problem
+from dqreg.registration.result.log import logged
+from dqreg.registration.result.result import Registration
 from dqreg.registration.scale import align_with_scale
 from dqreg.search import Stage
 from dqreg.solvers import Freedom

@@ -23,10 +23,12 @@ from dqreg.icp.noise_by_face import without_creases
 from dqreg.icp.rejectors import boundary_rejectors
 from dqreg.icp.stopwatch import Stopwatch
 from dqreg.registration.initial_pose import GlobalSearch
-from dqreg.registration.options import EFFORTS, Options
+from dqreg.registration.options.options import EFFORTS, Options
 from dqreg.registration.pipeline import align
-from dqreg.registration.problem import REACH, Problem, SourceAndTarget
-from dqreg.registration.result import Registration
+from dqreg.registration.problem.problem import REACH, Problem, SourceAndTarget
+from dqreg.registration.problem.source import MESH_SAMPLES
+from dqreg.registration.problem.target_index import index_target
+from dqreg.registration.result.result import Registration
 from dqreg.registration.scale_search import (
     ScaleCandidate,
     distinct_scales,
@@ -36,8 +38,6 @@ from dqreg.registration.scale_search import (
     try_scale,
     why_not_fixed,
 )
-from dqreg.registration.source import MESH_SAMPLES
-from dqreg.registration.target_index import index_target
 from dqreg.solvers.scale import ScaleStep
 from dqreg.solvers.status import INTERRUPTED
 from dqreg.trust.records import Reason

@@ -20,7 +20,7 @@ from dqreg.geometry import Mesh, Surface
 from dqreg.geometry.scan import Scan
 from dqreg.icp import COARSE_POINTS, Correspondences, InlierMixture, find_correspondences, smallest_kernel_scale
 from dqreg.registration.initial_pose import GlobalSearch
-from dqreg.registration.problem import SourceAndTarget
+from dqreg.registration.problem.problem import SourceAndTarget
 from dqreg.rigid import pose
 from dqreg.solvers.robust import GemanMcClure
 from dqreg.solvers.scale import ScaleStep, SurfaceMatches, scale_step

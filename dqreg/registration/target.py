@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from dqreg._arrays import FloatArray, renamed
-from dqreg.registration.options import RegisterOptions
+from dqreg.registration.options.options import RegisterOptions
+from dqreg.registration.problem.target_file import bytes_of, load_target, save_target
+from dqreg.registration.problem.target_index import TargetIndex, index_target
 from dqreg.registration.register import register
-from dqreg.registration.result import Registration
-from dqreg.registration.target_file import bytes_of, load_target, save_target
-from dqreg.registration.target_index import TargetIndex, index_target
+from dqreg.registration.result.result import Registration
 from dqreg.search import PairTable
 
 

@@ -14,11 +14,11 @@ from dqreg._arrays import FloatArray
 from dqreg._records import replaced
 from dqreg.errors import InputError
 from dqreg.geometry.normals import sample_rows
-from dqreg.registration.fit import Fit
+from dqreg.registration.fit.fit import Fit
 from dqreg.registration.other_poses.rivals import JUDGING_POINTS, limit_of, of_those_on
 from dqreg.registration.other_poses.slides import losses_at
 from dqreg.registration.other_poses.wall_sides import on_best_sides, rivals_of
-from dqreg.registration.target_index import TargetIndex
+from dqreg.registration.problem.target_index import TargetIndex
 from dqreg.search.poses import Poses
 from dqreg.search.refine import Refinement, refined_on
 from dqreg.search.scoring import MAX_EQUAL_LOG_LIKELIHOOD, distances_at

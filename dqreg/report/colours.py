@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dqreg._arrays import FloatArray
-from dqreg.inspection.deviation_files import colours_of
+from dqreg.inspection.deviations.files import colours_of
 from dqreg.inspection.tolerances import PointLimits
 
 TARGET = "#b9bec6"

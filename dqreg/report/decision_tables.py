@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from dqreg.inspection import Band, Decision
-from dqreg.inspection.decision import SOLVED_SCALE
-from dqreg.inspection.places import MEDIAN_SIGMA, PLACE_POINTS
+from dqreg.inspection.decision.decision import SOLVED_SCALE
+from dqreg.inspection.decision.places import MEDIAN_SIGMA, PLACE_POINTS
 from dqreg.report.decision_rows import OUTCOME_SIGNS, SCALE_WORDS, shown_outcome, wall_words
 from dqreg.report.page_tables import goto, rounded
 from dqreg.report.report_data import ReportData

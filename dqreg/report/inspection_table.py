@@ -9,7 +9,7 @@ import numpy as np
 
 from dqreg.files.csv_text import csv_text
 from dqreg.inspection import Characteristic, DatumAlignment, Decision, Inspection
-from dqreg.inspection.places import COVERAGE_FACTOR, PLACE_POINTS
+from dqreg.inspection.decision.places import COVERAGE_FACTOR, PLACE_POINTS
 from dqreg.report.decision_rows import SCALE_WORDS, decision_rows, shown_outcome
 from dqreg.report.hints import hints_of
 from dqreg.report.summary import ALIGNMENT, COLOURS

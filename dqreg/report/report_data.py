@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from dqreg._arrays import FloatArray, as_pose
 from dqreg.errors import InputError
 from dqreg.inspection import Decision, Deviations, Inspection, Place, Region, decide
-from dqreg.inspection.regions import cut_of, regions_of
+from dqreg.inspection.decision.regions import cut_of, regions_of
 from dqreg.inspection.tolerances import REQUIRED_SHARE
 from dqreg.report.cameras import best_corner
 from dqreg.report.colours import ByteArray, Scale, nice_above

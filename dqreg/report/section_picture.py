@@ -8,7 +8,7 @@ from html import escape
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.inspection.sections import Section
+from dqreg.inspection.scanned_part.sections import Section
 from dqreg.report.colours import Scale
 from dqreg.report.text import text_of, unit_words
 

@@ -14,9 +14,9 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.files.side_digests import known_digests
 from dqreg.inspection import Inspection, Place
-from dqreg.inspection.decision import worst_of
-from dqreg.inspection.places import COVERAGE_FACTOR
-from dqreg.inspection.sections import Section
+from dqreg.inspection.decision.decision import worst_of
+from dqreg.inspection.decision.places import COVERAGE_FACTOR
+from dqreg.inspection.scanned_part.sections import Section
 from dqreg.report.alignment_table import alignment_of
 from dqreg.report.decision_rows import OUTCOME_SIGNS, shown_outcome
 from dqreg.report.definitions import definitions_of

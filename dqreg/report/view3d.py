@@ -18,7 +18,7 @@ from dqreg.geometry import Mesh
 from dqreg.geometry.mesh_faces import faces_of, weld_edges
 from dqreg.geometry.morton import morton_order
 from dqreg.inspection import measure_deviations
-from dqreg.inspection.regions import MOST_FACES
+from dqreg.inspection.decision.regions import MOST_FACES
 from dqreg.report.cameras import VIEWS
 from dqreg.report.report_data import ReportData
 from dqreg.rigid import pose

@@ -17,7 +17,7 @@ from dqreg.files.strict_json import plain
 from dqreg.geometry import Mesh, PointCloud
 from dqreg.icp.history import Iteration, Stage
 from dqreg.registration.register import register
-from dqreg.registration.result import Registration
+from dqreg.registration.result.result import Registration
 from dqreg.registration.target import Target, prepare_target
 from dqreg.report.progress import NEXT, Steps
 from dqreg.solvers import Fit, solve

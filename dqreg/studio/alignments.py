@@ -12,11 +12,11 @@ from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.geometry import Mesh
 from dqreg.inspection import Deviations, Face
-from dqreg.inspection.places import PLACE_POINTS
+from dqreg.inspection.decision.places import PLACE_POINTS
+from dqreg.inspection.decision.regions import cut_of, regions_of
 from dqreg.inspection.plan.file import plan_of
 from dqreg.inspection.plan.suggested_datums import PERPENDICULAR_COS
-from dqreg.inspection.regions import cut_of, regions_of
-from dqreg.registration.part_inspection import Inspected, inspect_registration
+from dqreg.registration.result.part_inspection import Inspected, inspect_registration
 from dqreg.studio.aligning import result_of
 from dqreg.studio.plans import is_judged, plan_text
 from dqreg.studio.reading import faces_of_part, measure

@@ -13,7 +13,7 @@ from dqreg.files.ply_header import comments_of
 from dqreg.files.write import write_cloud
 from dqreg.geometry import Mesh, PointCloud
 from dqreg.geometry.sampling import sample_mesh
-from dqreg.registration.source import MESH_SAMPLES
+from dqreg.registration.problem.source import MESH_SAMPLES
 from dqreg.studio.equivalent_commands import cleaned_name
 from dqreg.studio.visit import Cut
 from dqreg.studio.worker_cache import Place, cached

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from dqreg.inspection import Deviations
-from dqreg.inspection.decision import decision_record
-from dqreg.inspection.regions import cut_of, regions_of
+from dqreg.inspection.decision.decision import decision_record
+from dqreg.inspection.decision.regions import cut_of, regions_of
 from dqreg.report.colours import Scale, nice_above
 from dqreg.report.page import to_html
 from dqreg.report.page_file import write_page

@@ -12,7 +12,7 @@ from dqreg.geometry import Mesh, PointCloud, prepare_scan
 from dqreg.geometry.mesh_faces import faces_of
 from dqreg.geometry.unit_check import find_unit_mistake
 from dqreg.inspection import Face, part_faces, why_unsigned
-from dqreg.inspection.regions import MOST_FACES
+from dqreg.inspection.decision.regions import MOST_FACES
 from dqreg.studio.cleaning import kept_rows, leaving_plane, scan_points
 from dqreg.studio.drawing import drawn_pose, frame_of
 from dqreg.studio.payloads import cloud_payload, part_payload, rows_to_draw, shades

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from dqreg.studio.visit import Visit
 
 if TYPE_CHECKING:
-    from dqreg.registration.part_inspection import Inspected
-    from dqreg.registration.result import Registration
+    from dqreg.registration.result.part_inspection import Inspected
+    from dqreg.registration.result.result import Registration
     from dqreg.studio.worker_cache import Place
 
 

@@ -18,7 +18,7 @@ from dqreg.files.atomic import write_atomically
 from dqreg.files.json_records import read_json
 from dqreg.files.strict_json import plain
 from dqreg.registration.batch.worker import Failure, Worker
-from dqreg.registration.result import Registration
+from dqreg.registration.result.result import Registration
 from dqreg.rigid import pose
 from dqreg.studio.drawing import DrawnFrame, drawn_pose
 from dqreg.studio.payloads import cloud_payload, shades

@@ -13,7 +13,7 @@ from dqreg.cli.batch import batch, thumbnail
 from dqreg.registration.batch import Workers
 from dqreg.registration.batch.row import Targets, run_row
 from dqreg.registration.register import register
-from dqreg.registration.result import Registration
+from dqreg.registration.result.result import Registration
 from tests.cli.command import run
 from tests.registration.batch.scenes import make_scene
 

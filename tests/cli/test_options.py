@@ -8,7 +8,7 @@ import pytest
 from dqreg.cli import values
 from dqreg.cli.lazy_group import cli
 from dqreg.files.units import METRES
-from dqreg.registration import options
+from dqreg.registration.options import options
 
 # Same name, other thing; this list only shrinks.
 OTHERS = {

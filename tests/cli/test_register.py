@@ -21,9 +21,9 @@ from dqreg.files.poses import read_start
 from dqreg.geometry import Mesh, sample_mesh
 from dqreg.icp import ESTIMATORS
 from dqreg.inspection import measure_deviations
-from dqreg.registration import scan_deviations as deviations_room
-from dqreg.registration.options import EFFORTS, WORDS, Method
-from dqreg.registration.result import Registration
+from dqreg.registration.options.options import EFFORTS, WORDS, Method
+from dqreg.registration.result import scan_deviations as deviations_room
+from dqreg.registration.result.result import Registration
 from dqreg.rigid import pose
 from dqreg.synth.parts import bracket
 from tests.cli.command import run

@@ -9,9 +9,9 @@ from PIL import Image
 
 from dqreg.cli.main import main
 from dqreg.files import read_cloud, write_cloud
-from dqreg.registration.result import Registration
+from dqreg.registration.result.result import Registration
 from tests.cli.command import run
-from tests.registration.test_result import good
+from tests.registration.result.test_result import good
 
 
 @pytest.fixture(autouse=True, scope="module")

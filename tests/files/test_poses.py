@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from dqreg.errors import InputError
 from dqreg.files.poses import read_pose, read_start
 from dqreg.registration.register import register
-from dqreg.registration.result import Registration
+from dqreg.registration.result.result import Registration
 from dqreg.rigid import pose
 
 T = pose.random(np.random.default_rng(11), reach=10.0)

@@ -11,7 +11,7 @@ import pytest
 from dqreg import Target, prepare_target, register
 from dqreg._arrays import IntArray
 from dqreg.geometry import Mesh, MeshSurface
-from dqreg.inspection.measure import measure_deviations
+from dqreg.inspection.deviations.measure import measure_deviations
 from dqreg.synth.parts import box, bracket
 
 VERTICES, FACES = bracket()

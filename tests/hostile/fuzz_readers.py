@@ -16,10 +16,12 @@ from pathlib import Path
 
 import atheris
 
-with atheris.instrument_imports(include=["dqreg.files", "dqreg.registration.result", "dqreg.registration.invariants"]):
+with atheris.instrument_imports(
+    include=["dqreg.files", "dqreg.registration.result.result", "dqreg.registration.result.invariants"]
+):
     from dqreg.errors import InputError
     from dqreg.files import read_geometry
-    from dqreg.registration.result import Registration
+    from dqreg.registration.result.result import Registration
 from tests.hostile.good_files import good_files
 from tests.hostile.test_files import SUFFIXES, assert_sound
 
@@ -52,7 +54,7 @@ def main() -> None:
     corpus.mkdir(parents=True, exist_ok=True)
     for name, (suffix, content) in good_files().items():
         (corpus / name.replace(" ", "_")).write_bytes(bytes([SUFFIXES.index(suffix)]) + content)
-    from tests.registration.test_result import good
+    from tests.registration.result.test_result import good
 
     good().save(FOLDER / "seed.json")
     (corpus / "result").write_bytes(bytes([SUFFIXES.index(".json")]) + (FOLDER / "seed.json").read_bytes())

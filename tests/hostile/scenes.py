@@ -9,7 +9,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh
-from dqreg.registration.result import Registration
+from dqreg.registration.result.result import Registration
 from dqreg.registration.target import Target, prepare_target
 from dqreg.synth import disturbance
 from tests.icp.scenes import bracket_mesh, bracket_points

@@ -10,7 +10,7 @@ import pytest
 
 from dqreg.geometry import Mesh, PointCloud
 from dqreg.registration.register import register
-from dqreg.registration.result import Registration
+from dqreg.registration.result.result import Registration
 from dqreg.rigid import pose, twist
 from tests.hostile.scenes import PART, SCAN, SIZE, START, part
 

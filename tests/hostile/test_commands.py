@@ -12,7 +12,7 @@ from dqreg.cli.main import main
 from dqreg.files import write_cloud
 from tests.hostile.bad_files import BAD_FILES, bytes_of
 from tests.hostile.scenes import PART, SCAN, START
-from tests.registration.test_result import failed, good
+from tests.registration.result.test_result import failed, good
 
 # Files that every command which takes a scan or a part is given.
 FILES = ["empty", "noise named ply", "ply of 10^12 points, binary", "stl named ply", "npy of objects",

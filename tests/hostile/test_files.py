@@ -14,7 +14,7 @@ import pytest
 
 from dqreg.errors import InputError
 from dqreg.files import CloudData, MeshData, read_geometry
-from dqreg.registration.result import Registration
+from dqreg.registration.result.result import Registration
 from tests.hostile.bad_files import BAD_FILES, bytes_of
 from tests.hostile.good_files import good_files
 

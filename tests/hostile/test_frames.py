@@ -8,7 +8,7 @@ import pytest
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh
 from dqreg.registration.register import register
-from dqreg.registration.result import Registration
+from dqreg.registration.result.result import Registration
 from dqreg.rigid import pose
 from dqreg.synth import disturbance
 from tests.hostile.scenes import PART, SIZE, START

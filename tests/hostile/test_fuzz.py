@@ -30,14 +30,14 @@ from dqreg.registration.batch.line import line_of
 from dqreg.registration.batch.row import BATCH, RowResult
 from dqreg.registration.batch.summary import summary_csv, to_html
 from dqreg.registration.register import register
-from dqreg.registration.result import Registration
+from dqreg.registration.result.result import Registration
 from dqreg.registration.target import Target, prepare_target
 from dqreg.synth import demo_case, load_case
 from dqreg.synth.recipe import read_recipe
 from tests.hostile.good_files import FACES, POINTS, VERTICES, gltf_tree, good_files, npy
 from tests.hostile.mutations import mutated
 from tests.hostile.test_files import assert_sound
-from tests.registration.test_result import good
+from tests.registration.result.test_result import good
 
 SEED = 2_000
 EACH, SOAK = 67, 3_300

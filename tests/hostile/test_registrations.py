@@ -12,7 +12,7 @@ import pytest
 from dqreg.errors import DegenerateGeometryError, DqregError, InputError
 from dqreg.geometry import Mesh, PointCloud, sample_mesh
 from dqreg.registration.register import register
-from dqreg.registration.result import Registration
+from dqreg.registration.result.result import Registration
 from dqreg.rigid import pose
 from tests.hostile.scenes import FIXED, PART, SCAN, SIZE, START, assert_kept, part
 from tests.hostile.sides import CLOUDS, LINE, MESHES, PLANE, SOURCES, TARGETS, Entry

@@ -15,12 +15,12 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from dqreg.errors import DqregError, InputError
-from dqreg.registration.invariants import violated_invariant
 from dqreg.registration.register import register
-from dqreg.registration.result import Registration
+from dqreg.registration.result.invariants import violated_invariant
+from dqreg.registration.result.result import Registration
 from dqreg.trust.records import Alternative, Verdict
 from tests.hostile.scenes import FIXED, START, assert_kept, part
-from tests.registration.test_result import failed, good
+from tests.registration.result.test_result import failed, good
 from tests.strategies import poses
 
 NAN, INF = float("nan"), float("inf")

@@ -110,7 +110,7 @@ def run(seed: int) -> list[tuple[float, float]]:
 
 @pytest.mark.parametrize(("first", "runs"), [(9_000, 2), pytest.param(11_000, 400, marks=pytest.mark.soak)])
 def test_values_lie_within_their_stated_uncertainty(first: int, runs: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("dqreg.inspection.scanned_part.part_faces", lambda mesh: FACES)
+    monkeypatch.setattr("dqreg.inspection.scanned_part.scanned_part.part_faces", lambda mesh: FACES)
     found = np.array([run(seed) for seed in range(first, first + runs)])
     right = np.array(list(truth().values()))
     inside = np.abs(found[:, :, 0] - right) <= found[:, :, 1]

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dqreg.inspection.membership import by_reach
+from dqreg.inspection.membership.membership import by_reach
 from dqreg.inspection.statistics import CHUNK_VALUES, summary_of
 
 

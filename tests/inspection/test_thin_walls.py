@@ -10,8 +10,8 @@ import pytest
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh, MeshSurface, PointCloud
 from dqreg.inspection import Deviations, decide, inspect, measure_deviations, nearest_face, part_faces, thickness_of
-from dqreg.inspection.facing_sides import Facing
-from dqreg.inspection.measure import deviations_under
+from dqreg.inspection.deviations.facing_sides import Facing
+from dqreg.inspection.deviations.measure import deviations_under
 from dqreg.inspection.plan.file import plan_of
 from dqreg.registration.register import register
 from dqreg.report.decision_tables import decision_words

@@ -8,7 +8,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.multiway.pose_graph.edges import Edge
-from dqreg.registration.result import Registration
+from dqreg.registration.result.result import Registration
 from dqreg.rigid import pose
 from dqreg.trust.records import Reason, Verdict
 

@@ -14,7 +14,7 @@ from dqreg.compare.trust.kinds import KINDS
 from dqreg.errors import InputError, MissingDependencyError
 from dqreg.odometry import Odometry, evaluate, kiss, nees
 from dqreg.odometry.evaluation import relative_errors
-from dqreg.registration.result import Registration
+from dqreg.registration.result.result import Registration
 from dqreg.rigid import pose
 
 PROJECT = Path(__file__).parents[2] / "pyproject.toml"

@@ -8,7 +8,7 @@ import pytest
 import dqreg.odometry.sought_frames as sought_frames
 from dqreg import Odometry
 from dqreg.errors import InputError
-from dqreg.registration.empty_results import without_pose
+from dqreg.registration.result.empty_results import without_pose
 from dqreg.rigid import pose
 from dqreg.synth.many_views import street_drive
 from dqreg.trust.records import Reason

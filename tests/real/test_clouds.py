@@ -11,7 +11,7 @@ from dqreg._arrays import FloatArray
 from dqreg._open3d import load_open3d
 from dqreg.geometry import PointCloud
 from dqreg.geometry.opening import as_geometry
-from dqreg.registration.options import Effort
+from dqreg.registration.options.options import Effort
 from dqreg.registration.register import register
 from dqreg.rigid import pose, twist
 

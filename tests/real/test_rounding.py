@@ -15,7 +15,7 @@ import pytest
 import dqreg
 from dqreg._arrays import FloatArray
 from dqreg.geometry.opening import as_geometry
-from dqreg.registration.result import Registration
+from dqreg.registration.result.result import Registration
 from dqreg.rigid import pose
 
 pytestmark = [pytest.mark.real, pytest.mark.soak]

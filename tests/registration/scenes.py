@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from dqreg.icp.stopwatch import Stopwatch
-from dqreg.registration.options import CONVERGENCE, Options
-from dqreg.registration.problem import Problem
+from dqreg.registration.options.options import CONVERGENCE, Options
+from dqreg.registration.problem.problem import Problem
 
 
 def problem_of(source: Any, target: Any, start: Any = None, time_limit: float | None = None, **options: Any) -> Problem:

@@ -7,9 +7,9 @@ import pytest
 
 from dqreg.geometry import Mesh, PointCloud
 from dqreg.registration.assess import evidence_of, uncertainty_of
-from dqreg.registration.fit import Fit, coarse_to_fine
+from dqreg.registration.fit.fit import Fit, coarse_to_fine
 from dqreg.registration.pipeline import registration_of
-from dqreg.registration.result import Registration
+from dqreg.registration.result.result import Registration
 from dqreg.rigid import pose
 from dqreg.synth.parts import bracket
 from dqreg.trust import judge

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import chi2
 
 import dqreg
-from dqreg.registration.options import Effort
+from dqreg.registration.options.options import Effort
 from dqreg.rigid import pose
 from tests.registration.test_sweeps import normalised_square
 from tests.strategies import FloatArray

@@ -14,9 +14,9 @@ from dqreg.icp.history import Iteration
 from dqreg.kernels import threads
 from dqreg.registration import continued_fit, pipeline
 from dqreg.registration.continued_fit import all_points_say_more, settled
-from dqreg.registration.fit import coarse_to_fine
-from dqreg.registration.options import CELLS, Effort
-from dqreg.registration.preparation import Prepared
+from dqreg.registration.fit.fit import coarse_to_fine
+from dqreg.registration.options.options import CELLS, Effort
+from dqreg.registration.problem.preparation import Prepared
 from dqreg.rigid import pose, twist
 from dqreg.synth import Noise, Scanner, disturbance, scan_mesh, worst_vertex_displacement
 from dqreg.synth.parts import box, bracket

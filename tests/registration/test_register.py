@@ -15,7 +15,7 @@ from dqreg.files import write_cloud
 from dqreg.geometry import Mesh, PointCloud, sample_mesh
 from dqreg.icp.history import Iteration
 from dqreg.registration.register import register
-from dqreg.registration.result import Registration
+from dqreg.registration.result.result import Registration
 from dqreg.registration.target import prepare_target
 from dqreg.rigid import pose
 from dqreg.synth import disturbance, worst_vertex_displacement

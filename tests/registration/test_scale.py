@@ -11,7 +11,7 @@ from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.geometry import Mesh, PointCloud, prepare_scan, sample_mesh
 from dqreg.registration.register import register
-from dqreg.registration.result import Registration
+from dqreg.registration.result.result import Registration
 from dqreg.registration.scale import _last_step
 from dqreg.registration.scale_search import scale_starts
 from dqreg.registration.target import prepare_target

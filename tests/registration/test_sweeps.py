@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import chi2
 
 import dqreg
-from dqreg.registration.options import Effort
+from dqreg.registration.options.options import Effort
 from dqreg.rigid import pose
 from dqreg.synth.parts import box
 from dqreg.synth.street import street, swept, together, with_range_noise

@@ -12,7 +12,7 @@ from dqreg.geometry import sample_mesh
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import fit_planes
 from dqreg.geometry.opening import as_geometry
-from dqreg.registration.source import centre_source
+from dqreg.registration.problem.source import centre_source
 from dqreg.rigid import pose
 from dqreg.synth import demo_case, load_case
 from tests.strategies import FloatArray

@@ -9,7 +9,7 @@ from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.geometry import Mesh, PointCloud
 from dqreg.registration.register import register
-from dqreg.registration.result import Registration
+from dqreg.registration.result.result import Registration
 from dqreg.report.summary import viewpoint_words
 from dqreg.rigid import pose
 from dqreg.synth import Noise, Scanner, disturbance, scan_mesh

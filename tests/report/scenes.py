@@ -8,7 +8,7 @@ import numpy as np
 
 from dqreg import Mesh, register
 from dqreg.geometry import sample_mesh
-from dqreg.registration.result import Registration
+from dqreg.registration.result.result import Registration
 from dqreg.report.report_data import ReportData, collect
 from dqreg.rigid import pose, twist
 from dqreg.synth.parts import bracket

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from dqreg._open3d import load_open3d
 from dqreg.geometry import Mesh
 from dqreg.geometry.mesh_faces import areas_of, faces_of
-from dqreg.inspection.deviation_files import ABOVE_RGB, BELOW_RGB
+from dqreg.inspection.deviations.files import ABOVE_RGB, BELOW_RGB
 from dqreg.inspection.tolerances import PointLimits, Tolerance, limits_at
 from dqreg.report.charts import NARROW_CANVAS, WIDE_CANVAS, convergence, histogram, ticks
 from dqreg.report.colours import Scale, nice_above

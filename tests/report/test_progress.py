@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from dqreg.registration.result import Iteration
+from dqreg.registration.result.result import Iteration
 from dqreg.report.progress import COLUMNS, SEARCHED, Lines, LiveTable, Silent, Steps, cells, make_progress
 from dqreg.search import Stage
 

@@ -94,7 +94,7 @@ def test_poses_of_scipy_are_taken_wherever_a_pose_is():
     transform = importlib.import_module("scipy.spatial.transform")
     if not hasattr(transform, "RigidTransform"):
         pytest.skip("RigidTransform came with SciPy 1.16")
-    from dqreg.registration.problem import read_start
+    from dqreg.registration.problem.problem import read_start
     from dqreg.solvers import Freedom, PoseCost
 
     T = pose.exp([0.4, -0.7, 0.2, 1.0, 2.0, -3.0])
@@ -116,7 +116,7 @@ def test_poses_of_scipy_are_taken_wherever_a_pose_is():
 
 @pytest.mark.parametrize("package", ["gtsam", "open3d", "rows"])
 def test_poses_of_others_are_taken_wherever_a_pose_is(package):
-    from dqreg.registration.problem import read_start
+    from dqreg.registration.problem.problem import read_start
 
     T = pose.exp([0.4, -0.7, 0.2, 1.0, 2.0, -3.0])
     if package == "gtsam":

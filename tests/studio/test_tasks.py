@@ -13,8 +13,8 @@ from dqreg.geometry import Mesh, sample_mesh
 from dqreg.geometry.mesh_faces import faces_of
 from dqreg.geometry.opening import as_geometry
 from dqreg.inspection import inspect, read_plan
-from dqreg.registration.part_inspection import inspect_registration
 from dqreg.registration.register import register
+from dqreg.registration.result.part_inspection import inspect_registration
 from dqreg.rigid import pose, twist
 from dqreg.studio import alignments, cleaning, drawing, judging, payloads, picking, reading
 from dqreg.studio.aligning import align, align_pairs, mirror_question, pose_of_drawn, result_of

@@ -16,7 +16,7 @@ from dqreg.compare.trust.trial import Trial, is_right, trial
 from dqreg.geometry import Mesh, PointCloud
 from dqreg.geometry.opening import as_geometry
 from dqreg.registration.register import register
-from dqreg.registration.result import Registration
+from dqreg.registration.result.result import Registration
 from dqreg.rigid import pose
 from dqreg.synth import Lidar, Motion, Noise, random_pose, scan_mesh
 from dqreg.synth.parts import box, bracket, flange, gear

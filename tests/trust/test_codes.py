@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import get_args
 
 import dqreg
-from dqreg.inspection.decision import SOLVED_SCALE, WALL_SIDE
+from dqreg.inspection.decision.decision import SOLVED_SCALE, WALL_SIDE
 from dqreg.trust.records import Code
 from dqreg.trust.verdict import QUESTIONS
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dqreg.registration.result import Alternative, Direction
+from dqreg.registration.result.result import Alternative, Direction
 from dqreg.trust import Evidence, judge, limits
 from dqreg.trust.verdict import QUESTIONS, UNLIKELY
 

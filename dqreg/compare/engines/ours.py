@@ -13,12 +13,12 @@ from dqreg.compare.engines.protocol import EngineOutput, Setting, Step, Task
 from dqreg.geometry import PointCloud
 from dqreg.icp import ESTIMATORS, NO_POSE, Icp, Stopping, WithinDistance
 from dqreg.icp.history import Iteration
-from dqreg.registration.fit import run_icp
-from dqreg.registration.options import Effort
-from dqreg.registration.problem import SourceAndTarget
+from dqreg.registration.fit.fit import run_icp
+from dqreg.registration.options.options import Effort
+from dqreg.registration.problem.problem import SourceAndTarget
+from dqreg.registration.problem.target_index import index_target
 from dqreg.registration.register import register
 from dqreg.registration.target import prepare_target
-from dqreg.registration.target_index import index_target
 
 
 @dataclasses.dataclass(frozen=True)

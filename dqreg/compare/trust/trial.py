@@ -17,7 +17,7 @@ from dqreg.rigid import pose
 from dqreg.synth.truth import closest_truth, displacements
 
 if TYPE_CHECKING:
-    from dqreg.registration.result import Registration
+    from dqreg.registration.result.result import Registration
     from dqreg.trust.records import Direction
 
 # A pose is right if no point of the part is displaced by more than this share of its diagonal.

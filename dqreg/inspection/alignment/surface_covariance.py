@@ -7,8 +7,8 @@ import numpy as np
 from dqreg._arrays import FloatArray, IntArray, dot
 from dqreg.inspection.alignment.surface_goals import as_small, least_largest
 from dqreg.inspection.alignment.surface_rows import SurfaceRows
+from dqreg.inspection.decision.places import PLACE_POINTS
 from dqreg.inspection.features.spread import DRAW_SEED, MIN_RESIDUAL_SHARE, without_form
-from dqreg.inspection.places import PLACE_POINTS
 from dqreg.solvers import Freedom
 from dqreg.solvers.sandwich import scatter_of
 

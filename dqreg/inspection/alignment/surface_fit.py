@@ -18,8 +18,8 @@ from dqreg.inspection.alignment.priors import prior_about
 from dqreg.inspection.alignment.surface_covariance import covariance_of
 from dqreg.inspection.alignment.surface_goals import PRIOR_SIGMAS, minimax_step, one_sided_excess, one_sided_step
 from dqreg.inspection.alignment.surface_rows import FaceTerms, SurfaceRows, rows_of
-from dqreg.inspection.deviations import Deviations
-from dqreg.inspection.outward_side import require_sides
+from dqreg.inspection.deviations.deviations import Deviations
+from dqreg.inspection.deviations.outward_side import require_sides
 from dqreg.rigid import pose
 from dqreg.solvers import Freedom, PoseCost
 

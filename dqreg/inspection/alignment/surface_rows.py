@@ -14,12 +14,12 @@ from dqreg.geometry import Mesh, MeshSurface
 from dqreg.geometry.mesh_faces import areas_of, faces_of
 from dqreg.geometry.morton import morton_order
 from dqreg.inspection.alignment.earlier_steps import left_of
-from dqreg.inspection.coverage import covered_places, usual_density
-from dqreg.inspection.deviations import Deviations
-from dqreg.inspection.medians import smoothed
-from dqreg.inspection.outward_side import require_sides
-from dqreg.inspection.places import PLACE_POINTS
-from dqreg.inspection.regions import MIN_DENSITY_RATIO
+from dqreg.inspection.decision.coverage import covered_places, usual_density
+from dqreg.inspection.decision.medians import smoothed
+from dqreg.inspection.decision.places import PLACE_POINTS
+from dqreg.inspection.decision.regions import MIN_DENSITY_RATIO
+from dqreg.inspection.deviations.deviations import Deviations
+from dqreg.inspection.deviations.outward_side import require_sides
 from dqreg.rigid import pose, twist
 from dqreg.solvers import Freedom, PoseCost
 from dqreg.solvers.robust import scatter_of

@@ -13,7 +13,7 @@ from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.inspection.features import Feature
 from dqreg.inspection.features.models import distances
 from dqreg.inspection.part_faces import Face
-from dqreg.inspection.scanned_part import ScannedPart
+from dqreg.inspection.scanned_part.scanned_part import ScannedPart
 
 # Points that a profile needs: forty neighbourhoods of five, whose medians bear two outliers.
 WANTED_PROFILE_POINTS = 200

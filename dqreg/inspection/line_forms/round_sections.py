@@ -25,7 +25,7 @@ from dqreg.inspection.line_forms.profiles import (
     words_of,
 )
 from dqreg.inspection.part_faces import Face
-from dqreg.inspection.scanned_part import ScannedPart
+from dqreg.inspection.scanned_part.scanned_part import ScannedPart
 
 # Sections where none is named.
 DEFAULT_SECTIONS = 5

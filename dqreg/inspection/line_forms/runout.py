@@ -10,7 +10,9 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.errors import InputError
-from dqreg.inspection.characteristics import Measured, propagated
+from dqreg.inspection.drawing.characteristics import Measured, propagated
+from dqreg.inspection.drawing.surface_model import Medians
+from dqreg.inspection.drawing.zones import from_nothing
 from dqreg.inspection.features import Feature
 from dqreg.inspection.features.starts import frame_along
 from dqreg.inspection.line_forms.profiles import (
@@ -25,9 +27,7 @@ from dqreg.inspection.line_forms.profiles import (
 from dqreg.inspection.line_forms.round_sections import DEFAULT_SECTIONS, require_round
 from dqreg.inspection.line_forms.worst import block_count, worst_form
 from dqreg.inspection.part_faces import Face
-from dqreg.inspection.scanned_part import ScannedPart
-from dqreg.inspection.surface_model import Medians
-from dqreg.inspection.zones import from_nothing
+from dqreg.inspection.scanned_part.scanned_part import ScannedPart
 
 # A face turns about an axis that it is parallel, or square, to by that sine, and beside by that share of its size.
 MAX_LEANING_SIN, MAX_BESIDE_SHARE = 1e-3, 1e-3

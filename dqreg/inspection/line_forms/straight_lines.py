@@ -21,7 +21,7 @@ from dqreg.inspection.line_forms.profiles import (
     words_of,
 )
 from dqreg.inspection.part_faces import Face
-from dqreg.inspection.scanned_part import ScannedPart
+from dqreg.inspection.scanned_part.scanned_part import ScannedPart
 
 # Lines where none is named: around an axis, and beside each other on a flat face.
 LINES_AROUND, LINES_BESIDE = 8, 5

@@ -1,1 +1,1 @@
-"""Inspection plans: what a plan file asks for, and what it measures on a scan."""
+"""Inspection plans: what a plan file asks for, and a first plan for a part."""

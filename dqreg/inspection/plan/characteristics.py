@@ -6,6 +6,7 @@ import dataclasses
 from typing import Any, Literal, get_args
 
 from dqreg.errors import InputError
+from dqreg.inspection.drawing.zone_features import METHODS, PlannedFit
 from dqreg.inspection.plan.keys import (
     FaceName,
     face_of,
@@ -16,7 +17,6 @@ from dqreg.inspection.plan.keys import (
     triple_of,
 )
 from dqreg.inspection.plan.tolerances import SIDES, sides_of
-from dqreg.inspection.zone_features import METHODS, PlannedFit
 
 CharacteristicKind = Literal[
     "diameter",

@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 from dqreg.errors import InputError
 from dqreg.files.units import METRES
+from dqreg.inspection.drawing.zone_features import PlannedFit
 from dqreg.inspection.plan.alignment import PlannedStep, steps_of
 from dqreg.inspection.plan.characteristics import PlannedCharacteristic, characteristic_of, fit_of
 from dqreg.inspection.plan.keys import (
@@ -24,7 +25,6 @@ from dqreg.inspection.plan.keys import (
 from dqreg.inspection.plan.report import PlannedReport, planned_report
 from dqreg.inspection.plan.tolerances import SIDES, FaceTolerance, face_tolerances, whole_tolerance
 from dqreg.inspection.tolerances import Tolerance
-from dqreg.inspection.zone_features import PlannedFit
 
 AlignmentKind = Literal["best-fit", "datums", "steps"]
 

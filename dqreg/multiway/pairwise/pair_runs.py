@@ -18,9 +18,9 @@ from dqreg.files.code_identity import code_identity
 from dqreg.multiway.pose_graph.edges import PART, Edge
 from dqreg.multiway.scans.kept_pairs import digest_of_part, keep, kept
 from dqreg.multiway.scans.scans import View
-from dqreg.registration.empty_results import without_pose
-from dqreg.registration.options import Effort
+from dqreg.registration.options.options import Effort
 from dqreg.registration.register import register
+from dqreg.registration.result.empty_results import without_pose
 from dqreg.registration.target import Target
 from dqreg.report.work_bar import TimeLeft
 from dqreg.trust.records import Code, Reason

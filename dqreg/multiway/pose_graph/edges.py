@@ -10,7 +10,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.multiway.pose_graph.graph import PoseGraph
-from dqreg.registration.result import Registration
+from dqreg.registration.result.result import Registration
 from dqreg.rigid import pose
 from dqreg.rigid.twist import scaling_by
 from dqreg.trust.code_sets import DOUBTS_OF_RIGHT_POSE

@@ -17,7 +17,7 @@ from dqreg.multiway.refinement.joint import refine_jointly
 from dqreg.multiway.refinement.spread import beyond_noise, joint_covariance
 from dqreg.multiway.scans.overlap import CELL_SIZES, MIN_OVERLAP, overlap_matrix
 from dqreg.multiway.scans.scans import View, typical_spacing
-from dqreg.registration.options import Effort
+from dqreg.registration.options.options import Effort
 from dqreg.registration.target import Target
 from dqreg.rigid import pose
 

@@ -15,7 +15,7 @@ from dqreg.errors import InputError
 from dqreg.files.atomic import write_atomically
 from dqreg.files.json_records import read_json
 from dqreg.geometry import Mesh, PointCloud
-from dqreg.registration.result import Registration
+from dqreg.registration.result.result import Registration
 from dqreg.registration.target import Target
 
 # Under which key a file says what it depends on, and what it says of it at least.

@@ -13,7 +13,7 @@ from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import fit_planes
 from dqreg.multiway.scans.overlap import cell_numbers
 from dqreg.multiway.scans.scans import View, typical_spacing
-from dqreg.registration.free_space import take_as_merged
+from dqreg.registration.overlap.free_space import take_as_merged
 from dqreg.registration.target import Target, prepare_target
 from dqreg.rigid import pose
 

@@ -18,10 +18,10 @@ from dqreg.files.untrusted import require_readable
 from dqreg.geometry import CloudSurface, Mesh, PointCloud, Scan, prepare_scan, sample_mesh
 from dqreg.geometry.opening import as_geometry
 from dqreg.multiway.scans.kept_pairs import digest_of
-from dqreg.registration.source import MESH_SAMPLES
-from dqreg.registration.strays import Strays, without_strays
+from dqreg.registration.problem.source import MESH_SAMPLES
+from dqreg.registration.problem.strays import Strays, without_strays
+from dqreg.registration.problem.target_index import index_target
 from dqreg.registration.target import Target
-from dqreg.registration.target_index import index_target
 from dqreg.trust.free_space import MAX_HIDDEN_SHARE, hidden_share
 from dqreg.trust.records import Reason
 

@@ -14,7 +14,7 @@ from dqreg.multiway.scans.overlap import overlap_matrix
 from dqreg.multiway.selection.consistent_set import ConsistentSet, largest_consistent_set
 from dqreg.multiway.selection.edge_selection import EdgeSelection
 from dqreg.multiway.selection.outlier_scans import Judge
-from dqreg.registration.result import Registration
+from dqreg.registration.result.result import Registration
 from dqreg.rigid import pose
 from dqreg.solvers.motion_words import Motion
 from dqreg.trust.code_sets import SETTLED_BY_LOOPS

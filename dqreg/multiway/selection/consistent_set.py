@@ -17,9 +17,9 @@ from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.multiway.pose_graph.edges import PART, Edge, confidence_of_edge
 from dqreg.multiway.scans.merge import merged_target
 from dqreg.multiway.scans.scans import View
-from dqreg.registration.options import Effort, Search
+from dqreg.registration.options.options import Effort, Search
 from dqreg.registration.register import register
-from dqreg.registration.result import Registration
+from dqreg.registration.result.result import Registration
 from dqreg.registration.target import Target
 from dqreg.rigid import pose
 from dqreg.trust.code_sets import WEAKLY_CONSTRAINED_AMONG_ALL

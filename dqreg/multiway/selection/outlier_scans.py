@@ -20,7 +20,7 @@ from dqreg.multiway.selection.edge_selection import EdgeSelection, select_edges
 from dqreg.multiway.turntables.equal_steps import EqualSteps
 from dqreg.multiway.visibility.passed_rays import MAX_PASSED_SHARE
 from dqreg.multiway.visibility.sides import Sides
-from dqreg.registration.options import Effort
+from dqreg.registration.options.options import Effort
 from dqreg.registration.register import register
 from dqreg.rigid import pose
 from dqreg.trust.code_sets import SETTLED_BY_AGREEMENT, SETTLED_BY_TABLE, WEAKLY_CONSTRAINED

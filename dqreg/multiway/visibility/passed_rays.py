@@ -15,7 +15,7 @@ from dqreg._arrays import FloatArray
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.rays import Rays
 from dqreg.multiway.scans.scans import View
-from dqreg.registration.free_space import rays_of_target
+from dqreg.registration.overlap.free_space import rays_of_target
 from dqreg.rigid import pose
 from dqreg.trust.free_space import MIN_COMPARED
 from dqreg.trust.rays import APART_SIGMAS

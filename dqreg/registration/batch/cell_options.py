@@ -37,7 +37,7 @@ def _scale(text: str) -> float | str:
 
 
 def _viewpoints(text: str) -> list[list[float]] | str:
-    from dqreg.registration.options import NO_VIEWPOINT, ORIGIN
+    from dqreg.registration.options.options import NO_VIEWPOINT, ORIGIN
 
     if text in (NO_VIEWPOINT, ORIGIN):
         return text
@@ -100,7 +100,7 @@ def parse_option(name: str, text: str) -> Any:
 def check_options(options: dict[str, Any]) -> None:
     """Raise unless `dqreg.register` would take these options."""
     from dqreg.files.units import factor
-    from dqreg.registration.options import Options
+    from dqreg.registration.options.options import Options
     from dqreg.registration.register import register
     from dqreg.solvers import Freedom
 

@@ -21,8 +21,8 @@ from dqreg.files.folder_lock import held_folder
 from dqreg.files.json_records import read_json
 from dqreg.registration.batch.line import REPORTS, RESULTS
 from dqreg.registration.batch.row import BATCH, Row, RowResult, inputs_of
-from dqreg.registration.part_inspection import require_record
-from dqreg.registration.result import Registration
+from dqreg.registration.result.part_inspection import require_record
+from dqreg.registration.result.result import Registration
 
 # ROWS names the rows of the last session, and is as old as its beginning.
 THUMBNAILS, ROWS = "thumbnails", ".rows"

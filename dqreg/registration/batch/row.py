@@ -18,8 +18,8 @@ from dqreg.registration.batch.row_inspection import RowInspection, inspect_row
 from dqreg.registration.batch.worker import Failure, Status, Worker
 
 if TYPE_CHECKING:
-    from dqreg.registration.display_unit import ShownTarget
-    from dqreg.registration.result import Registration
+    from dqreg.registration.result.display_unit import ShownTarget
+    from dqreg.registration.result.result import Registration
     from dqreg.registration.target import Target
 
 Thumbnail = Callable[["Registration"], bytes | None]
@@ -90,7 +90,7 @@ class Targets:
 
         ``own`` is the unit of a file that does not say.
         """
-        from dqreg.registration.display_unit import shown_target
+        from dqreg.registration.result.display_unit import shown_target
         from dqreg.registration.target import prepare_target
 
         asked = asked or RowInspection()

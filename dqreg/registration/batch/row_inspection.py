@@ -11,9 +11,9 @@ from dqreg.files.file_digests import digest_of
 from dqreg.inspection.tolerances import Tolerance
 
 if TYPE_CHECKING:
-    from dqreg.registration.display_unit import ShownTarget
-    from dqreg.registration.part_inspection import Inspected
-    from dqreg.registration.result import Registration
+    from dqreg.registration.result.display_unit import ShownTarget
+    from dqreg.registration.result.part_inspection import Inspected
+    from dqreg.registration.result.result import Registration
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,7 +48,7 @@ class RowInspection:
     def expected(self, shown: ShownTarget) -> dict[str, Any]:
         """Options of the registration that follow from it, in the unit that the target is shown in."""
         from dqreg.inspection import read_plan
-        from dqreg.registration.part_inspection import expected_deviation_of
+        from dqreg.registration.result.part_inspection import expected_deviation_of
 
         plan = None if self.plan is None else shown.planned(read_plan(self.plan))
         return {"expected_deviation": expected_deviation_of(plan, self.tolerance, shown.units)}
@@ -72,7 +72,7 @@ def inspect_row(
     import numpy as np
 
     from dqreg.inspection import read_plan
-    from dqreg.registration.part_inspection import inspect_registration
+    from dqreg.registration.result.part_inspection import inspect_registration
 
     record, found = None, None
     if asked.inspects and np.isfinite(result.T_target_source).all():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg.geometry.normals import sample_rows
-from dqreg.registration.fit import Fit
+from dqreg.registration.fit.fit import Fit
 from dqreg.rigid import pose
 from dqreg.search.refine import Refinement, refined_on
 from dqreg.trust.patch_tests import INLIER_SIGMAS

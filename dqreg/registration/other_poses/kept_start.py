@@ -13,8 +13,8 @@ from dqreg._arrays import FloatArray
 from dqreg._records import replaced
 from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.registration.assess import evidence_of, uncertainty_of
-from dqreg.registration.displacement import displacement_between, is_elsewhere, offset_from_start
-from dqreg.registration.fit import Fit
+from dqreg.registration.fit.displacement import displacement_between, is_elsewhere, offset_from_start
+from dqreg.registration.fit.fit import Fit
 from dqreg.registration.initial_pose import FOUND
 from dqreg.registration.other_poses.fallback import BestPoses, is_doubtful, is_sound
 from dqreg.registration.other_poses.near_places import near_maps

@@ -13,7 +13,7 @@ from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.sampling import places_on
 from dqreg.kernels.threads import unlocked_property
 from dqreg.registration.derived_values import Key
-from dqreg.registration.fit import Fit
+from dqreg.registration.fit.fit import Fit
 from dqreg.rigid import pose, twist
 from dqreg.rigid.twist import scaling_by
 from dqreg.search.cloud_rings import ring_turns

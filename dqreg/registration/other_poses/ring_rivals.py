@@ -17,7 +17,7 @@ from dqreg.geometry.angles import gaps_around
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.vector_rows import row_dots
-from dqreg.registration.fit import Fit
+from dqreg.registration.fit.fit import Fit
 from dqreg.registration.other_poses.near_places import ring_maps
 from dqreg.registration.other_poses.rivals import NO_POSES
 from dqreg.rigid import pose

@@ -9,12 +9,12 @@ from dqreg.geometry import Mesh, MeshSurface
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.registration.derived_values import Key
-from dqreg.registration.displacement import is_elsewhere
-from dqreg.registration.evidence import near_limit
-from dqreg.registration.fit import Fit
-from dqreg.registration.free_space import both_rays, met_at, met_by
-from dqreg.registration.other_objects import on_others
+from dqreg.registration.evidence.evidence import near_limit
+from dqreg.registration.evidence.other_objects import on_others
+from dqreg.registration.fit.displacement import is_elsewhere
+from dqreg.registration.fit.fit import Fit
 from dqreg.registration.other_poses.near_places import is_same_place, near_maps, rows_beside
+from dqreg.registration.overlap.free_space import both_rays, met_at, met_by
 from dqreg.rigid import pose
 from dqreg.search.flipped_poses import far_mirrors, flipped_poses, gain_of_mirror
 from dqreg.search.near_symmetry import mirrors_about

@@ -22,8 +22,8 @@ from dqreg.geometry.vector_rows import row_dots
 from dqreg.icp import Correspondences
 from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.registration.derived_values import Key
-from dqreg.registration.displacement import displacement_between, offset_from_start
-from dqreg.registration.fit import Fit
+from dqreg.registration.fit.displacement import displacement_between, offset_from_start
+from dqreg.registration.fit.fit import Fit
 from dqreg.registration.other_poses.near_places import plane_turns
 from dqreg.registration.other_poses.rivals import JUDGING_POINTS, NO_POSES
 from dqreg.registration.other_poses.slides import losses_and_scatter, losses_at

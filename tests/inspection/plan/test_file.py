@@ -12,7 +12,7 @@ import pytest
 from dqreg.errors import InputError
 from dqreg.geometry import Mesh, MeshSurface, sample_mesh
 from dqreg.inspection import Deviations, faces_in_box, inspect, measure_deviations, nearest_face, part_faces, read_plan
-from dqreg.inspection.characteristics import Measured
+from dqreg.inspection.drawing.characteristics import Measured
 from dqreg.inspection.plan.file import plan_of
 from dqreg.inspection.plan.suggested_plan import suggested_plan
 from dqreg.rigid import pose, twist

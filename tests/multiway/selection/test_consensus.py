@@ -16,7 +16,7 @@ from dqreg.multiway.selection.outlier_scans import Judge
 from dqreg.multiway.turntables.equal_steps import EqualSteps
 from dqreg.multiway.visibility.sides import Sides
 from dqreg.registration.register import register
-from dqreg.registration.result import Registration
+from dqreg.registration.result.result import Registration
 from dqreg.rigid import pose
 from dqreg.synth.many_views import turntable_views
 from dqreg.synth.parts import bracket, feeder

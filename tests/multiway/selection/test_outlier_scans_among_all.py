@@ -11,7 +11,7 @@ from dqreg.multiway.scans.scans import View, read_views, typical_size
 from dqreg.multiway.selection import outlier_scans
 from dqreg.multiway.selection.outlier_scans import Judge, without_misfits
 from dqreg.multiway.visibility.sides import Sides
-from dqreg.registration.result import Registration
+from dqreg.registration.result.result import Registration
 from dqreg.rigid import pose
 from dqreg.synth.many_views import turntable_views
 from dqreg.synth.parts import bracket

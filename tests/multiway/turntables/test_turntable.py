@@ -6,7 +6,7 @@ import numpy as np
 from dqreg.multiway.pairwise.pair_runs import PairJob
 from dqreg.multiway.pose_graph.edges import Edge
 from dqreg.multiway.turntables.turntable import on_turntable, step_of
-from dqreg.registration.result import Registration
+from dqreg.registration.result.result import Registration
 from dqreg.rigid import DualQuaternion, pose
 from dqreg.trust.records import Reason, Verdict
 from tests.multiway.edges_of_truth import registration

@@ -11,8 +11,8 @@ import pytest
 from dqreg.inspection import Tolerance
 from dqreg.registration.batch import RowInspection, read_manifest
 from dqreg.registration.batch.row import Targets, inputs_of, run_row
-from dqreg.registration.part_inspection import require_record
 from dqreg.registration.register import register
+from dqreg.registration.result.part_inspection import require_record
 from tests.registration.batch.scenes import make_scene
 
 # The package has a function of the same name.

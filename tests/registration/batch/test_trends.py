@@ -14,7 +14,7 @@ from dqreg.registration.batch.row import Row, RowResult
 from dqreg.registration.batch.row_inspection import RowInspection
 from dqreg.registration.batch.summary import to_html
 from dqreg.registration.batch.trends import Trend, trend_records, trends_csv, trends_of, trends_on_page, values_csv
-from dqreg.registration.part_inspection import require_record
+from dqreg.registration.result.part_inspection import require_record
 from dqreg.report.control_chart import Sample
 from dqreg.trust.records import Reason
 

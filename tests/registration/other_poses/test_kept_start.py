@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dqreg.geometry import PointCloud
-from dqreg.registration.fit import Fit
+from dqreg.registration.fit.fit import Fit
 from dqreg.registration.register import register
 from dqreg.rigid import pose
 from dqreg.synth import random_pose

@@ -1,0 +1,1 @@
+"""Whether a part is within its tolerance: by places, by regions, and how much of it was covered."""

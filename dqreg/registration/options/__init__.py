@@ -1,0 +1,1 @@
+"""What may be asked of a registration: its options, each checked, and constraints on the pose."""
