@@ -16,7 +16,7 @@ from dqreg.odometry.frame import DownsampledFrame
 from dqreg.odometry.map_surface import MapPlanes
 from dqreg.odometry.prediction import Prediction, contradiction, held_directions, held_notes
 from dqreg.odometry.rivals import ComparedFrame
-from dqreg.registration.assess import Uncertainty
+from dqreg.registration.assessment.assess import Uncertainty
 from dqreg.registration.result.empty_results import unmeasured, without_pose
 from dqreg.registration.result.result import Registration
 from dqreg.rigid import single_pose, twist

@@ -9,9 +9,9 @@ from dqreg.geometry import PointCloud, Scan
 from dqreg.geometry.cells import CellSurface
 from dqreg.geometry.morton import morton_codes
 from dqreg.geometry.normals import sample_rows
+from dqreg.registration.choice.fallback import is_doubtful, may_search
 from dqreg.registration.fit.fit import Fit
 from dqreg.registration.fit.loop_status import status_of
-from dqreg.registration.other_poses.fallback import is_doubtful, may_search
 from dqreg.rigid import pose
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
 from dqreg.solvers.status import INTERRUPTED

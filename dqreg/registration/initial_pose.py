@@ -15,10 +15,10 @@ from dqreg.geometry import Scan
 from dqreg.icp.stopwatch import Stopwatch
 from dqreg.kernels.kept import Kept
 from dqreg.kernels.threads import TimeUpError, until
-from dqreg.registration.derived_values import Key
 from dqreg.registration.options.constraints import PoseConstraints
 from dqreg.registration.options.options import Options
 from dqreg.registration.overlap.free_space import both_rays
+from dqreg.registration.problem.derived_values import Key
 from dqreg.registration.problem.preparation import Prepared
 from dqreg.registration.problem.problem import Problem
 from dqreg.registration.problem.target_index import TargetIndex

@@ -12,7 +12,7 @@ from dqreg.geometry import Mesh
 from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.icp.rejectors import beyond_boundary
 from dqreg.kernels.threads import Later, TimeUpError, until
-from dqreg.registration.assess import (
+from dqreg.registration.assessment.assess import (
     Uncertainty,
     begin_comparing,
     begin_evidence,
@@ -22,14 +22,14 @@ from dqreg.registration.assess import (
     verdict_on,
     without_drift,
 )
+from dqreg.registration.choice.alternatives import alternatives_of, on_other_sides
+from dqreg.registration.choice.corner_rivals import beside_corners
+from dqreg.registration.choice.fallback import BestPoses, best_known, is_doubtful
+from dqreg.registration.choice.kept_start import but_start_kept, held_at_start, meant_copy
 from dqreg.registration.continued_fit import all_points_say_more, in_doubt_on_all_points, on_all_points, settled
 from dqreg.registration.fit.displacement import is_elsewhere
 from dqreg.registration.fit.fit import Fit, coarse_to_fine
 from dqreg.registration.initial_pose import GlobalSearch, InitialPose, initial_pose
-from dqreg.registration.other_poses.alternatives import alternatives_of, on_other_sides
-from dqreg.registration.other_poses.corner_rivals import beside_corners
-from dqreg.registration.other_poses.fallback import BestPoses, best_known, is_doubtful
-from dqreg.registration.other_poses.kept_start import but_start_kept, held_at_start, meant_copy
 from dqreg.registration.other_poses.ring_rivals import best_on_ring
 from dqreg.registration.other_poses.rivals import (
     NO_POSES,

@@ -11,7 +11,7 @@ import numpy as np
 from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
-from dqreg.registration.derived_values import Derived, Key
+from dqreg.registration.problem.derived_values import Derived, Key
 from dqreg.registration.problem.preparation import Prepared
 from dqreg.search.poses import Poses
 from dqreg.search.scoring import distances_at

@@ -27,11 +27,11 @@ from dqreg.icp.correspondences import placed
 from dqreg.icp.history import Iteration
 from dqreg.icp.noise_by_face import weights_by_face
 from dqreg.registration.constrained_motions import followed_by, inflation_of, own_normals
-from dqreg.registration.derived_values import Derived, Key
 from dqreg.registration.evidence.even_correspondences import evenly_asked
 from dqreg.registration.evidence.evidence import agreement_in_time, agreement_of
 from dqreg.registration.evidence.other_objects import on_others
 from dqreg.registration.options.constraints import PoseConstraints
+from dqreg.registration.problem.derived_values import Derived, Key
 from dqreg.registration.problem.preparation import Prepared
 from dqreg.registration.problem.problem import Problem, SourceAndTarget
 from dqreg.registration.problem.target_index import TargetIndex

@@ -1,1 +1,1 @@
-"""Other poses that may fit as well: proposed, refined, compared, and named in the result."""
+"""Other poses that may fit as well: proposed, refined and compared, before any verdict."""

@@ -12,8 +12,8 @@ from dqreg.geometry import CloudSurface, Mesh, Surface
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.sampling import places_on
 from dqreg.kernels.threads import unlocked_property
-from dqreg.registration.derived_values import Key
 from dqreg.registration.fit.fit import Fit
+from dqreg.registration.problem.derived_values import Key
 from dqreg.rigid import pose, twist
 from dqreg.rigid.twist import scaling_by
 from dqreg.search.cloud_rings import ring_turns

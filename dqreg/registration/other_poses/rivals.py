@@ -8,13 +8,13 @@ from dqreg._arrays import BoolArray, FloatArray, IntArray, median
 from dqreg.geometry import Mesh, MeshSurface
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp.coarse_to_fine import noise_on
-from dqreg.registration.derived_values import Key
 from dqreg.registration.evidence.evidence import near_limit
 from dqreg.registration.evidence.other_objects import on_others
 from dqreg.registration.fit.displacement import is_elsewhere
 from dqreg.registration.fit.fit import Fit
 from dqreg.registration.other_poses.near_places import is_same_place, near_maps, rows_beside
 from dqreg.registration.overlap.free_space import both_rays, met_at, met_by
+from dqreg.registration.problem.derived_values import Key
 from dqreg.rigid import pose
 from dqreg.search.flipped_poses import far_mirrors, flipped_poses, gain_of_mirror
 from dqreg.search.near_symmetry import mirrors_about

@@ -6,11 +6,11 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray
 from dqreg.geometry import Mesh
-from dqreg.registration.derived_values import Key
 from dqreg.registration.fit.displacement import displacement_between
 from dqreg.registration.fit.fit import Fit
 from dqreg.registration.initial_pose import FOUND
 from dqreg.registration.other_poses.rivals import MIN_GAIN_SIGMAS, MIN_LOG_GAIN, NO_POSES, scores_of
+from dqreg.registration.problem.derived_values import Key
 from dqreg.rigid import pose, twist
 from dqreg.rigid.rotations import angle_of
 from dqreg.rigid.symmetry import SAME_AXIS_RAD

@@ -18,10 +18,10 @@ from dqreg._arrays import BoolArray, FloatArray, IntArray
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp import find_correspondences
-from dqreg.registration.derived_values import Key
 from dqreg.registration.evidence.surroundings import surroundings_of
 from dqreg.registration.fit.fit import Fit
 from dqreg.registration.other_poses.rivals import JUDGING_POINTS, scores_and_rows, scores_of
+from dqreg.registration.problem.derived_values import Key
 from dqreg.rigid import pose, twist
 from dqreg.rigid.twist import scaling_by
 from dqreg.search.refine import Refinement, refined_on

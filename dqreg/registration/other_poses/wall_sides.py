@@ -21,12 +21,12 @@ from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.vector_rows import row_dots
 from dqreg.icp import Correspondences
 from dqreg.icp.coarse_to_fine import noise_on
-from dqreg.registration.derived_values import Key
 from dqreg.registration.fit.displacement import displacement_between, offset_from_start
 from dqreg.registration.fit.fit import Fit
 from dqreg.registration.other_poses.near_places import plane_turns
 from dqreg.registration.other_poses.rivals import JUDGING_POINTS, NO_POSES
 from dqreg.registration.other_poses.slides import losses_and_scatter, losses_at
+from dqreg.registration.problem.derived_values import Key
 from dqreg.rigid import pose, twist
 from dqreg.search.near_symmetry import is_symmetry
 from dqreg.search.poses import Poses

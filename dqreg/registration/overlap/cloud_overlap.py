@@ -7,10 +7,10 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg._records import replaced
 from dqreg.geometry import PointCloud
-from dqreg.registration.derived_values import Key
 from dqreg.registration.fit.fit import Fit
 from dqreg.registration.overlap.common_faces import overlap_of
 from dqreg.registration.overlap.free_space import met_at
+from dqreg.registration.problem.derived_values import Key
 from dqreg.trust import Evidence
 from dqreg.trust.common_planes import CommonPlanes
 from dqreg.trust.strain import Strain

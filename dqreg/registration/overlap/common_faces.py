@@ -13,8 +13,8 @@ from dqreg.geometry import CloudSurface, PointCloud, Surface
 from dqreg.geometry.cells import CellSurface
 from dqreg.geometry.normals import NORMAL_NEIGHBOURS, PlaneFits, sample_rows
 from dqreg.icp.history import Iteration
-from dqreg.registration.derived_values import Key
 from dqreg.registration.fit.fit import Fit
+from dqreg.registration.problem.derived_values import Key
 from dqreg.registration.problem.preparation import Prepared
 from dqreg.registration.problem.problem import Problem
 from dqreg.registration.problem.target_index import TargetIndex

@@ -11,8 +11,8 @@ from dqreg.geometry import Mesh, PointCloud
 from dqreg.geometry.morton import morton_order
 from dqreg.geometry.rays import Rays
 from dqreg.geometry.visibility import blocked
-from dqreg.registration.derived_values import Key
 from dqreg.registration.fit.fit import Fit
+from dqreg.registration.problem.derived_values import Key
 from dqreg.registration.problem.problem import Problem
 from dqreg.registration.problem.target_index import TargetIndex
 from dqreg.rigid import pose

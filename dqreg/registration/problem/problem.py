@@ -21,9 +21,9 @@ from dqreg.icp.correspondences import moved_points
 from dqreg.icp.history import Iteration
 from dqreg.icp.stopwatch import Stopwatch
 from dqreg.kernels.threads import Later
-from dqreg.registration.derived_values import Derived, Key
 from dqreg.registration.options.constraints import PoseConstraints
 from dqreg.registration.options.options import NO_VIEWPOINT, ORIGIN, Options
+from dqreg.registration.problem.derived_values import Derived, Key
 from dqreg.registration.problem.preparation import Begin, Prepared
 from dqreg.registration.problem.source import CentredSource, centre_source, read_source, require_one_place
 from dqreg.registration.problem.target_index import Building, Evening, TargetIndex, index_for, index_target

@@ -27,7 +27,7 @@ from dqreg.geometry.visibility import VisibleSurface, visible_faces
 from dqreg.geometry.voxels import DENSE_RATIO, EVENLY_DENSE, VoxelCloud, first_size
 from dqreg.kernels.kept import Kept
 from dqreg.kernels.threads import Later, until
-from dqreg.registration.derived_values import Derived
+from dqreg.registration.problem.derived_values import Derived
 from dqreg.registration.problem.source import require_spread
 from dqreg.registration.problem.strays import Strays, without_strays
 from dqreg.search import PairTable

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg import Mesh
-from dqreg.registration.derived_values import Derived
 from dqreg.registration.evidence.other_objects import on_others
+from dqreg.registration.problem.derived_values import Derived
 from dqreg.rigid import pose
 from dqreg.synth.parts import box
 from tests.registration.scenes import problem_of

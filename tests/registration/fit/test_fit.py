@@ -7,7 +7,7 @@ import pytest
 
 from dqreg.geometry import sample_mesh
 from dqreg.icp.history import Iteration
-from dqreg.registration.assess import uncertainty_of
+from dqreg.registration.assessment.assess import uncertainty_of
 from dqreg.registration.fit.fit import Fit, coarse_to_fine
 from dqreg.registration.problem.problem import Problem
 from dqreg.rigid import pose

@@ -10,7 +10,7 @@ from dqreg.compare.trust.kinds import KINDS
 from dqreg.compare.trust.task import TrustTask
 from dqreg.compare.trust.trial import is_right
 from dqreg.geometry import sample_mesh
-from dqreg.registration.assess import uncertainty_of
+from dqreg.registration.assessment.assess import uncertainty_of
 from dqreg.registration.fit.fit import Fit, coarse_to_fine
 from dqreg.registration.other_poses import slides
 from dqreg.registration.other_poses.slides import slide_of, without_slide

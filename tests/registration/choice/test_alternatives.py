@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import dqreg
+from dqreg.registration.choice.alternatives import alternatives_of, on_other_sides
 from dqreg.registration.fit.fit import Fit, coarse_to_fine
 from dqreg.registration.initial_pose import FOUND
-from dqreg.registration.other_poses.alternatives import alternatives_of, on_other_sides
 from dqreg.registration.other_poses.same_poses import but_on_the_way
 from dqreg.rigid import pose
 from dqreg.synth import Noise, Scanner, random_pose, scan_mesh, worst_vertex_displacement

@@ -8,9 +8,9 @@ import pytest
 
 import dqreg
 from dqreg.geometry import sample_mesh
+from dqreg.registration.choice.fallback import is_doubtful
+from dqreg.registration.choice.kept_start import meant_copy
 from dqreg.registration.fit.fit import coarse_to_fine
-from dqreg.registration.other_poses.fallback import is_doubtful
-from dqreg.registration.other_poses.kept_start import meant_copy
 from dqreg.registration.other_poses.rivals import best_seen
 from dqreg.registration.other_poses.same_poses import but_slid
 from dqreg.rigid import pose, twist

@@ -13,11 +13,10 @@ from dqreg.geometry.morton import distinct_in_order
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.vector_rows import row_dots
 from dqreg.icp import find_correspondences
+from dqreg.registration.assessment.one_way_constraints import held_both_ways
 from dqreg.registration.constrained_motions import own_normals
-from dqreg.registration.derived_values import Key
 from dqreg.registration.fit.fit import Fit
 from dqreg.registration.fit.loop_status import status_of
-from dqreg.registration.one_way_constraints import held_both_ways
 from dqreg.registration.other_poses.exposures import second_pose
 from dqreg.registration.other_poses.rivals import gain_if_freed
 from dqreg.registration.other_poses.slides import SLIDE, slide_of
@@ -25,6 +24,7 @@ from dqreg.registration.other_poses.wall_sides import may_confuse_sides
 from dqreg.registration.overlap.cloud_overlap import evidence_between_clouds, have_planes_alone, planes_of
 from dqreg.registration.overlap.common_faces import OVERLAP, begin_sampling, overlap_at, spread_on_common_faces
 from dqreg.registration.overlap.free_space import begin_free_space, looked_through_at, viewpoint_behind
+from dqreg.registration.problem.derived_values import Key
 from dqreg.registration.problem.preparation import Prepared
 from dqreg.registration.problem.problem import Problem
 from dqreg.rigid import pose

@@ -8,8 +8,7 @@ import functools
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.registration.assess import evidence_of, is_partial, uncertainty_of, verdict_on
-from dqreg.registration.derived_values import Key
+from dqreg.registration.assessment.assess import evidence_of, is_partial, uncertainty_of, verdict_on
 from dqreg.registration.evidence.local_evidence import MISFIT
 from dqreg.registration.fit.displacement import FEW, displacement_between, offset_from_start
 from dqreg.registration.fit.fit import Fit
@@ -34,6 +33,7 @@ from dqreg.registration.other_poses.same_poses import (
 )
 from dqreg.registration.other_poses.slides import without_slide
 from dqreg.registration.overlap.free_space import looked_through_at
+from dqreg.registration.problem.derived_values import Key
 from dqreg.rigid import pose
 from dqreg.search.scoring import EQUAL_LOG_LIKELIHOOD
 from dqreg.solvers.status import INTERRUPTED

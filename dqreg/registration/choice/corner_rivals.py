@@ -18,11 +18,11 @@ from dqreg._records import replaced
 from dqreg.geometry import PointCloud
 from dqreg.geometry.normals import sample_rows
 from dqreg.kernels.threads import TimeUpError, until
-from dqreg.registration.assess import evidence_of, uncertainty_of, verdict_on
+from dqreg.registration.assessment.assess import evidence_of, uncertainty_of, verdict_on
+from dqreg.registration.choice.fallback import BestPoses, is_sound
+from dqreg.registration.choice.kept_start import LEFT_DIAGONALS
 from dqreg.registration.fit.displacement import displacement_between, is_elsewhere
 from dqreg.registration.fit.fit import Fit
-from dqreg.registration.other_poses.fallback import BestPoses, is_sound
-from dqreg.registration.other_poses.kept_start import LEFT_DIAGONALS
 from dqreg.registration.other_poses.rivals import NO_POSES, but_symmetric
 from dqreg.registration.overlap.cloud_overlap import have_planes_alone, planes_of
 from dqreg.registration.overlap.free_space import looked_through_at

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from itertools import count
 
-from dqreg.registration.derived_values import Derived, Key
+from dqreg.registration.problem.derived_values import Derived, Key
 
 COUNT: Key[int] = Key()
 OF_POSE: Key[str] = Key(of_pose=True)

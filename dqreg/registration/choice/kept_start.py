@@ -12,11 +12,11 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg._records import replaced
 from dqreg.icp.coarse_to_fine import noise_on
-from dqreg.registration.assess import evidence_of, uncertainty_of
+from dqreg.registration.assessment.assess import evidence_of, uncertainty_of
+from dqreg.registration.choice.fallback import BestPoses, is_doubtful, is_sound
 from dqreg.registration.fit.displacement import displacement_between, is_elsewhere, offset_from_start
 from dqreg.registration.fit.fit import Fit
 from dqreg.registration.initial_pose import FOUND
-from dqreg.registration.other_poses.fallback import BestPoses, is_doubtful, is_sound
 from dqreg.registration.other_poses.near_places import near_maps
 from dqreg.registration.other_poses.rivals import MIN_LOG_GAIN, NO_POSES, but_symmetric, scores_of
 from dqreg.search.search import RAY_CONFLICT_MARGIN

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dqreg.geometry import Mesh, PointCloud
-from dqreg.registration.assess import evidence_of, uncertainty_of
+from dqreg.registration.assessment.assess import evidence_of, uncertainty_of
 from dqreg.registration.fit.fit import Fit, coarse_to_fine
 from dqreg.registration.pipeline import registration_of
 from dqreg.registration.result.result import Registration

@@ -6,9 +6,9 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg._records import remembered
+from dqreg.registration.choice.fallback import is_sound
 from dqreg.registration.fit.displacement import displacement_between
 from dqreg.registration.fit.fit import Fit
-from dqreg.registration.other_poses.fallback import is_sound
 from dqreg.registration.other_poses.rivals import JUDGING_POINTS, JUDGING_POINTS_LATE, NO_POSES, scores_of
 from dqreg.registration.other_poses.same_poses import as_likely
 from dqreg.registration.other_poses.wall_sides import may_confuse_sides, rivals_of
