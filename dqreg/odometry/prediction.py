@@ -9,6 +9,7 @@ import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, as_pose
 from dqreg.errors import InputError
+from dqreg.registration.remarks import EXCLUDED_SIGMAS
 from dqreg.rigid import pose, twist
 from dqreg.rigid.pose_covariance import inverse_of_known, read_covariance
 from dqreg.rigid.single_pose import orthonormal
@@ -17,8 +18,6 @@ from dqreg.trust.records import Direction, Reason
 
 # One sigma to three: where a prediction is taken to hold.
 COVERED_SIGMAS = 3.0
-# Standard deviations beyond which frame and prediction contradict each other.
-EXCLUDED_SIGMAS = 6.0
 # Smallest eigenvalue of an information of unit diagonal that is no rounding.
 MIN_HELD_INFORMATION = 1e-12
 

@@ -8,26 +8,16 @@ from typing import Any
 import numpy as np
 
 from dqreg._records import replaced
-from dqreg.geometry import Mesh
 from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.icp.rejectors import beyond_boundary
 from dqreg.kernels.threads import Later, TimeUpError, until
-from dqreg.registration.assessment.assess import (
-    Uncertainty,
-    begin_comparing,
-    begin_evidence,
-    begin_judging,
-    evidence_of,
-    uncertainty_of,
-    verdict_on,
-    without_drift,
-)
+from dqreg.registration.assessment.assess import Uncertainty, evidence_of, uncertainty_of, verdict_on
+from dqreg.registration.assessment.drift import without_drift
 from dqreg.registration.choice.alternatives import alternatives_of, on_other_sides
 from dqreg.registration.choice.corner_rivals import beside_corners
 from dqreg.registration.choice.fallback import BestPoses, best_known, is_doubtful
 from dqreg.registration.choice.kept_start import but_start_kept, held_at_start, meant_copy
 from dqreg.registration.continued_fit import all_points_say_more, in_doubt_on_all_points, on_all_points, settled
-from dqreg.registration.fit.displacement import is_elsewhere
 from dqreg.registration.fit.fit import Fit, coarse_to_fine
 from dqreg.registration.initial_pose import GlobalSearch, InitialPose, initial_pose
 from dqreg.registration.other_poses.ring_rivals import best_on_ring
@@ -42,38 +32,20 @@ from dqreg.registration.other_poses.rivals import (
 from dqreg.registration.other_poses.same_poses import but_on_the_way
 from dqreg.registration.other_poses.slides import without_slide
 from dqreg.registration.other_poses.wall_sides import equal_sides, on_best_sides
+from dqreg.registration.overlap.cloud_overlap import begin_judging, begun_to_judge, prepared_to_judge
 from dqreg.registration.overlap.common_faces import on_common_faces
 from dqreg.registration.overlap.free_space import viewpoint_behind
-from dqreg.registration.problem.preparation import Prepared
 from dqreg.registration.problem.problem import Problem, SourceAndTarget
+from dqreg.registration.remarks import UNJUDGED, remarked_on_guesses, remarked_on_inputs
 from dqreg.registration.result.result import Registration
 from dqreg.registration.visibility import on_shown_sides, on_visible_faces
-from dqreg.rigid import pose
 from dqreg.solvers.search_stage import SearchStage
 from dqreg.trust import judge
-from dqreg.trust.records import Alternative, Reason, Verdict
+from dqreg.trust.records import Alternative, Verdict
 
 # Share of the inliers below which they may hold a motion at a wrong place. In doubt all motions are asked: a step on
 # its neighbour's place holds the others there too.
 MAY_HOLD = 1.0
-
-REPEATED = "faces of the target that were there more than once were left out: {}"
-START_LOST = (
-    "the initial pose leads nowhere, as hardly any point of the scan comes near the target from there: a search found "
-    "this pose"
-)
-START_LEFT = (
-    "the pose is {:.0f} degrees and {:.2g} of the target's size from the initial pose, farther than a rough one errs: "
-    "the scan fits better here"
-)
-PRIOR_LEFT = (
-    "the pose is {:.0f} standard deviations of the prior away from it, where {:.0f} would be chance: the prior is of "
-    "another frame, off, or not as sure as it says"
-)
-# Standard deviations beyond which a prior contradicts: of six motions three in a million are so far off by chance.
-EXCLUDED_SIGMAS = 6.0
-NOT_JUDGED = "the pose was not judged, as verdict=False asks: whether it is right is for the caller to tell"
-UNJUDGED = Verdict("suspect", (Reason(NOT_JUDGED, "not_judged"),))
 
 
 def align(problem: Problem) -> Registration:
@@ -115,24 +87,6 @@ def align(problem: Problem) -> Registration:
     return concluded(seen_alone(fit), fit, known, start.search, gain)
 
 
-def prepared_to_judge(problem: Problem) -> Prepared:
-    """Scan and surface for the loop, with the evidence on them begun."""
-    prepared = problem.prepare(lambda surface, is_whole: begin_evidence(problem, surface, is_whole=is_whole))
-    if prepared.cell_size > 0.0:
-        # Whatever has not begun by now.
-        begin_evidence(problem, prepared.surface, is_whole=prepared.is_whole)
-    return prepared
-
-
-def begun_to_judge(fit: Fit) -> Fit:
-    """The fit brought together on what both clouds show, with the evidence on it begun."""
-    begin_judging(fit)
-    with suppress(TimeUpError), until(fit.problem.watch.deadline):
-        fit = on_common_faces(fit)
-        begin_comparing(fit)
-    return fit
-
-
 def seen_alone(fit: Fit) -> Fit:
     """The fit on the faces that could be seen, where viewpoints were given."""
     if fit.problem.viewpoints is None:
@@ -163,23 +117,8 @@ def judged(
     uncertainty = uncertainty_of(fit)
     alternatives = alternatives_of(fit, whole, known.others, equal_sides(fit), known.turned)
     evidence = evidence_of(fit, uncertainty, alternatives, search=search, mirror_gain=gain)
-    verdict = verdict_on(fit, evidence)
-    if verdict.level == "accepted" and (words := START_LOST if known.start_lost else _left_by(fit)):
-        verdict = verdict._remarked(Reason(words, "contradicted_start"))
-    if fit.found and (sigmas := fit.constraints.prior_sigmas(fit.T_target_source)) > EXCLUDED_SIGMAS:
-        verdict = verdict._remarked(Reason(PRIOR_LEFT.format(sigmas, EXCLUDED_SIGMAS), "contradicted_prior"))
+    verdict = remarked_on_guesses(verdict_on(fit, evidence), fit, start_lost=known.start_lost)
     return uncertainty, verdict, alternatives
-
-
-def _left_by(fit: Fit) -> str:
-    """How far a scan was put on a part from its initial pose, in words; "" where that may have meant the pose."""
-    if fit.problem.start is None or fit.between_clouds:
-        return ""
-    here, start = fit.T_target_source, fit.problem.to_centred(fit.problem.start)
-    if not is_elsewhere(fit, here, start):
-        return ""
-    shift = pose.offset_between(here, start, at=np.zeros(3)) / fit.prepared.surface.diagonal
-    return START_LEFT.format(np.rad2deg(pose.angle_between(here, start)), shift)
 
 
 def not_judged(fit: Fit) -> Registration:
@@ -240,7 +179,7 @@ def registration_of(
     sides = SourceAndTarget(problem.source, problem.whole if fit.between_clouds else fit.target)
     return Registration(
         T_target_source=problem.to_caller(fit.T_target_source) if fit.found else np.full((4, 4), np.nan),
-        verdict=_with_remarks(verdict, problem),
+        verdict=remarked_on_inputs(verdict, problem),
         status=fit.run.status,
         covariance=uncertainty.covariance,
         observability=uncertainty.directions,
@@ -253,16 +192,6 @@ def registration_of(
         inputs=sides.kept() if problem.options.keep_inputs else None,
         partial_information=uncertainty.partial_information,
     )
-
-
-def _with_remarks(verdict: Verdict, problem: Problem) -> Verdict:
-    """The verdict with a remark on what lay far from all other points of either side, and on faces given twice."""
-    for name, strays in (("source", problem.source.strays), ("target", problem.target.strays)):
-        verdict = verdict if strays is None else verdict._remarked(strays.remark(f"the {name}"))
-    part = problem.target.geometry
-    if isinstance(part, Mesh) and part._repeated:
-        verdict = verdict._remarked(Reason(REPEATED.format(part._repeated), "repeated_faces"))
-    return verdict
 
 
 def resolved(fit: Fit) -> dict[str, Any]:

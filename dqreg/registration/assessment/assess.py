@@ -8,27 +8,21 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, dot
 from dqreg._records import replaced
-from dqreg.geometry import PointCloud, Surface
-from dqreg.geometry.morton import distinct_in_order
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.vector_rows import row_dots
-from dqreg.icp import find_correspondences
+from dqreg.registration.assessment.drift import STILL, drift_at
 from dqreg.registration.assessment.one_way_constraints import held_both_ways
 from dqreg.registration.constrained_motions import own_normals
 from dqreg.registration.fit.fit import Fit
 from dqreg.registration.fit.loop_status import status_of
 from dqreg.registration.other_poses.exposures import second_pose
 from dqreg.registration.other_poses.rivals import gain_if_freed
-from dqreg.registration.other_poses.slides import SLIDE, slide_of
+from dqreg.registration.other_poses.slides import slide_of
 from dqreg.registration.other_poses.wall_sides import may_confuse_sides
-from dqreg.registration.overlap.cloud_overlap import evidence_between_clouds, have_planes_alone, planes_of
-from dqreg.registration.overlap.common_faces import OVERLAP, begin_sampling, overlap_at, spread_on_common_faces
-from dqreg.registration.overlap.free_space import begin_free_space, looked_through_at, viewpoint_behind
+from dqreg.registration.overlap.cloud_overlap import evidence_between_clouds, have_planes_alone
+from dqreg.registration.overlap.common_faces import spread_on_common_faces
+from dqreg.registration.overlap.free_space import looked_through_at, viewpoint_behind
 from dqreg.registration.problem.derived_values import Key
-from dqreg.registration.problem.preparation import Prepared
-from dqreg.registration.problem.problem import Problem
-from dqreg.rigid import pose
-from dqreg.solvers.motion_words import Vector
 from dqreg.solvers.search_stage import SearchStage
 from dqreg.trust import (
     Evidence,
@@ -36,29 +30,16 @@ from dqreg.trust import (
     covariance_of,
     judge,
     observe_directions,
-    without_free_motion,
 )
 from dqreg.trust.covariance import partial_information_of
-from dqreg.trust.limits import CONSTRAINT_LOG_LIKELIHOOD, MIRROR_GAIN, is_rough
+from dqreg.trust.limits import MIRROR_GAIN, is_rough
 from dqreg.trust.neighbourhoods import is_flat
-from dqreg.trust.patch_tests import INLIER_SIGMAS
 from dqreg.trust.records import Alternative, Direction, Verdict
-from dqreg.trust.segments import OFF_WIDTHS
-from dqreg.trust.strain import MIN_DRIFT_DIAGONALS, drift_of
 
-# Fraction of the inliers that must remain where a drift along an unconstrained motion is taken back.
-STAYS = 0.99
-# Share of a displacement during the scan that its residuals show at least: 0.29 of its range, 0.58 of its direction.
-SHOWN = 0.15
-# Points from which a drift along the scan is fitted.
-DRIFTING = 3_000
 # A scan whose inliers spread less than this share of the target's spread shows a detail of it; points that tell.
 PARTIAL, SPREAD = 0.6, 2_000
 # A scan whose standard deviation across its plane is below so many widths of its distances is flat.
 FLAT_WIDTHS = 2.0
-# No direction, and no drift.
-STILL: Vector = (0.0, 0.0, 0.0)
-NO_DRIFT = (0.0, 0.0, STILL)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -146,7 +127,7 @@ def _may_be_turned_over(fit: Fit) -> bool:
 
 def _measured(fit: Fit, covariance: FloatArray) -> Evidence:
     """What the fit and its covariance tell alone."""
-    drift, drift_rad, drift_along = max(_drift(fit), (*second_pose(fit), STILL))
+    drift, drift_rad, drift_along = max(drift_at(fit), (*second_pose(fit), STILL))
     looked_through, seen_alike = looked_through_at(fit, by_rays=have_planes_alone(fit))
     measured = evidence_between_clouds(fit, covariance)
     if measured.patches_deformed and may_confuse_sides(fit):
@@ -167,45 +148,6 @@ def _measured(fit: Fit, covariance: FloatArray) -> Evidence:
         drift_rad=drift_rad,
         drift_along=drift_along,
     )
-
-
-def begin_evidence(problem: Problem, surface: Surface, *, is_whole: bool) -> None:
-    """Make what the evidence on a pose between two dense clouds will ask of them beside the loop, whatever the pose.
-
-    The scan may be whole, where the target alone is so dense.
-    """
-    target = problem.target.geometry
-    if isinstance(target, PointCloud):
-        begin_sampling(problem, surface, target, is_whole=is_whole)
-        begin_free_space(problem, target)
-
-
-def begin_judging(fit: Fit) -> None:
-    """Make what the evidence on a fit will ask first, beside what else is asked of it."""
-    target = fit.target.geometry
-    if fit.found and _is_worth_it(fit.prepared) and isinstance(target, PointCloud):
-        # First what is asked first.
-        fit.begin_information()
-        fit.begin_agreement()
-        fit.begin(OVERLAP, lambda: overlap_at(fit))
-
-
-def begin_comparing(fit: Fit) -> None:
-    """Make what takes longest of the evidence on two clouds, at a pose that will hardly change, beside the rest.
-
-    Of many small steps nothing is: two threads that take turns at them take longer than one.
-    """
-    if not fit.found or fit.is_late or not _is_worth_it(fit.prepared) or fit.problem.options.time_limit is not None:
-        return
-    if not fit.between_clouds:
-        return
-    if (planes := planes_of(fit)) is not None:
-        planes.begin()
-
-
-def _is_worth_it(prepared: Prepared) -> bool:
-    """Whether it pays to use another thread: of two dense clouds. Below, handing over costs more than it saves."""
-    return prepared.cell_size > 0.0
 
 
 def is_partial(fit: Fit) -> bool:
@@ -244,56 +186,3 @@ def verdict_on(fit: Fit, evidence: Evidence) -> Verdict:
             return verdict
     judged.append((evidence, judge(evidence)))
     return judged[-1][1]
-
-
-def _drift(fit: Fit) -> tuple[float, float, Vector]:
-    """Significant displacement, rotation and direction of a drift along a scan, by the times or order of its points."""
-    surface, source = fit.prepared.surface, fit.problem.source
-    count, times = len(source.cloud), moments(source.cloud.times)
-    # Between the points of two clouds planes are guesses: their order alone tells nothing.
-    if not fit.found or fit.is_late or (fit.between_clouds and times is None) or source.mesh:
-        return NO_DRIFT
-    if fit.agreement.width < SHOWN * MIN_DRIFT_DIAGONALS * surface.diagonal:
-        # A drift that matters would have left larger residuals.
-        return NO_DRIFT
-    rows = sample_rows(count, DRIFTING)
-    placed = pose.apply(fit.T_target_source, source.cloud._at(rows))
-    order = distinct_in_order(placed)
-    placed, times = placed[order], rows[order] / count - 0.5 if times is None else times[rows[order]]
-    closest = surface.closest(placed)
-    # Farther off, tables and clamps begin.
-    near = closest.distances <= min(fit.agreement.near, OFF_WIDTHS * INLIER_SIGMAS * fit.run.mixture.scale)
-    residuals = row_dots(placed - closest.points, closest.normals)[near]
-    found = drift_of(closest.points[near], closest.normals[near], residuals, times[near])
-    if not found.matters(surface.diagonal * fit.agreement.deviation_ratio):
-        return NO_DRIFT
-    return found.displacement, found.rotation_rad, found.along
-
-
-def moments(times: FloatArray | None) -> FloatArray | None:
-    """Times of points from -1/2 to 1/2; None where they tell nothing."""
-    if times is None or not np.isfinite(times).all() or not np.ptp(times) > 0.0:
-        return None
-    return np.asarray((times - times.min()) / np.ptp(times) - 0.5)
-
-
-def without_drift(fit: Fit, start: FloatArray) -> Fit:
-    """The fit with unconstrained motions as the initial pose had them; as it is where that would lose inliers."""
-    if not fit.found or fit.constraints.any or not fit.information.free.any():
-        return fit
-    slide = slide_of(fit)
-    if np.isfinite(slide.by_rims):
-        return fit
-    run = fit.run
-    T = without_free_motion(run.T_target_source, start, fit.information)
-    pairs = find_correspondences(run.pairs.scan, fit.prepared.surface, T)
-    weights = np.where(run.weights > 0.0, run.mixture.weight(pairs.distances), 0.0)
-    if pairs.scan.counts is not None:
-        weights *= pairs.scan.counts
-    if weights.sum() < STAYS * run.weights.sum():
-        return fit
-    moved = replaced(fit, run=replaced(run, T_target_source=T, pairs=pairs, weights=weights))
-    if slide.loss < CONSTRAINT_LOG_LIKELIHOOD:
-        # What held too little before holds as little now: the verdict refuses it, and it is not asked for again.
-        moved.derived.put(SLIDE, replaced(slide, best=None))
-    return moved

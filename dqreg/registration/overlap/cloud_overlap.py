@@ -1,16 +1,21 @@
-"""What is left between two clouds at the pose of a fit, and where the faces end that they have in common."""
+"""What is left between two clouds at the pose of a fit, and where the faces end in common: begun beside the loop."""
 
 from __future__ import annotations
+
+from contextlib import suppress
 
 import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg._records import replaced
-from dqreg.geometry import PointCloud
+from dqreg.geometry import PointCloud, Surface
+from dqreg.kernels.threads import TimeUpError, until
 from dqreg.registration.fit.fit import Fit
-from dqreg.registration.overlap.common_faces import overlap_of
-from dqreg.registration.overlap.free_space import met_at
+from dqreg.registration.overlap.common_faces import OVERLAP, begin_sampling, on_common_faces, overlap_at, overlap_of
+from dqreg.registration.overlap.free_space import begin_free_space, met_at
 from dqreg.registration.problem.derived_values import Key
+from dqreg.registration.problem.preparation import Prepared
+from dqreg.registration.problem.problem import Problem
 from dqreg.trust import Evidence
 from dqreg.trust.common_planes import CommonPlanes
 from dqreg.trust.strain import Strain
@@ -83,3 +88,60 @@ def planes_of(fit: Fit) -> CommonPlanes | None:
         return CommonPlanes.of(overlap.on_no_edge, moves, stands, fit.T_target_source, size)
 
     return fit.derived.once(PLANES, found)
+
+
+def prepared_to_judge(problem: Problem) -> Prepared:
+    """Scan and surface for the loop, with the evidence on them begun."""
+    prepared = problem.prepare(lambda surface, is_whole: begin_evidence(problem, surface, is_whole=is_whole))
+    if prepared.cell_size > 0.0:
+        # Whatever has not begun by now.
+        begin_evidence(problem, prepared.surface, is_whole=prepared.is_whole)
+    return prepared
+
+
+def begun_to_judge(fit: Fit) -> Fit:
+    """The fit brought together on what both clouds show, with the evidence on it begun."""
+    begin_judging(fit)
+    with suppress(TimeUpError), until(fit.problem.watch.deadline):
+        fit = on_common_faces(fit)
+        begin_comparing(fit)
+    return fit
+
+
+def begin_evidence(problem: Problem, surface: Surface, *, is_whole: bool) -> None:
+    """Make what the evidence on a pose between two dense clouds will ask of them beside the loop, whatever the pose.
+
+    The scan may be whole, where the target alone is so dense.
+    """
+    target = problem.target.geometry
+    if isinstance(target, PointCloud):
+        begin_sampling(problem, surface, target, is_whole=is_whole)
+        begin_free_space(problem, target)
+
+
+def begin_judging(fit: Fit) -> None:
+    """Make what the evidence on a fit will ask first, beside what else is asked of it."""
+    target = fit.target.geometry
+    if fit.found and _is_worth_it(fit.prepared) and isinstance(target, PointCloud):
+        # First what is asked first.
+        fit.begin_information()
+        fit.begin_agreement()
+        fit.begin(OVERLAP, lambda: overlap_at(fit))
+
+
+def begin_comparing(fit: Fit) -> None:
+    """Make what takes longest of the evidence on two clouds, at a pose that will hardly change, beside the rest.
+
+    Of many small steps nothing is: two threads that take turns at them take longer than one.
+    """
+    if not fit.found or fit.is_late or not _is_worth_it(fit.prepared) or fit.problem.options.time_limit is not None:
+        return
+    if not fit.between_clouds:
+        return
+    if (planes := planes_of(fit)) is not None:
+        planes.begin()
+
+
+def _is_worth_it(prepared: Prepared) -> bool:
+    """Whether it pays to use another thread: of two dense clouds. Below, handing over costs more than it saves."""
+    return prepared.cell_size > 0.0
