@@ -43,6 +43,7 @@ from dqreg._arrays import (
     with_last_row,
 )
 from dqreg._open3d import load_open3d
+from dqreg._statuses import NO_POSE
 from dqreg.compat.estimation import (
     FEWEST_PAIRS,
     STEPS,
@@ -56,7 +57,6 @@ from dqreg.errors import InputError
 from dqreg.icp import Correspondences, Icp, Stopping, WithinDistance, find_correspondences
 from dqreg.icp.history import Iteration
 from dqreg.rigid._algebra import cross_matrix
-from dqreg.solvers.status import NO_POSE
 
 __all__ = [
     "TransformationEstimationDualQuaternion",

@@ -7,6 +7,7 @@ Estimators, kernels, weights and stopping rules are values that can be exchanged
 
 from __future__ import annotations
 
+from dqreg._statuses import NO_POSE
 from dqreg.icp.coarse_to_fine import COARSE_POINTS, align_coarse_to_fine, smallest_kernel_scale
 from dqreg.icp.constrained_estimator import constrained
 from dqreg.icp.correspondences import Correspondences, find_correspondences, propagate
@@ -16,7 +17,6 @@ from dqreg.icp.loop import Alignment, Icp, Observer, Run
 from dqreg.icp.rejectors import NormalAngle, Robust, Trimmed, WithinDistance
 from dqreg.icp.stopping import Stopping
 from dqreg.solvers.robust import Huber, InlierMixture, LeastSquares, Tukey, Welsch
-from dqreg.solvers.status import NO_POSE
 
 __all__ = [
     "COARSE_POINTS",

@@ -23,6 +23,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, median
 from dqreg._records import replaced
+from dqreg._statuses import INTERRUPTED
 from dqreg.geometry.cloud_surface import CloudSurface
 from dqreg.geometry.scan import Scan, with_planes
 from dqreg.geometry.surface import Surface
@@ -31,7 +32,6 @@ from dqreg.icp.full_resolution import FINE_SCHEDULE, MIDDLE_POINTS, finish, sett
 from dqreg.icp.level import EXPLAINED_FRACTION, NEAR_SCALE_DIAGONALS, AnnealingSchedule, IcpSettings, Level
 from dqreg.icp.loop import Alignment, Observer, Run
 from dqreg.solvers.robust import InlierMixture
-from dqreg.solvers.status import INTERRUPTED
 
 # Points of the coarse level, where the basin is decided.
 COARSE_POINTS = 2_000

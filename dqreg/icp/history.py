@@ -6,8 +6,8 @@ import dataclasses
 
 from dqreg._arrays import FloatArray
 from dqreg._records import made_of, read_only
+from dqreg._statuses import SearchStage
 from dqreg.errors import warn_of_old_name
-from dqreg.solvers.search_stage import SearchStage
 
 
 @dataclasses.dataclass(frozen=True)

@@ -13,6 +13,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, dot
 from dqreg._records import replaced
+from dqreg._statuses import INTERRUPTED, NO_POSE, Status
 from dqreg.errors import DegenerateGeometryError
 from dqreg.geometry.scan import Scan
 from dqreg.geometry.surface import Surface
@@ -38,7 +39,6 @@ from dqreg.icp.weighing import CHUNK_ROWS, NOTHING, MixtureWeights, Weighed, cou
 from dqreg.rigid import single_pose
 from dqreg.solvers.newton import FLAT_CURVATURE_RATIO, LONGEST_RAD, MAX_STEPS, NO_GAIN_SHARE, ROUNDING_RISE_RATIO
 from dqreg.solvers.robust import InlierMixture, Kernel, LeastSquares
-from dqreg.solvers.status import INTERRUPTED, NO_POSE, Status
 
 Observer = Callable[[Iteration], object]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from dqreg.solvers.status import Status
+from dqreg._statuses import Status
 
 
 @dataclasses.dataclass(frozen=True)

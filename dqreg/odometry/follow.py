@@ -14,6 +14,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg._records import remember
+from dqreg._statuses import Status
 from dqreg.geometry import Closest, Scan
 from dqreg.geometry.beams import BEAM_SINE
 from dqreg.icp import Alignment, InlierMixture
@@ -28,7 +29,6 @@ from dqreg.odometry.sweep import swept_by
 from dqreg.rigid import single_pose
 from dqreg.rigid.single_pose import orthonormal
 from dqreg.solvers.robust import LEAST_FRACTION
-from dqreg.solvers.status import Status
 
 # A step that is so much shorter than the way since the search waits for the next search.
 DEFERRED_STEP_SHARE = 0.05

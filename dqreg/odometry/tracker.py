@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import FloatArray, as_pose, median
+from dqreg._statuses import Status
 from dqreg.icp import Alignment
 from dqreg.kernels.threads import Later
 from dqreg.odometry.align import MIN_POINTS_FOR_CELLS, FrameSearch
@@ -31,7 +32,6 @@ from dqreg.registration.result.empty_results import without_pose
 from dqreg.registration.result.result import Registration
 from dqreg.rigid import pose
 from dqreg.rigid.single_pose import orthonormal
-from dqreg.solvers.status import Status
 from dqreg.trust.limits import fraction_fits
 from dqreg.trust.records import Reason
 

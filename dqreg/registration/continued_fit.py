@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import median
+from dqreg._statuses import INTERRUPTED
 from dqreg.geometry import PointCloud, Scan
 from dqreg.geometry.cells import CellSurface
 from dqreg.geometry.morton import morton_codes
@@ -14,7 +15,6 @@ from dqreg.registration.fit.fit import Fit
 from dqreg.registration.fit.loop_status import status_of
 from dqreg.rigid import pose
 from dqreg.solvers.robust import GAUSSIAN_MEDIAN
-from dqreg.solvers.status import INTERRUPTED
 
 # Usual distance from the planes below this share of the edge of the cells: means of cells then hide more of the shape
 # than they rid of noise. Of simulated bodies and parts of 18,000 to 120,000 points all points came nearer below, up to

@@ -11,6 +11,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg._records import remembered
+from dqreg._statuses import SearchStage, is_finished
 from dqreg.geometry import Scan
 from dqreg.icp.stopwatch import Stopwatch
 from dqreg.kernels.kept import Kept
@@ -23,7 +24,6 @@ from dqreg.registration.problem.preparation import Prepared
 from dqreg.registration.problem.problem import Problem
 from dqreg.registration.problem.target_index import TargetIndex
 from dqreg.search import Candidate, PairTable, search
-from dqreg.solvers.search_stage import SearchStage, is_finished
 from dqreg.trust.rays import BothRays
 
 # How near the global search comes to the pose, in diagonals of the target.

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from dqreg._records import replaced
+from dqreg._statuses import SearchStage
 from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.icp.rejectors import beyond_boundary
 from dqreg.kernels.threads import Later, TimeUpError, until
@@ -39,7 +40,6 @@ from dqreg.registration.problem.problem import Problem, SourceAndTarget
 from dqreg.registration.remarks import UNJUDGED, remarked_on_guesses, remarked_on_inputs
 from dqreg.registration.result.result import Registration
 from dqreg.registration.visibility import on_shown_sides, on_visible_faces
-from dqreg.solvers.search_stage import SearchStage
 from dqreg.trust import judge
 from dqreg.trust.records import Alternative, Verdict
 

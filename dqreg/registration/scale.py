@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg._statuses import INTERRUPTED
 from dqreg.errors import DegenerateGeometryError, InputError
 from dqreg.geometry import Mesh, PointCloud, sample_mesh
 from dqreg.geometry.opening import as_geometry, describe
@@ -39,7 +40,6 @@ from dqreg.registration.scale_search import (
     why_not_fixed,
 )
 from dqreg.solvers.scale import ScaleStep
-from dqreg.solvers.status import INTERRUPTED
 from dqreg.trust.records import Reason
 
 # Registrations at the end at most.

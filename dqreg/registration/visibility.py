@@ -12,6 +12,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg._records import replaced
+from dqreg._statuses import INTERRUPTED
 from dqreg.errors import InputError
 from dqreg.geometry.normals import sample_rows
 from dqreg.registration.fit.fit import Fit
@@ -22,7 +23,6 @@ from dqreg.registration.problem.target_index import TargetIndex
 from dqreg.search.poses import Poses
 from dqreg.search.refine import Refinement, refined_on
 from dqreg.search.scoring import MAX_EQUAL_LOG_LIKELIHOOD, distances_at
-from dqreg.solvers.status import INTERRUPTED
 from dqreg.trust.limits import CONSTRAINT_LOG_LIKELIHOOD, OPPOSITE_NORMAL_SHARE
 
 # Runs at most: each starts with what can be seen at the pose of the last one.

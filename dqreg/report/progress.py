@@ -16,8 +16,9 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
+from dqreg._statuses import SearchStage
+from dqreg.files.length_names import column_head
 from dqreg.icp.history import Iteration, Stage
-from dqreg.solvers.search_stage import SearchStage
 
 # Share of the time that is usually gone when a stage of the search ends, from reading to the verdict: measured on the
 # scan that ships with dqreg.
@@ -118,8 +119,6 @@ def left_words(seconds: float) -> str:
 # Rows shown at once: the latest ones; a whole history would scroll away what matters.
 SHOWN_ROWS = 12
 COLUMNS = ("iteration", "stage", "points", "inliers", "rms", "kernel", "rotation [deg]", "step [size]")
-# Columns of lengths, which carry the target's unit.
-LENGTHS = ("rms", "kernel")
 READING = "reading and measuring source and target"
 # What the search does after each of its stages.
 NEXT: dict[SearchStage, str] = {
@@ -262,7 +261,7 @@ class LiveTable(Silent):
 
 def columns(unit: str | None) -> tuple[str, ...]:
     """Names of the columns, with units."""
-    return tuple(f"{name} [{unit}]" if unit and name in LENGTHS else name for name in COLUMNS)
+    return tuple(column_head(name, unit) for name in COLUMNS)
 
 
 def stage_words(stage: Stage) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import FloatArray, as_pose
-from dqreg.files.setting_lengths import SETTING_LENGTHS
+from dqreg.files.length_names import SETTING_LENGTHS
 from dqreg.inspection import Decision
 from dqreg.rigid import DualQuaternion, quaternion
 

@@ -9,6 +9,7 @@ from contextlib import suppress
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg._statuses import SearchStage
 from dqreg.geometry import CloudSurface, Mesh, PointCloud, Scan, Surface, prepare_scan
 from dqreg.geometry.normals import sample_rows
 from dqreg.icp import COARSE_POINTS, IcpSettings
@@ -31,7 +32,6 @@ from dqreg.search.stages import (
     StageWatch,
     propose,
 )
-from dqreg.solvers.search_stage import SearchStage
 
 # Proposed poses that are compared where there is no time for more; those of the principal axes are fewer.
 HASTY_POSES, AXIS_POSES = 4_000, 48

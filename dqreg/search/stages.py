@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from dqreg._arrays import FloatArray, bounds
+from dqreg._statuses import SearchStage
 from dqreg.geometry import Mesh, PointCloud
 from dqreg.icp.coarse_to_fine import noise_on
 from dqreg.icp.history import Stage
@@ -16,7 +17,6 @@ from dqreg.search.fpfh import MAX_EXTENT_VOXELS, VOXEL_DIAGONALS, FpfhCloud, mat
 from dqreg.search.pairs import pair_hypotheses
 from dqreg.search.poses import Poses
 from dqreg.search.problem import SearchProblem
-from dqreg.solvers.search_stage import SearchStage
 
 # Screening: points for all poses, where there are many, and the share of these that is left.
 FIRST_SCREEN_POINTS, FIRST_SCREEN_SHARE = 20, 0.25

@@ -10,7 +10,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg._records import lock, one_line
-from dqreg.solvers.status import Status
+from dqreg._statuses import Status
 from dqreg.solvers.uncertainty import FitUncertainty
 
 if TYPE_CHECKING:

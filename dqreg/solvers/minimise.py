@@ -15,6 +15,7 @@ from functools import lru_cache
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg._statuses import Status
 from dqreg.errors import DegenerateGeometryError
 from dqreg.rigid import pose, quaternion, rotations
 from dqreg.solvers.closed_form import quaternion_form, rounding_gap, solve_moments
@@ -24,7 +25,6 @@ from dqreg.solvers.fit import PoseFit
 from dqreg.solvers.motion_words import Motion
 from dqreg.solvers.newton import Descent, balance, descend
 from dqreg.solvers.quadratic import QuadraticForm
-from dqreg.solvers.status import Status
 
 # Curvature below this fraction of the largest is rounding, a hundred times the smallest step of a float. No more,
 # because a weak prior beside many exact points is real: 0.1 known beforehand beside 100,000 distances of 1e-5 is 1e-13.

@@ -6,8 +6,7 @@ import dataclasses
 import math
 from typing import Literal
 
-from dqreg.solvers.search_stage import SearchStage
-from dqreg.solvers.status import Status
+from dqreg._statuses import SearchStage, Status
 from dqreg.trust.records import Alternative, Direction
 
 # What of a scan may be off the target: anything, or of the part alone nothing.
@@ -33,7 +32,7 @@ class Evidence:
     Attributes
     ----------
     status : str
-        How the loop ended, see `dqreg.solvers.status`.
+        How the loop ended, see `dqreg._statuses`.
     found : bool
         Whether there is a pose at all.
     inliers : float
@@ -55,7 +54,7 @@ class Evidence:
     alternatives : tuple of Alternative
         Other poses that are equally likely.
     search : str
-        The last stage that the global search finished, see `dqreg.solvers.search_stage`.
+        The last stage that the global search finished, see `dqreg._statuses`.
     has_border : bool
         Whether the target has a boundary: a cloud, an open mesh.
     units : str or None

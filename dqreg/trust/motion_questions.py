@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from dqreg.solvers.search_stage import is_finished
-from dqreg.solvers.status import Status
+from dqreg._statuses import Status, is_finished
 from dqreg.trust.evidence import Evidence
 from dqreg.trust.limits import (
     CONSTRAINT_LOG_LIKELIHOOD,

@@ -8,6 +8,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, dot
 from dqreg._records import replaced
+from dqreg._statuses import SearchStage
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.vector_rows import row_dots
 from dqreg.registration.assessment.drift import STILL, drift_at
@@ -23,7 +24,6 @@ from dqreg.registration.overlap.cloud_overlap import evidence_between_clouds, ha
 from dqreg.registration.overlap.common_faces import spread_on_common_faces
 from dqreg.registration.overlap.free_space import looked_through_at, viewpoint_behind
 from dqreg.registration.problem.derived_values import Key
-from dqreg.solvers.search_stage import SearchStage
 from dqreg.trust import (
     Evidence,
     Information,

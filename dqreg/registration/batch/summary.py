@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from dqreg.files.csv_text import csv_text
+from dqreg.files.length_names import column_head
 from dqreg.registration.batch.line import Line
 from dqreg.registration.batch.trends import trends_of, trends_on_page
 from dqreg.report.decision_rows import shown_outcome
@@ -19,7 +20,6 @@ from dqreg.report.html import data_uri, render
 # From the one that needs a look first to the one that needs none.
 VERDICTS = ("crashed", "timeout", "memory", "error", "not run", "failed", "suspect", "accepted")
 POSE = ("tx", "ty", "tz", "qw", "qx", "qy", "qz")
-LENGTHS = ("rms", "tx", "ty", "tz", "deviation_p95")
 # Of the CSV, with what stands in them.
 COLUMNS: dict[str, Callable[[Line], object]] = {
     "name": lambda line: line.row.shown,
@@ -56,7 +56,7 @@ def summary_csv(lines: Sequence[Line]) -> str:
     """
     asked = {line.row.asked.display_units for line in lines if line.ran}
     unit = asked.pop() if len(asked) == 1 else None
-    heads = [f"{name} [{unit}]" if unit and name in LENGTHS else name for name in COLUMNS]
+    heads = [column_head(name, unit) for name in COLUMNS]
     fields = tuple(dict.fromkeys(name for line in lines for name, _ in line.row.asked.head))
     # One called like a column is told from it.
     heads += [f"head_{name}" if name in COLUMNS else name for name in fields]

@@ -8,6 +8,7 @@ import functools
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg._statuses import INTERRUPTED
 from dqreg.registration.assessment.assess import evidence_of, is_partial, uncertainty_of, verdict_on
 from dqreg.registration.evidence.local_evidence import MISFIT
 from dqreg.registration.fit.displacement import FEW, displacement_between, offset_from_start
@@ -36,7 +37,6 @@ from dqreg.registration.overlap.free_space import looked_through_at
 from dqreg.registration.problem.derived_values import Key
 from dqreg.rigid import pose
 from dqreg.search.scoring import EQUAL_LOG_LIKELIHOOD
-from dqreg.solvers.status import INTERRUPTED
 from dqreg.trust.code_sets import REASONS_OF_SCAN, REASONS_OF_SCAN_BETWEEN_CLOUDS, TOO_LITTLE
 from dqreg.trust.evidence import Evidence
 from dqreg.trust.limits import RIM_GAIN_SHARE, own_noise

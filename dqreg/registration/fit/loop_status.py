@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg._statuses import Status
 from dqreg.geometry.normals import sample_rows
 from dqreg.registration.fit.fit import Fit
 from dqreg.rigid import pose, twist
 from dqreg.rigid.twist import scaling_by
-from dqreg.solvers.status import Status
 from dqreg.trust import without_free_motion
 
 # Iterations at the end of a run that stalled, and the share of the width of the inliers within which they stay where it

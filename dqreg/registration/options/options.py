@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from dqreg._arrays import MAX_LENGTH
 from dqreg._numbers import is_number
 from dqreg.errors import InputError
+from dqreg.files.length_names import OPTION_LENGTHS
 from dqreg.icp import COARSE_POINTS, ESTIMATORS, Estimator, IcpSettings, Stopping
 from dqreg.icp.estimators import cells_to_cells
 from dqreg.icp.history import Iteration
@@ -91,7 +92,6 @@ WORDS: dict[str, tuple[str, ...]] = {
 NO_VIEWPOINT, ORIGIN = "none", "origin"
 
 
-LENGTHS = ("max_distance", "expected_deviation")
 # Options that a result repeats as they were given.
 RECORDED = (
     "method",
@@ -159,19 +159,19 @@ class Options:
         require_observer(self.observe_search, "observe_search")
 
     def _require_numbers(self) -> None:
-        for name in (*LENGTHS, "max_angle_deg", "max_iterations", "convergence"):
+        for name in (*OPTION_LENGTHS, "max_angle_deg", "max_iterations", "convergence"):
             value = getattr(self, name)
-            if not is_number(value) and not (value is None and name in LENGTHS):
+            if not is_number(value) and not (value is None and name in OPTION_LENGTHS):
                 raise InputError(f"{name} must be a number; got {value!r}")
         count: object = self.max_iterations
         if not isinstance(count, numbers.Integral):
             raise InputError(f"max_iterations must be a whole number; got {count!r}")
         # A float32 would bring its short digits into all that is computed with it.
-        for name in (*LENGTHS, "max_angle_deg", "convergence"):
+        for name in (*OPTION_LENGTHS, "max_angle_deg", "convergence"):
             value = getattr(self, name)
             object.__setattr__(self, name, None if value is None else as_float(value))
         object.__setattr__(self, "time_limit", read_time_limit(self.time_limit))
-        for name in LENGTHS:
+        for name in OPTION_LENGTHS:
             if (value := getattr(self, name)) is not None and not 0.0 < value <= MAX_LENGTH:
                 raise InputError(f"{name} must be a length above 0 in target units; got {value!r}")
         if not 0.0 < self.max_angle_deg <= 90.0:

@@ -12,7 +12,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError, UnitsError
-from dqreg.files.setting_lengths import SETTING_LENGTHS
+from dqreg.files.length_names import SETTING_LENGTHS
 from dqreg.files.side_digests import DIGESTS
 from dqreg.files.units import factor
 from dqreg.geometry import Mesh

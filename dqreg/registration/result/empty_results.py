@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg._statuses import Status
 from dqreg.registration.result.result import Registration
-from dqreg.solvers.status import Status
 from dqreg.trust.records import Reason, Verdict
 
 

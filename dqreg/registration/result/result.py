@@ -12,6 +12,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg._records import lock
+from dqreg._statuses import Status
 from dqreg.files.atomic import write_atomically
 from dqreg.icp.history import Iteration
 from dqreg.registration.problem.problem import SourceAndTarget
@@ -20,7 +21,6 @@ from dqreg.registration.result.realignment import Alignment, after_alignment
 from dqreg.registration.result.result_json import as_text, read_fields, to_plain
 from dqreg.registration.result.result_views import ShownResult
 from dqreg.registration.result.uncertain_pose import UncertainPose
-from dqreg.solvers.status import Status
 from dqreg.trust.records import Alternative, Direction, Verdict
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ import numpy as np
 from dqreg._arrays import RIGID_TOLERANCE, FloatArray, as_pose, require_finite
 from dqreg.errors import InputError
 from dqreg.files.json_records import read_json
-from dqreg.files.setting_lengths import DISTANCES, SIZES
+from dqreg.files.length_names import DISTANCES, SIZES
 from dqreg.files.strict_json import fields_from, plain, record_from
 from dqreg.icp.history import Iteration
 from dqreg.registration.result.invariants import violated_invariant

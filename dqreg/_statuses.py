@@ -1,4 +1,4 @@
-"""How an iteration ended: all words that a `status` may be, so that mypy refuses any other."""
+"""How an iteration ended, and how far a global search came: all words for it, so that mypy refuses any other."""
 
 from __future__ import annotations
 
@@ -23,3 +23,19 @@ Status = Literal[
 NO_POSE: tuple[Status, ...] = ("no correspondences", "degenerate correspondences")
 # Ways to end from outside: nothing is run after them.
 INTERRUPTED: tuple[Status, ...] = ("stopped by observer", "time limit")
+# How far a global search came.
+SearchStage = Literal[
+    "",  # There was no search
+    "proposed",
+    "screened",
+    "refined roughly",
+    "refined",
+    "turned",
+    "refined finely",
+    "judged",  # All poses that were left were compared
+]
+
+
+def is_finished(stage: SearchStage) -> bool:
+    """Whether no time limit ended the search after this stage: all was compared, or nothing was searched."""
+    return stage in ("", "judged")
