@@ -14,6 +14,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray, bounds
 from dqreg.geometry import Mesh, Surface
+from dqreg.geometry.morton import morton_order
 from dqreg.geometry.normals import sample_rows
 from dqreg.geometry.sampling import places_on
 from dqreg.kernels.threads import ask_clock
@@ -57,9 +58,9 @@ def near_flips(mesh: Mesh, surface: Surface) -> FloatArray:
     About the centre, or where they lay its ends or its largest planes into each other: what is on one side alone moves
     the centre. Shapes: returns (k, 4, 4). Some are `is_symmetry`: little noise may tell what they change.
     """
-    ring = Ring.of(mesh, surface)
-    turns = _about(mesh, cube_rotations(), [*ring_steps(ring), *ring_flips(ring)])
-    laid = _laid_into_itself(mesh, cube_rotations(), surface.diagonal)
+    ring, frames = Ring.of(mesh, surface), _frames(mesh)
+    turns = _about(frames, cube_rotations(), [*ring_steps(ring), *ring_flips(ring)])
+    laid = _laid_into_itself(mesh, frames, cube_rotations(), surface.diagonal)
     return _near_maps(mesh, surface, [*_about_centre(mesh, turns), *laid], EXACT_DIAGONALS)
 
 
@@ -69,14 +70,14 @@ def near_mirrors(mesh: Mesh, surface: Surface) -> FloatArray:
     About the principal axes through the centre, or where they lay its ends or its largest planes into each other; and
     in planes near the centre, whatever their direction: that of two holes is no axis of the part.
     """
-    mirrors = [-R for R in cube_rotations()]
-    found = [*_about_centre(mesh, _about(mesh, mirrors)), *_laid_into_itself(mesh, mirrors, surface.diagonal)]
+    mirrors, frames = [-R for R in cube_rotations()], _frames(mesh)
+    found = [*_about_centre(mesh, _about(frames, mirrors)), *_laid_into_itself(mesh, frames, mirrors, surface.diagonal)]
     return _near_maps(mesh, surface, [*found, *_in_any_plane(mesh, surface)], ON_PART_DIAGONALS)
 
 
 def mirrors_about(mesh: Mesh) -> FloatArray:
     """All improper rotations about the centre of a part by its principal axes and its faces', (k, 4, 4)."""
-    return np.array(_about_centre(mesh, _about(mesh, [-R for R in cube_rotations()])))
+    return np.array(_about_centre(mesh, _about(_frames(mesh), [-R for R in cube_rotations()])))
 
 
 def is_symmetry(T: FloatArray, mesh: Mesh, surface: Surface, same: float = ON_PART_DIAGONALS) -> bool:
@@ -87,9 +88,8 @@ def is_symmetry(T: FloatArray, mesh: Mesh, surface: Surface, same: float = ON_PA
     )
 
 
-def _about(mesh: Mesh, turns: Sequence[FloatArray], ring: Sequence[FloatArray] = ()) -> list[FloatArray]:
+def _about(frames: list[FloatArray], turns: Sequence[FloatArray], ring: Sequence[FloatArray] = ()) -> list[FloatArray]:
     """Orthogonal matrices in the frame of the principal axes and in that of the faces, as those of the part's frame."""
-    frames = _frames(mesh)
     # The identity and the inversion are the same in every frame.
     others = [turn for turn in turns if abs(np.trace(turn)) < 3.0]
     maps = [axes @ np.array(turns if axes is frames[0] else others) @ axes.T for axes in frames]
@@ -123,7 +123,7 @@ def _in_any_plane(mesh: Mesh, surface: Surface) -> FloatArray:
     return refined_on(kept.matrices, points, surface, REFINEMENT)
 
 
-def _laid_into_itself(mesh: Mesh, turns: Sequence[FloatArray], size: float) -> FloatArray:
+def _laid_into_itself(mesh: Mesh, frames: list[FloatArray], turns: Sequence[FloatArray], size: float) -> FloatArray:
     """Turns along a part's axes with shifts that lay most of it into itself, (k, 4, 4), where not about its centre.
 
     Along each axis the shift is that of its centre, of its ends or of its planes. Turns are signed permutations, proper
@@ -132,7 +132,7 @@ def _laid_into_itself(mesh: Mesh, turns: Sequence[FloatArray], size: float) -> F
     points, laid, all_turns = places_on(mesh, PROFILE_POINTS, np.random.default_rng(0))[0], [], np.array(turns)
     before = np.abs(all_turns).argmax(axis=2)
     is_flipped = (all_turns.sum(axis=2) < 0.0).astype(np.int64)
-    for axes in _frames(mesh):
+    for axes in frames:
         ask_clock()
         centre = moments(mesh)[0] @ axes
         shifts = _shifts_along(mesh, points, axes, BIN_DIAGONALS * size)[before, np.arange(3), is_flipped]
@@ -161,30 +161,43 @@ def _shifts_along(mesh: Mesh, points: FloatArray, axes: FloatArray, edge: float)
 
     one, other, is_flipped = np.indices((3, 3, 2)).reshape(3, -1)
     sign, full = 1.0 - 2.0 * is_flipped, counts(heights, np.arange(3))
-    here = np.where(is_flipped[:, None] > 0, full[one, ::-1], full[one])
     # The lower end of the first bin of what is moved.
     first = np.where(is_flipped > 0, -(low[one] + number * edge), low[one])
     shifts = [middle[other] - sign * middle[one] for middle in (moments(mesh)[0] @ axes, 0.5 * np.add(*ends))]
     # The largest sum of products of the counts, and of their squares: the largest planes decide.
-    shifts += [low[other] - first + edge * _best_steps(full[other] ** p, here**p) for p in (1, 2)]
+    row = one + 3 * is_flipped
+    shifts += [
+        low[other] - first + edge * _best_steps(full**p, np.concatenate([full, full[:, ::-1]]) ** p, other, row)
+        for p in (1, 2)
+    ]
     moved = sign[:, None] * heights[one] + np.array(shifts)[:, :, None]
     alike = np.minimum(counts(moved.reshape(-1, len(points)), np.tile(other, 4)).reshape(4, len(one), -1), full[other])
     best = np.array(shifts)[alike.sum(axis=2).argmax(axis=0), np.arange(len(one))]
     return np.where((one == other) & (is_flipped == 0), 0.0, best).reshape(3, 3, 2)
 
 
-def _best_steps(there: FloatArray, here: FloatArray) -> IntArray:
-    """Steps of the second rows, (m, k), of whole numbers, at which their products with the first ones are largest."""
+def _best_steps(there: FloatArray, here: FloatArray, one: IntArray, other: IntArray) -> IntArray:
+    """Steps of some of the second rows, of k whole numbers, at which their products with some first ones are largest.
+
+    Shapes: one (m,), other (m,).
+    """
     count = there.shape[1]
-    spectra = [np.fft.rfft(rows, 2 * count) for rows in (there, here)]
-    products = np.rint(np.fft.irfft(spectra[0] * spectra[1].conj(), 2 * count))
+    # Of lengths with large prime factors transforms take several times as long.
+    length = 1 << (2 * count - 1).bit_length()
+    spectra = [np.fft.rfft(rows, length) for rows in (there, here)]
+    products = np.rint(np.fft.irfft(spectra[0][one] * spectra[1].conj()[other], length))
     return np.asarray(products[:, np.arange(1 - count, count)].argmax(axis=1) - count + 1)
 
 
 def _near_maps(mesh: Mesh, surface: Surface, motions: list[FloatArray], same: float) -> FloatArray:
     """Those of some motions, proper or not, that leave most of a part in place, but not all exactly."""
     points = places_on(mesh, CHECKING_POINTS, np.random.default_rng(0))[0]
+    # Each query begins where the one before it ended: in this order that is near.
+    order = morton_order(points)
     maps = np.array(motions)
+    # What is hardly turned is the part as it is, and no near symmetry.
+    chords = np.linalg.norm(maps[:, :3, :3] - np.eye(3), axis=(1, 2))
+    is_turned = chords > np.sqrt(8.0) * np.sin(0.5 * SAME_MAP_RAD)
     away, asked = np.zeros((len(maps), len(points))), np.zeros(len(points), dtype=bool)
 
     def shares(rows: IntArray, every: int) -> tuple[FloatArray, FloatArray]:
@@ -192,7 +205,7 @@ def _near_maps(mesh: Mesh, surface: Surface, motions: list[FloatArray], same: fl
 
         Of maps and points that were asked about before, only the other points are.
         """
-        some = np.flatnonzero((np.arange(len(points)) % every == 0) & ~asked)
+        some = order[(order % every == 0) & ~asked[order]]
         limit = 2.0 * NEAR_SYMMETRY_DIAGONALS * surface.diagonal
         away[np.ix_(rows, some)] = distances_at(Poses.of(maps[rows]), points[some], surface, limit) / surface.diagonal
         asked[some] = True
@@ -200,14 +213,14 @@ def _near_maps(mesh: Mesh, surface: Surface, motions: list[FloatArray], same: fl
         return (known <= NEAR_SYMMETRY_DIAGONALS).mean(axis=1), (known <= same).mean(axis=1)
 
     # Few points of all motions in one query; most move most of the part far away.
-    rows = np.arange(len(maps))
+    rows = np.flatnonzero(is_turned)
     for count, slack in SCREEN_ROUNDS:
         rows = rows[shares(rows, CHECKING_POINTS // count)[0] >= NEAR_SYMMETRY_FRACTION - slack]
     nearly, exactly = shares(rows, EARLY_DIVISOR)
     unclear = (np.abs(nearly - NEAR_SYMMETRY_FRACTION) <= EARLY_MARGIN) | (exactly >= SYMMETRY_FRACTION - EARLY_MARGIN)
     nearly[unclear], exactly[unclear] = shares(rows[unclear], 1)
     fits = np.flatnonzero((nearly >= NEAR_SYMMETRY_FRACTION) & (exactly < SYMMETRY_FRACTION))
-    exact = list(maps[rows[exactly >= SYMMETRY_FRACTION]])
+    exact = [*maps[~is_turned], *maps[rows[exactly >= SYMMETRY_FRACTION]]]
     kept: list[FloatArray] = []
     for T in maps[rows[fits[np.argsort(-nearly[fits], kind="stable")]]]:
         # Both frames, and both shifts, may come near to one symmetry.

@@ -146,7 +146,7 @@ def distances_at(
     # Farther off than the limit, how far does not matter.
     if isinstance(surface, MeshSurface):
         return surface._distances_at(poses.R, poses.t, points, limit, by_point=by_point)
-    return _moved(poses, points, surface, limit).distances.reshape(len(poses), -1)
+    return _moved(poses, points, surface, limit).distances.reshape(len(poses), len(points))
 
 
 def likely_by(distances: FloatArray, width: float, limit: float) -> PoseScores:

@@ -12,6 +12,7 @@ from dqreg.search.flipped_poses import (
 )
 from dqreg.search.near_symmetry import is_symmetry, near_flips, near_mirrors
 from dqreg.search.rings import Ring, ring_steps
+from dqreg.search.scoring import distances_at
 from dqreg.synth.parts import block, box, bracket, cylinder, flange, gear
 from dqreg.synth.parts.blocks import cells
 from dqreg.synth.parts.patches import weld
@@ -228,3 +229,15 @@ def test_a_sheet_with_unequal_legs_to_either_side_has_the_half_turn_about_its_we
     mesh = Mesh(*weld(cells([x, np.array([0.0, 80.0]), z], filled)))
     flips = near_flips(mesh, MeshSurface(mesh))
     assert maps_onto(flips, np.diag([-1.0, 1.0, -1.0]), mesh) > 0.75
+
+
+def test_the_part_as_it_is_is_not_asked_about(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[float] = []
+
+    def seen(poses, *given, **how):
+        asked.extend(angle_of(R) for R in poses.R)
+        return distances_at(poses, *given, **how)
+
+    monkeypatch.setattr("dqreg.search.near_symmetry.distances_at", seen)
+    near_flips(PART, PART_SURFACE)
+    assert min(asked) > np.deg2rad(5.0)
