@@ -295,5 +295,5 @@ class Building(threading.Thread):
                 self._index._build_surface()
                 self.surface_is_ready.set()
                 with until(self._deadline):
-                    _ = self._index.near_rotations if self._judged else None
+                    _ = (self._index.near_rotations, self._index.thin_walls) if self._judged else None
         self.surface_is_ready.set()
