@@ -127,11 +127,11 @@ def _files(scans: tuple[str, ...]) -> list[Path]:
 @contextlib.contextmanager
 def _pairs_folder(console: Console, out: Path | None, *, resume: bool) -> Iterator[Path | None]:
     """The folder of finished pairs, held against other runs; without --resume, those of an earlier run are removed."""
+    from dqreg.files.atomic import is_stream
     from dqreg.files.folder_lock import held_folder
     from dqreg.multiway.scans.kept_pairs import pairs_in
 
-    # Beside a device, such as /dev/null, nothing is kept.
-    if out is None or (out.exists() and not out.is_file()):
+    if out is None or is_stream(out):
         if resume:
             raise InputError("--resume needs --out and the name of a file: the finished pairs are kept beside it")
         yield None

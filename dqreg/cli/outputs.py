@@ -24,8 +24,6 @@ as_json_option = click.option("--json", "as_json", is_flag=True, help="The resul
                               "nothing else there.")  # fmt: skip
 quiet_option = click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 
-# Endings of a result's name; one without is JSON.
-RESULT_ENDINGS = ("", ".json", ".txt")
 # Places of deviations that are worth a line on the screen; the file holds them all.
 SHOWN_PLACES = 5
 
@@ -96,15 +94,6 @@ def print_json(value: Any) -> None:
     except BrokenPipeError:
         # Who reads has enough; the exit code is still that of the answer.
         into_the_void()
-
-
-def require_result_name(out: Path) -> None:
-    """Refuse an ending that promises another kind of file."""
-    if out.suffix.lower() not in RESULT_ENDINGS and not (out.exists() and not out.is_file()):
-        raise InputError(
-            "--out writes the result as JSON (.json), or its matrix T_target_source alone (.txt); give a name that "
-            f"ends so, not {out.name!r:.100}"
-        )
 
 
 def write_result(result: Registration, out: Path) -> None:

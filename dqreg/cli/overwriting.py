@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from dqreg.errors import InputError
+from dqreg.files.atomic import is_stream
 
 
 def require_apart(read: Iterable[Path | None], written: Mapping[str, Path | None]) -> None:
@@ -18,8 +19,7 @@ def require_apart(read: Iterable[Path | None], written: Mapping[str, Path | None
     known = [path for path in read if path is not None]
     goals: list[tuple[str, Path]] = []
     for name, goal in written.items():
-        # What goes to a device, such as /dev/null, takes nothing's place.
-        if goal is None or (goal.exists() and not goal.is_file()):
+        if goal is None or is_stream(goal):
             continue
         if any(_same(goal, path) for path in known):
             raise InputError(f"{name} {goal} would write over a file that is read; choose another name")
@@ -31,8 +31,8 @@ def require_apart(read: Iterable[Path | None], written: Mapping[str, Path | None
 
 def require_ending(name: str, goal: Path | None, writes: str, endings: tuple[str, ...]) -> None:
     """Refuse, before the work, an ending that promises another format; a name without one promises none."""
-    # A device, such as /dev/stdout, has the name that it has.
-    if goal is None or not goal.suffix or (goal.exists() and not goal.is_file()):
+    # A stream has the name that it has.
+    if goal is None or not goal.suffix or is_stream(goal):
         return
     if goal.suffix.lower() not in endings:
         raise InputError(

@@ -16,13 +16,12 @@ from dqreg.cli.outputs import (
     print_json,
     quiet_option,
     require_below_reach,
-    require_result_name,
     tell_decision,
     tell_deviations,
     tell_report,
     tell_result,
 )
-from dqreg.cli.overwriting import require_apart
+from dqreg.cli.overwriting import require_apart, require_ending
 from dqreg.cli.registration_options import (
     EFFORTS,
     METHODS,
@@ -196,8 +195,7 @@ def _check(
     from dqreg.inspection.deviations.files import require_suffix
     from dqreg.report.page_file import page_path
 
-    if out is not None:
-        require_result_name(out)
+    require_ending("--out", out, "the result as JSON, or its matrix T_target_source alone", (".json", ".txt"))
     if aligned is not None:
         require_cloud_suffix(aligned)
     for path in (out, aligned, deviations):

@@ -12,7 +12,7 @@ from dqreg.compare.run import Comparison
 from dqreg.compare.store import FORMAT
 from dqreg.compare.summary import SummaryRow, summarise
 from dqreg.errors import InputError
-from dqreg.files.atomic import require_folder, require_writable, write_atomically
+from dqreg.files.atomic import is_stream, require_folder, require_writable, write_atomically
 from dqreg.files.csv_text import csv_text
 from dqreg.files.strict_json import plain
 from dqreg.report.html import data_uri, render
@@ -42,8 +42,8 @@ class Goals:
 
     @property
     def lines(self) -> Path | None:
-        """JSON lines, from which a comparison goes on: ``out`` with the ending .jsonl."""
-        return None if self.out is None else self.out.with_suffix(".jsonl")
+        """JSON lines, from which a comparison resumes: ``out`` with the ending .jsonl; None where that is a device."""
+        return None if self.out is None or is_stream(self.out) else self.out.with_suffix(".jsonl")
 
     def check(self) -> None:
         """Raise unless all can be written."""
@@ -52,11 +52,6 @@ class Goals:
                 require_writable(path)
         if self.report is not None:
             page_path(self.report)
-        if self.out is not None and self.out.exists() and not self.out.is_file():
-            raise InputError(
-                f"--out {self.out} is a device or a pipe, and the single runs are kept beside it: give a .json file; "
-                "--json prints the result"
-            )
         if self.out is not None and self.out == self.lines:
             raise InputError(f"--out {self.out}: give a .json file; the single runs go to {self.lines} beside it")
         if self.plots is not None:

@@ -30,11 +30,18 @@ def _require_writable(goal: Path) -> Path:
         raise InputError(f"cannot write {goal}: the folder {folder} does not exist; create it first")
     if not folder.is_dir():
         raise InputError(f"cannot write {goal}: {folder} is a file, not a folder")
+    if goal.is_block_device():
+        raise InputError(f"cannot write {goal}: it is a disk or a part of one, all of which would be lost; name a file")
     if goal.exists() and not os.access(goal, os.W_OK):
         raise InputError(f"cannot write {goal}: the file is write-protected; choose another name")
-    if (goal.is_file() or not goal.exists()) and not os.access(folder, os.W_OK | os.X_OK):
+    if not is_stream(goal) and not os.access(folder, os.W_OK | os.X_OK):
         raise InputError(f"cannot write {goal}: no permission to create files in {folder.absolute()}")
     return goal
+
+
+def is_stream(goal: Path) -> bool:
+    """Whether a name is that of a device or a pipe, as /dev/stdout: nothing takes its place, or is kept beside it."""
+    return goal.exists() and not goal.is_file() and not goal.is_dir()
 
 
 def require_folder(path: str | os.PathLike[str]) -> Path:
@@ -53,8 +60,8 @@ def write_atomically(path: str | os.PathLike[str], content: bytes | str) -> None
     # File names of other encodings come as letters that UTF-8 has not.
     data = content.encode("utf-8", errors="backslashreplace") if isinstance(content, str) else content
     try:
-        if goal.exists() and not goal.is_file():
-            goal.write_bytes(data)  # a device or a pipe: there is nothing to put in its place
+        if is_stream(goal):
+            goal.write_bytes(data)
         else:
             _replace(Path(os.path.realpath(goal)), data)
     except OSError as error:

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from dqreg.errors import InputError
-from dqreg.files.atomic import require_writable, write_atomically
+from dqreg.files.atomic import is_stream, require_writable, write_atomically
 
 BOTH = [require_writable, lambda path: write_atomically(path, b"new")]
 
@@ -55,6 +55,24 @@ def test_a_pipe_or_device_is_written_to_and_not_replaced(tmp_path: Path) -> None
     finally:
         os.close(reader)
     assert pipe.is_fifo()
+
+
+def test_a_disk_is_never_written_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    goal = tmp_path / "disk"
+    goal.write_text("all files")
+    monkeypatch.setattr(Path, "is_block_device", lambda path: path == goal)
+    for write in BOTH:
+        with pytest.raises(InputError, match="a disk or a part of one, all of which would be lost; name a file"):
+            write(goal)
+    assert goal.read_text() == "all files"
+
+
+def test_what_is_written_into_and_not_replaced(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "link").symlink_to(os.devnull)
+    streams = [tmp_path / "pipe", Path(os.devnull), tmp_path / "link"]
+    assert all(map(is_stream, streams))
+    assert not any(map(is_stream, (tmp_path, tmp_path / "none", Path(__file__), Path(__file__) / "x")))
 
 
 def test_a_name_as_long_as_the_system_allows(tmp_path: Path) -> None:
