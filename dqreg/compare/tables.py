@@ -78,7 +78,7 @@ def _case(found: Comparison, lines: list[SummaryRow], given: SummaryRow | None) 
     note = ("Found: of repeats of this one task, which tell nothing of others. Worst vertex: median over all runs of "
             "the greatest displacement of a point of the part. On surface: rms distance of scan points that no engine "
             "was given, of those that lie on the target; overlap: their fraction. Peak MB: growth of the process above "
-            "its inputs.")  # fmt: skip
+            "its inputs, without programs that it starts.")  # fmt: skip
     if given is not None and given.found:
         note = f"The initial pose already counts as found: whoever does nothing has found it too. {LESS} {note}"
     return Table(f"case-{place.case}-{place.setting}", title, _columns(*head), tuple(rows), note)
@@ -148,7 +148,9 @@ def _axis(found: Comparison, axis: str, setting: str, lines: list[SummaryRow]) -
     if axis == "points":
         return [
             grid("seconds", "seconds", _seconds, "From raw points to pose; '>' : not within the time limit."),
-            grid("memory", "peak MB", _memory, "Growth of the process above its inputs."),
+            grid(
+                "memory", "peak MB", _memory, "Growth of the process above its inputs, without programs that it starts."
+            ),
             grid("worst", "found, worst vertex [S]", _found_and_worst, f"{found_of} {worst}"),
         ]
     if axis == "frame":

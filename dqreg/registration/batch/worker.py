@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import itertools
 import os
 import pickle
 import signal
@@ -23,6 +24,7 @@ from pathlib import Path
 from typing import IO, Any, Literal, TypeVar
 
 from dqreg.errors import InputError
+from dqreg.registration.batch.process_usage import cpu_seconds, resident_memory
 from dqreg.registration.batch.serve import receive, send
 
 # How a task ends: "ran" and "error" are told by the task itself, the others by the process around it.
@@ -34,6 +36,8 @@ THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"
 START_SECONDS = 180.0
 # How often it is looked at whether the process lives, and its memory.
 POLL_SECONDS = 0.1
+# Polls from one look at what it has started to the next, for which all processes of the machine are listed.
+CHILDREN_EVERY = 10
 # Nothing is imported before the path is the safe one.
 CODE = "import sys; sys.path[:] = sys.argv[1:]; from dqreg.registration.batch.serve import serve; serve({idle})"
 
@@ -199,10 +203,11 @@ class _Watch:
     def _run(self, process: subprocess.Popen[bytes], done: threading.Event) -> None:
         end = None if self._timeout is None else time.monotonic() + self._timeout
         begun = 0.0 if self._cpu is None else cpu_seconds(process.pid)
-        while self.failure is None:
+        for poll in itertools.count():
             if done.wait(POLL_SECONDS if end is None else min(POLL_SECONDS, max(0.0, end - time.monotonic()))):
                 return
-            used = 0.0 if self._memory is None else resident_memory(process.pid)
+            counted = self._memory is not None
+            used = resident_memory(process.pid, children=poll % CHILDREN_EVERY == 0) if counted else 0.0
             if self._memory is not None and used > self._memory:
                 words = f"ended at {used / 2**30:.1f} GiB, limit {self._memory / 2**30:.1f} GiB"
                 self.failure = Failure("memory", words)
@@ -210,7 +215,7 @@ class _Watch:
                 self.failure = Failure("timeout", f"no answer within {self._cpu:g} s of CPU time")
             elif end is not None and time.monotonic() >= end:
                 self.failure = Failure("timeout", f"no answer within {self._timeout:g} s")
-            elif process.poll() is not None:
+            if self.failure is not None or process.poll() is not None:
                 break
         _kill(process)
 
@@ -221,27 +226,6 @@ def _kill(process: subprocess.Popen[bytes]) -> None:
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(process.pid, signal.SIGKILL)
     process.kill()
-
-
-def cpu_seconds(pid: int) -> float:
-    """CPU time that a process has taken, whatever else the machine does; 0 of one that has ended."""
-    import psutil
-
-    try:
-        taken = psutil.Process(pid).cpu_times()
-    except (psutil.Error, ValueError):
-        return 0.0
-    return float(taken.user + taken.system)
-
-
-def resident_memory(pid: int) -> float:
-    """Bytes of memory that a process holds; 0 of one that has ended."""
-    import psutil
-
-    try:
-        return float(psutil.Process(pid).memory_info().rss)
-    except (psutil.Error, ValueError):
-        return 0.0
 
 
 def _started(threads: int, idle: float | None) -> tuple[subprocess.Popen[bytes], IO[bytes]]:

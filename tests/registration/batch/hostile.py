@@ -35,6 +35,11 @@ def behave(kind):
         os._exit(3)
     elif kind == "leave a child":
         time.sleep(600.0)
+    if kind == "a greedy child":
+        if os.fork() == 0:
+            hoard = b"x" * 800_000_000
+            time.sleep(600.0 + len(hoard) / 1e12)
+        os.wait()
     if kind == "answer twice":
         child = os.fork()
         if child:

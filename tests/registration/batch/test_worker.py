@@ -12,8 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dqreg.errors import MissingDependencyError
+from dqreg.registration.batch.process_usage import resident_memory
 from dqreg.registration.batch.serve import receive, send
-from dqreg.registration.batch.worker import Failure, Worker, resident_memory
+from dqreg.registration.batch.worker import Failure, Worker
 from tests.registration.batch.hostile import behave, refuse
 
 GOOD, HANG, LEAVE = (partial(behave, kind) for kind in ("good", "hang", "leave"))
@@ -127,6 +128,11 @@ def test_an_idle_one_leaves_and_the_next_task_starts_another():
         assert worker.call(GOOD) not in (first, None)
     finally:
         worker.close()
+
+
+def test_what_it_has_started_counts_as_its_memory(worker):
+    found = worker.call(partial(behave, "a greedy child"), 20.0, 600e6)
+    assert (found.kind, found.message[-13:]) == ("memory", "limit 0.6 GiB")
 
 
 def test_resident_memory_is_that_of_the_process():
