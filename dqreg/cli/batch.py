@@ -43,7 +43,9 @@ PICTURE_POINTS = 20_000
 )
 @click.option("--scheduler", metavar="ADDRESS", help="Work on a Dask cluster instead, such as tcp://host:8786.")
 @click.option(
-    "--resume", is_flag=True, help="Resume in a folder that holds results: rows that are done and unchanged are kept."
+    "--resume",
+    is_flag=True,
+    help="Resume in a folder that holds results: rows that are done, by this dqreg and unchanged, are kept.",
 )
 @click.option("--timeout", type=float, default=600.0, show_default=True, help="Time limit for each row, seconds.")
 @click.option("--threads", type=int, metavar="N", help="Threads of each process  [default: cores divided by workers].")
@@ -196,7 +198,7 @@ def _told(bar: WorkBar, console: Console) -> Callable[[BatchProgress], None]:
     def tell(progress: BatchProgress) -> None:
         row, left = progress.line, progress.seconds_left
         if row is None:
-            words, line = "", f"{progress.done} of {progress.total} rows are done already" if progress.done else ""
+            words, line = "", _kept_words(progress)
         else:
             words = f"{row.row.shown}: {row.verdict}"
             took = "" if math.isnan(row.seconds) else f"{row.seconds:.1f} s"
@@ -206,6 +208,14 @@ def _told(bar: WorkBar, console: Console) -> Callable[[BatchProgress], None]:
             say(console, line)
 
     return tell
+
+
+def _kept_words(progress: BatchProgress) -> str:
+    """What an earlier session has left to this one."""
+    words = [f"{progress.done} of {progress.total} rows are done already"] if progress.done else []
+    if progress.outdated:
+        words.append(f"{progress.outdated} are done again: another dqreg, or other versions, did them")
+    return "; ".join(words)
 
 
 def _show(console: Console, found: Batch) -> None:

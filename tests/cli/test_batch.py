@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 import subprocess
 import sys
 from pathlib import Path
@@ -9,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dqreg.cli.batch import batch, thumbnail
-from dqreg.registration.batch import Workers
+from dqreg.cli.batch import _kept_words, batch, thumbnail
+from dqreg.registration.batch import BatchProgress, Workers
 from dqreg.registration.batch.row import Targets, run_row
 from dqreg.registration.register import register
 from dqreg.registration.result.result import Registration
@@ -41,6 +42,13 @@ def test_a_row_may_take_as_long_as_from_python():
     # The command does not load the room for its help, so it states the limit once more.
     (timeout,) = (option.default for option in batch.params if option.name == "timeout")
     assert timeout == Workers().timeout
+
+
+def test_rows_that_other_code_did_are_told_of():
+    assert _kept_words(BatchProgress(0, 9, math.nan)) == ""
+    assert _kept_words(BatchProgress(3, 9, math.nan)) == "3 of 9 rows are done already"
+    words = _kept_words(BatchProgress(3, 9, math.nan, outdated=2))
+    assert words == "3 of 9 rows are done already; 2 are done again: another dqreg, or other versions, did them"
 
 
 def test_writes_what_it_says_and_resumes(scene, tmp_path, capsys, monkeypatch, here):

@@ -17,6 +17,7 @@ from typing import Any
 
 from dqreg.errors import DqregError, InputError
 from dqreg.files.atomic import write_atomically
+from dqreg.files.code_identity import code_identity
 from dqreg.files.folder_lock import held_folder
 from dqreg.files.json_records import read_json
 from dqreg.registration.batch.line import REPORTS, RESULTS
@@ -35,6 +36,7 @@ class Folder:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.outdated: set[str] = set()  # Names of rows that another dqreg, or other versions, have done
 
     def result(self, row: Row) -> Path:
         """Result file of a row."""
@@ -53,11 +55,14 @@ class Folder:
         write_atomically(self.path / ROWS, json.dumps(list(names)))
 
     def finished(self, row: Row) -> dict[str, Any] | None:
-        """What the result file of a row holds."""
+        """What the result file of a row holds; None where it is not done, or not with these inputs and this code."""
         path = self.result(row)
         try:
             record = read_json(path, "a result")
             if record[BATCH]["inputs"] != json.loads(json.dumps(inputs_of(row))):
+                return None
+            if record[BATCH].get("code") != code_identity():
+                self.outdated.add(row.name)
                 return None
             if row.asked.report and not self.report(row).is_file():
                 return None

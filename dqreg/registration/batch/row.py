@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dqreg.errors import DqregError
+from dqreg.files.code_identity import code_identity
 from dqreg.files.file_digests import digest_of
 from dqreg.files.poses import read_start
 from dqreg.files.side_digests import DIGESTS
@@ -58,7 +59,7 @@ class RowResult:
 
     status: Status  # Whether there is a result; if not, why not
     message: str = ""  # What went wrong; "" if nothing
-    # The result as `Registration.to_dict` has it, with the key "batch": name, inputs and seconds of the row
+    # The result as `Registration.to_dict` has it, with the key "batch": name, inputs, code and seconds of the row
     record: dict[str, Any] | None = None
     thumbnail: bytes | None = None  # A small JPEG
     page: str | None = None  # The report of the row
@@ -127,7 +128,8 @@ def run_row(row: Row, targets: Targets, thumbnail: Thumbnail | None = None) -> R
     except Exception as error:
         return RowResult("error", f"{type(error).__name__}: {error}")
     picture = _picture(thumbnail, result)
-    about: dict[str, Any] = {"name": row.shown, "inputs": before, "seconds": time.perf_counter() - began}
+    seconds = time.perf_counter() - began
+    about: dict[str, Any] = {"name": row.shown, "inputs": before, "code": code_identity(), "seconds": seconds}
     if inspected is not None:
         about["inspection"] = inspected
     if shown.scale != 1.0:

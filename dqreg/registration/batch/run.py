@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
+from dqreg._numbers import is_number, is_whole
 from dqreg.errors import DqregError, InputError
 from dqreg.files.atomic import require_writable, write_atomically
 from dqreg.registration.batch.line import Line, line_of
@@ -35,9 +36,9 @@ class Workers:
     def __post_init__(self) -> None:
         for name in ("workers", "threads"):
             value = getattr(self, name)
-            if value is not None and value < 1:
-                raise InputError(f"{name} must be 1 or more; got {value}")
-        if self.timeout is not None and not 0.0 < self.timeout < math.inf:
+            if value is not None and not (is_whole(value) and value >= 1):
+                raise InputError(f"{name} must be a whole number, 1 or more; got {value!r:.60}")
+        if self.timeout is not None and not (is_number(self.timeout) and 0.0 < self.timeout < math.inf):
             raise InputError(f"timeout must be seconds above 0; got {self.timeout!r}")
         if self.scheduler is not None and self.workers is not None:
             raise InputError("workers are those of the cluster where a scheduler is given; give one of the two")
@@ -83,6 +84,7 @@ class BatchProgress:
     total: int
     seconds_left: float  # Learned from the rows done in this session; NaN at first
     line: Line | None = None  # The row that has just ended
+    outdated: int = 0  # Rows of an earlier session that are done again, since other code or versions did them
 
 
 def run_batch(
@@ -98,8 +100,8 @@ def run_batch(
 ) -> Batch:
     """Register many rows; results, pictures and the summary go to a folder. A row that cannot be run costs no other.
 
-    With ``resume``, rows whose result is complete, and whose files and options have not changed since, are not done
-    again. Once ``stop`` says True, running rows are dropped and the summary is written.
+    With ``resume``, rows whose result is complete, and whose files, options and code have not changed since, are not
+    done again. Once ``stop`` says True, running rows are dropped and the summary is written.
     """
     workers, tell = workers or Workers(), observe or (lambda _: None)
     with open_folder(out, resume=resume) as folder:
@@ -110,7 +112,7 @@ def run_batch(
         folder.begin(row.name for row in rows)
         todo = [row for row in sound if row.name not in lines]
         progress = _watched(len(rows), len(lines))
-        tell(progress())
+        tell(dataclasses.replace(progress(), outdated=len(folder.outdated)))
         for row in (row for row in rows if row.fault):
             lines[row.name] = line_of(row, folder.save(row, RowResult("error", row.fault)))
             tell(progress(lines[row.name]))

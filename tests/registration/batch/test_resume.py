@@ -52,6 +52,17 @@ def test_a_result_stands_as_long_as_its_inputs_do(done, tmp_path):
         assert folder.finished(row) is not None
 
 
+def test_a_result_stands_as_long_as_the_code_does(done, tmp_path, monkeypatch):
+    row, answer = done
+    with open_folder(tmp_path, resume=False) as folder:
+        folder.save(row, answer)
+        assert folder.finished(row) is not None
+        assert folder.outdated == set()
+        monkeypatch.setattr("dqreg.registration.batch.resume.code_identity", lambda: "of tomorrow")
+        assert folder.finished(row) is None
+        assert folder.outdated == {row.name}
+
+
 @pytest.mark.parametrize("damage", [lambda t: t[:-20], lambda t: "", lambda t: "[]", lambda t: '{"batch": 1}',
                                     lambda t: t.replace('"rms"', '"rmss"'), lambda t: "\0" * 100,
                                     lambda t: re.sub(r'"seconds": [^,}]*', '"seconds": "long"', t),
