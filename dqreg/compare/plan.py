@@ -8,7 +8,7 @@ import os
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from dqreg.compare.engines.registry import EngineSpec
 from dqreg.compare.judge import SUCCESS_THRESHOLD, judge
 from dqreg.compare.records import RunRecord
 from dqreg.compare.sweep import Cell, Sweep
+from dqreg.compare.sweep_file import SHIPPED, TRUST
 from dqreg.compare.sweep_tasks import build
 from dqreg.compare.truth import TruePoses, truth_of
 from dqreg.errors import InputError
@@ -95,10 +96,12 @@ class Protocol:
             value = getattr(self, name)
             if not is_whole(value) or value < least:
                 raise InputError(f"{name} must be a whole number, {least} or more; got {value!r}")
-        for name in ("timeout", "success_threshold"):
+        for name in ("timeout", "success_threshold", *(() if self.memory_limit is None else ("memory_limit",))):
             value = getattr(self, name)
             if not is_number(value) or not 0.0 < value < float("inf"):
                 raise InputError(f"{name} must be a number above 0; got {value!r}")
+        if isinstance(self.settings, str) or not self.settings or not set(self.settings) <= set(get_args(Setting)):
+            raise InputError(f"settings must be a tuple of {', '.join(get_args(Setting))}; got {self.settings!r:.80}")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -232,6 +235,8 @@ def _case(thing: Any) -> Iterator[Case]:
     if not isinstance(thing, (str, os.PathLike)):
         raise InputError(f"not a task: {thing!r:.80}; give a case folder, a recipe, a BenchmarkCase or a Sweep")
     path = Path(thing)
+    if str(thing) in (*SHIPPED, TRUST) and not path.exists():
+        raise InputError(f"there is no case {thing}; did you mean --sweep {thing}?")
     if path.suffix.lower() != ".toml":
         yield load_case(path)
         return

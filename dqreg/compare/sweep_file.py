@@ -9,13 +9,15 @@ import tomllib
 from pathlib import Path
 from typing import Any, get_args
 
+from dqreg._numbers import is_number, is_whole
 from dqreg.compare.engines.protocol import Setting
 from dqreg.compare.sweep import FRAMES, AxisName, Cell, Sweep, SweepAxis
 from dqreg.errors import InputError, did_you_mean
 from dqreg.files.untrusted import read_record
 from dqreg.synth.parts import KINDS
 
-SHIPPED = ("standard", "quick")
+# Sweeps by name; the last is no file.
+SHIPPED, TRUST = ("standard", "quick"), "trust"
 
 
 def read_sweep(name: str | os.PathLike[str]) -> Sweep:
@@ -25,8 +27,9 @@ def read_sweep(name: str | os.PathLike[str]) -> Sweep:
     else:
         path = Path(name)
         if not path.is_file():
+            hint = did_you_mean(path.stem, (*SHIPPED, TRUST))
             raise InputError(
-                f"--sweep must be {', '.join(SHIPPED)}, trust or a TOML file; there is no file {str(name)!r}"
+                f"--sweep must be {', '.join(SHIPPED)}, {TRUST} or a TOML file; there is no file {str(name)!r}{hint}"
             )
         text = read_record(path, "a sweep (TOML)")
     return parse_sweep(text, str(name))
@@ -38,6 +41,8 @@ def parse_sweep(text: str, name: str) -> Sweep:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"sweep {name}: not TOML: {error}") from error
+    if "scanner" in data:
+        raise InputError(f"{name} is a recipe, not a sweep; give it as CASE, without --sweep")
     _known(data, ("base", "axis", "timeout", "title", "engines"), f"sweep {name}: ")
     base = _table(data, "base", name)
     fields = {field.name for field in dataclasses.fields(Cell)} - {"axis", "value", "trial", "setting", "nothing"}
@@ -68,7 +73,7 @@ def _axis(key: str, table: Any, name: str) -> SweepAxis:
         raise InputError(f"{where}.settings: the same loop needs a start, and this axis has none")
     counts = {word: table.get(word, 1) for word in ("trials", "repeats")}
     for word, count in counts.items():
-        if isinstance(count, bool) or not isinstance(count, int) or count < 1:
+        if not is_whole(count) or count < 1:
             raise InputError(f"{where}.{word} must be a whole number above 0; got {count!r}")
     more = _names(table.get("more_engines", []), f"{where}.more_engines")
     return SweepAxis(key, tuple(values), settings=tuple(settings), more_engines=more, **counts)
@@ -81,7 +86,7 @@ def _check(cell: Cell, name: str) -> None:
             raise InputError(f"{where}{word} must be one of {', '.join(KINDS)}; got {value!r}")
     if cell.frame not in FRAMES:
         raise InputError(f"{where}frame must be one of {', '.join(FRAMES)}; got {cell.frame!r}")
-    if isinstance(cell.points, bool) or not isinstance(cell.points, int) or cell.points < 100:
+    if not is_whole(cell.points) or cell.points < 100:
         raise InputError(f"{where}points must be a whole number, 100 or more; got {cell.points!r}")
     for word, high in (("start_angle_deg", 180.0), ("start_offset", 10.0), ("noise", 1.0), ("outliers", 0.9)):
         _between(getattr(cell, word), 0.0, high, where + word)
@@ -110,11 +115,11 @@ def _table(data: Any, key: str, name: str) -> dict[str, Any]:
 
 
 def _positive(value: Any, name: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value < 1e300:
+    if not is_number(value) or not 0.0 < value < 1e300:
         raise InputError(f"sweep {name} must be a number above 0; got {value!r:.60}")
     return float(value)
 
 
 def _between(value: Any, low: float, high: float, name: str) -> None:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:
+    if not is_number(value) or not low <= value <= high:
         raise InputError(f"{name} must lie between {low:g} and {high:g}; got {value!r}")

@@ -236,6 +236,8 @@ def parse_recipe(text: str, folder: str | os.PathLike[str] = ".") -> Recipe:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"the recipe is not TOML: {error}") from error
+    if "axis" in data:
+        raise InputError("this is a sweep, not a recipe; did you mean dqreg compare --sweep FILE?")
     require_known(data, _TOP, "")
     frame, start = get_table(data, "frame", ("offset",)), get_table(data, "start", ("angle_deg", "offset"))
     kind, scanner = make_scanner(get_table(data, "scanner", None))

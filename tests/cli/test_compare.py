@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -16,6 +17,8 @@ from tests.cli.command import run
 
 ENGINES = Path(__file__).parents[1] / "compare" / "toy_engines.py"
 CASE = load_case(demo_case())
+ROOT = Path(__file__).parents[2]
+SWEEP, RECIPE = ROOT / "dqreg/compare/quick.toml", ROOT / "datasets_synth/recipes/gear.toml"
 
 
 @pytest.fixture
@@ -65,6 +68,13 @@ def test_scan_and_target_with_a_truth(tmp_path, alone, capsys):
     assert capsys.readouterr().out == ""
 
 
+def test_a_device_takes_the_runs_and_none_are_kept_beside_it(alone, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    words = ["compare", CASE.folder, "--engine", alone, "--repeats", 1, "--setting", "manual", "--quiet"]
+    assert run(*words, "--out", os.devnull) == 0
+    assert {path.name for path in tmp_path.iterdir()} <= {alone.name, "__pycache__"}
+
+
 def test_list_names_every_engine(capsys, alone):
     assert run("compare", "--list", "--engine-file", alone) == 0
     text = capsys.readouterr().out
@@ -106,7 +116,11 @@ def test_stopped_before_the_first_run_names_no_file(tmp_path, alone, capsys, mon
         (["{case}", "--start", "none", "--setting", "same-loop"], "start"),
         (["{case}", "--report", "no/where/r.html"], "no/where"),
         (["{case}", "--timeout", "-1"], "timeout"),
-        (["--sweep", "standrad"], "standard"),
+        (["--sweep", "standrad"], "did you mean standard?"),
+        (["--sweep", "standard.toml"], "did you mean standard?"),
+        (["trust"], "did you mean --sweep trust?"),
+        (["{sweep}"], "a sweep, not a recipe; did you mean dqreg compare --sweep FILE?"),
+        (["--sweep", "{recipe}"], "a recipe, not a sweep; give it as CASE, without --sweep"),
         (["{scan}", "no.stl"], "no.stl"),
         (["{scan}", "{part}", "--truth", "no.txt"], "no.txt"),
         (["no.toml"], "no.toml"),
@@ -114,7 +128,7 @@ def test_stopped_before_the_first_run_names_no_file(tmp_path, alone, capsys, mon
 )
 def test_bad_input_is_exit_2_and_one_line(arguments, said, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    names = {"case": CASE.folder, "scan": CASE.scan, "part": CASE.part}
+    names = {"case": CASE.folder, "scan": CASE.scan, "part": CASE.part, "sweep": SWEEP, "recipe": RECIPE}
     assert run("compare", *(word.format(**names) for word in arguments)) == 2
     captured = capsys.readouterr()
     assert captured.err.startswith("dqreg: error: ")

@@ -385,7 +385,17 @@ def test_shipped_sweeps_name_engines_that_exist():
 
 
 @pytest.mark.parametrize(
-    "bad", [{"repeats": 0}, {"threads": True}, {"timeout": 0.0}, {"success_threshold": float("nan")}]
+    "bad",
+    [
+        {"repeats": 0},
+        {"threads": True},
+        {"timeout": 0.0},
+        {"success_threshold": float("nan")},
+        {"memory_limit": -1.0},
+        {"memory_limit": "2 GB"},
+        {"settings": "manual"},
+        {"settings": ("loop",)},
+    ],
 )
 def test_a_protocol_is_checked(bad):
     with pytest.raises(InputError, match=next(iter(bad))):
