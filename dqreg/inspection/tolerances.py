@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import BoolArray, FloatArray, IntArray
+from dqreg._numbers import is_number
 from dqreg.errors import InputError
 from dqreg.inspection.statistics import require_length
 
@@ -112,7 +113,7 @@ def tolerance_from(text: str) -> float | Tolerance:
 
 def require_share(share: Any) -> None:
     """Refuse what is no share of points."""
-    if isinstance(share, bool) or not isinstance(share, (int, float)) or not 0.0 < share <= 1.0:
+    if not is_number(share) or not 0.0 < share <= 1.0:
         raise InputError(f"required_share must be above 0 and at most 1; got {share!r}")
 
 

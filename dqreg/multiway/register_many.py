@@ -10,6 +10,7 @@ from typing import Any, get_args
 
 import numpy as np
 
+from dqreg._numbers import is_whole
 from dqreg.errors import InputError
 from dqreg.multiway.assemble import assembled
 from dqreg.multiway.pairwise.pair_runs import PairRunner, Progress, workers_of
@@ -211,7 +212,7 @@ def _checked(effort: Any, seed: Any, time_limit: Any, observe: Any) -> float | N
 
 
 def _check_anchor(anchor: Any, count: int) -> None:
-    if isinstance(anchor, bool) or not isinstance(anchor, (int, np.integer)) or not 0 <= anchor < count:
+    if not is_whole(anchor) or not 0 <= anchor < count:
         raise InputError(f"anchor must be the number of a scan, 0 to {count - 1}; got {anchor!r:.60}")
 
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from dqreg._numbers import is_whole
 from dqreg.errors import InputError
 from dqreg.files.strict_json import plain
 from dqreg.inspection import Decision, Deviations, Inspection, PlannedReport
@@ -270,7 +271,7 @@ def cell_of(
 ) -> NotebookCell:
     """The view of a result that holds its sides."""
     checked_tolerance(tolerance)
-    if isinstance(height, bool) or not isinstance(height, int) or not MIN_CELL_HEIGHT <= height <= MAX_CELL_HEIGHT:
+    if not is_whole(height) or not MIN_CELL_HEIGHT <= height <= MAX_CELL_HEIGHT:
         raise InputError(
             f"height must be a whole number of pixels from {MIN_CELL_HEIGHT} to {MAX_CELL_HEIGHT}; got {height!r:.60}"
         )

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray, as_pose
+from dqreg._numbers import is_number
 from dqreg.errors import InputError
 from dqreg.inspection import Decision, Deviations, Inspection, Place, Region, decide
 from dqreg.inspection.decision.regions import cut_of, regions_of
@@ -135,7 +136,7 @@ def checked_tolerance(tolerance: float | None) -> float | None:
     """
     if tolerance is None:
         return None
-    if isinstance(tolerance, bool) or not isinstance(tolerance, (int, float, np.integer, np.floating)):
+    if not is_number(tolerance):
         raise InputError(f"tolerance must be a length in the target's unit; got {tolerance!r:.60}")
     if not 0.0 < tolerance < np.inf:
         raise InputError(f"tolerance must be a length above 0, in the target's unit; got {tolerance!r}")

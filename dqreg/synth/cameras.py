@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from dqreg._arrays import FloatArray, as_vectors, require_workable
+from dqreg._numbers import is_number, is_whole
 from dqreg.errors import InputError
 
 
@@ -50,9 +51,9 @@ def require_rays(views: int, **counts: object) -> None:
     """Raise unless the sides of an image are whole numbers and all images have a sane number of rays."""
     total = views
     for name, count in counts.items():
-        if isinstance(count, bool) or not isinstance(count, int) or count < 1:
+        if not is_whole(count) or count < 1:
             raise InputError.of("must be a whole number above 0", name=name, given=count)
-        total *= count
+        total *= int(count)
     if total > MOST_RAYS:
         name, count = next(iter(counts.items()))
         rays = f"{min(total, 10**300):.3g} rays in all {views} views"  # a number of any size
@@ -67,7 +68,7 @@ def unit(vectors: FloatArray) -> FloatArray:
 
 def is_within(value: object, low: float, high: float) -> bool:
     """Whether a value is a number strictly between two others."""
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and low < value < high
+    return is_number(value) and low < value < high
 
 
 class Stands:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dqreg._arrays import BoolArray, FloatArray, as_float, as_pose, require_finite
+from dqreg._numbers import is_whole
 from dqreg.errors import InputError
 from dqreg.rigid import pose
 from dqreg.synth.parts.plain import Mesh
@@ -71,7 +72,7 @@ def form_error(
     >>> round(float(np.ptp(wavy.points[:, 2])), 3)
     0.02
     """
-    if isinstance(waves, bool) or not isinstance(waves, int) or waves < 2:
+    if not is_whole(waves) or waves < 2:
         raise InputError(f"waves must be a whole number from 2 on: one wave is a tilt or a shift; got {waves!r}")
     if not 0.0 <= amplitude < np.inf:
         raise InputError(f"amplitude must be a length that is not negative; got {amplitude!r}")

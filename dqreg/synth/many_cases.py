@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from dqreg._numbers import is_number, is_whole
 from dqreg.errors import InputError
 from dqreg.files.strict_json import plain
 from dqreg.files.units import METRES
@@ -141,6 +142,6 @@ def _made(data: Mapping[str, Any], folder: Path, rng: np.random.Generator) -> tu
 def _require_between(table: object, **limits: tuple[float, float]) -> None:
     for name, (low, high) in limits.items():
         value = getattr(table, name)
-        kinds, kind = ((int,), "a whole number") if isinstance(low, int) else ((int, float), "a number")
-        if isinstance(value, bool) or not isinstance(value, kinds) or not low <= value <= high:
+        is_kind, kind = (is_whole, "a whole number") if isinstance(low, int) else (is_number, "a number")
+        if not is_kind(value) or not low <= value <= high:
             raise InputError.of(f"must be {kind} from {low} to {high}", name=name, given=value)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dqreg._arrays import FloatArray, as_float
+from dqreg._numbers import is_number
 from dqreg.errors import InputError
 from dqreg.rigid import pose
 
@@ -49,7 +50,7 @@ class Motion:
                 raise InputError.of(
                     f"must be three numbers, together at most {what}", name=name, given=getattr(self, name)
                 )
-        if isinstance(self.reference, bool) or not isinstance(self.reference, (int, float)):
+        if not is_number(self.reference):
             raise InputError.of("must be a number from 0 to 1", name="reference", given=self.reference)
         if not 0.0 <= self.reference <= 1.0:
             raise InputError.of("must be a number from 0 to 1", name="reference", given=self.reference)

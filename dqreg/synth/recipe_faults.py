@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
+from dqreg._numbers import is_number, is_whole
 from dqreg.errors import InputError
 from dqreg.geometry.mesh import Mesh as PartMesh
 from dqreg.geometry.mesh_faces import faces_of
@@ -117,7 +118,7 @@ def _fault(kind: str, entry: Mapping[str, Any], name: str) -> Fault:
 
 def _numbers(given: Any, name: str, count: int) -> tuple[float, ...]:
     good = isinstance(given, list) and len(given) == count
-    if not good or not all(isinstance(x, int | float) and not isinstance(x, bool) and abs(x) < 1e15 for x in given):
+    if not good or not all(is_number(x) and abs(x) < 1e15 for x in given):
         raise InputError(
             f"recipe: {name} must be {'a number' if count == 1 else f'{count} numbers'}; got {given!r:.80}"
         )
@@ -125,6 +126,6 @@ def _numbers(given: Any, name: str, count: int) -> tuple[float, ...]:
 
 
 def _whole(given: Any, name: str, least: int) -> int:
-    if isinstance(given, bool) or not isinstance(given, int) or given < least:
+    if not is_whole(given) or given < least:
         raise InputError(f"recipe: {name} must be a whole number from {least} on; got {given!r}")
     return given

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from dqreg._numbers import is_number, is_whole
 from dqreg.errors import NOTHING, InputError, did_you_mean
 
 
@@ -35,7 +36,7 @@ def get_table(data: Mapping[str, Any], name: str, known: Iterable[str] | None) -
 def get_number(table: Mapping[str, Any], name: str, default: float, *, most: float = np.inf) -> float:
     """Return a number that is not negative."""
     value = table.get(name.rpartition(".")[2], default)
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 <= value < np.inf:
+    if not is_number(value) or not 0.0 <= value < np.inf:
         raise InputError(f"recipe: {name} must be a number that is not negative; got {value!r}")
     if value > most:
         raise InputError(f"recipe: {name} must be at most {most:g}; got {value!r}")
@@ -62,7 +63,7 @@ def check_name(value: Any) -> str:
 
 def check_seed(value: Any) -> int:
     """Return a seed, a whole number that is not negative."""
-    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+    if not is_whole(value) or value < 0:
         given = "it is missing" if value is None else f"got {value!r}"
         raise InputError(f"recipe: seed must be a whole number that is not negative; {given}")
     return value
@@ -121,6 +122,6 @@ def _radians(table: Mapping[str, Any], name: str) -> float | tuple[float, ...]:
     value = table[name.rpartition(".")[2]]
     if not isinstance(value, list):
         return float(np.deg2rad(float(get_number(table, name, 0.0))))
-    if not all(isinstance(v, (int, float)) and not isinstance(v, bool) and abs(v) < 1e300 for v in value):
+    if not all(is_number(v) and abs(v) < 1e300 for v in value):
         raise InputError(f"recipe: {name} must be a list of numbers; got {value!r}")
     return tuple(float(np.deg2rad(float(v))) for v in value)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dqreg._arrays import FloatArray, as_float
+from dqreg._numbers import is_whole
 from dqreg.errors import InputError
 from dqreg.rigid import pose
 from dqreg.synth import parts
@@ -69,7 +70,7 @@ class Scene:
             raise InputError.of("must lie between 1 and 100 diagonals of the part", name="size", given=self.size)
         if not is_within(self.wall_height, 0.0, 100.0):
             raise InputError.of("must lie between 0 and 100 diagonals", name="wall_height", given=self.wall_height)
-        if isinstance(self.clutter, bool) or not isinstance(self.clutter, int) or not 0 <= self.clutter <= _MAX_OBJECTS:
+        if not is_whole(self.clutter) or not 0 <= self.clutter <= _MAX_OBJECTS:
             raise InputError.of(f"must be a whole number from 0 to {_MAX_OBJECTS}", name="clutter", given=self.clutter)
         if self.clutter and self.kind == "none":
             raise InputError.of('needs something to lie on; give kind = "table" or "bin"', name="clutter")

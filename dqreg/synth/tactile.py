@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dqreg._arrays import BoolArray, FloatArray, as_vectors
+from dqreg._numbers import is_whole
 from dqreg.errors import InputError
 from dqreg.geometry.mesh import Mesh as Surface
 from dqreg.geometry.mesh_surface import MeshSurface
@@ -63,7 +64,7 @@ class TactileProbe:
     max_tilt_rad: float = float(np.deg2rad(75.0))
 
     def __post_init__(self) -> None:
-        if isinstance(self.points, bool) or not isinstance(self.points, int) or not 1 <= self.points <= _MAX_POINTS:
+        if not is_whole(self.points) or not 1 <= self.points <= _MAX_POINTS:
             raise InputError.of(f"must be a whole number from 1 to {_MAX_POINTS}", name="points", given=self.points)
         if not (self.probe_radius == 0.0 or is_within(self.probe_radius, 0.0, np.inf)):
             raise InputError.of("must be a length that is not negative", name="probe_radius", given=self.probe_radius)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dqreg._arrays import FloatArray, as_vectors, require_workable
+from dqreg._numbers import is_number
 from dqreg.errors import DegenerateGeometryError, InputError, did_you_mean
 from dqreg.inspection.features.feature import Feature, FeatureMethod
 from dqreg.inspection.features.gauss import fit_gauss
@@ -126,7 +127,7 @@ def _check(points: FloatArray, kind: str, method: str) -> None:
 def _check_options(points: FloatArray, normals: FloatArray | None, cut: float | None) -> None:
     if normals is not None and len(normals) != len(points):
         raise InputError(f"normals must be as many as points; got {len(normals)} for {len(points)} points")
-    usable = cut is None or (isinstance(cut, (int, float, np.number)) and not isinstance(cut, bool) and cut > 0.0)
+    usable = cut is None or (is_number(cut) and cut > 0.0)
     if not usable:
         raise InputError(f"cut must be a number of standard deviations above 0; got {cut!r:.60}")
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from typing import Any
 
+from dqreg._numbers import is_number, is_whole
 from dqreg.errors import InputError, did_you_mean
 
 # What names a face: its number of `dqreg faces`, three coordinates that it is nearest to, or the six of a box that it
@@ -26,7 +27,7 @@ def face_of(entry: dict[str, Any], where: str) -> FaceName:
     key = given[0]
     if key == "face":
         number = entry["face"]
-        if isinstance(number, bool) or not isinstance(number, int) or not 0 <= number < MOST_FACES:
+        if not is_whole(number) or not 0 <= number < MOST_FACES:
             raise InputError(f"{where}: face is a number of `dqreg faces`; got {number!r:.60}")
         return number
     values, count = entry[key], NAMES[key]
@@ -76,7 +77,7 @@ def number_of(entry: dict[str, Any], key: str, where: str) -> float:
     """A finite number."""
     value = entry[key]
     # Integers of TOML may be longer than any float.
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= sys.float_info.max:
+    if not is_number(value) or not abs(value) <= sys.float_info.max:
         raise InputError(f"{where}: {key} must be a number; got {value!r:.60}")
     return float(value)
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from dqreg._arrays import FloatArray
+from dqreg._numbers import is_whole
 from dqreg.errors import DqregError, InputError
 from dqreg.files.code_identity import code_identity
 from dqreg.multiway.pose_graph.edges import PART, Edge
@@ -175,7 +176,7 @@ def workers_of(asked: int | None) -> int:
     """Threads to work in: as many as asked for, else one a core."""
     if asked is None:
         return os.cpu_count() or 1
-    if isinstance(asked, bool) or not isinstance(asked, (int, np.integer)) or asked < 1:
+    if not is_whole(asked) or asked < 1:
         raise InputError(f"workers must be a whole number above 0, or None for one a core; got {asked!r}")
     return int(asked)
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
+from dqreg._numbers import is_whole
 from dqreg.errors import InputError
 
 # More facets than this in one circle are a typing error, not a part.
@@ -24,7 +25,7 @@ def require_count(
     name: str, value: Any, least: int, *, most: int = MAX_FACETS, multiple: int = 1, index: int | None = None
 ) -> None:
     """Raise unless a count is a whole number within reason."""
-    whole = isinstance(value, int) and not isinstance(value, bool)
+    whole = is_whole(value)
     if not whole or not least <= value <= most or value % multiple:
         of = f", a multiple of {multiple}" if multiple > 1 else ""
         raise InputError.of(f"must be a whole number from {least} to {most}{of}", name=name, index=index, given=value)
