@@ -21,7 +21,8 @@ from dqreg.compare.case import small_copy
 from dqreg.compare.engines.protocol import EngineOutput, Task
 from dqreg.compare.engines.registry import EngineSpec
 from dqreg.compare.environment import machine_memory
-from dqreg.registration.batch.worker import Failure, Status, Worker
+from dqreg.registration.batch.watch import Failure
+from dqreg.registration.batch.worker import Status, Worker
 
 # Loading and compiling libraries in the first call is not the engine's doing, and is not timed.
 WARM_SECONDS = 20.0

@@ -18,7 +18,8 @@ from dqreg.errors import DqregError, InputError
 from dqreg.files.atomic import require_folder, write_atomically
 from dqreg.files.strict_json import plain
 from dqreg.files.untrusted import read_record
-from dqreg.registration.batch.worker import Failure, Worker
+from dqreg.registration.batch.watch import Failure
+from dqreg.registration.batch.worker import Worker
 from dqreg.studio.tasks import ASIDE, DEPENDS, NAMES, Values, perform, warm
 from dqreg.studio.visit import Side, Visit
 

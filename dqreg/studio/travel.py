@@ -17,7 +17,8 @@ from dqreg.errors import InputError
 from dqreg.files.atomic import write_atomically
 from dqreg.files.json_records import read_json
 from dqreg.files.strict_json import plain
-from dqreg.registration.batch.worker import Failure, Worker
+from dqreg.registration.batch.watch import Failure
+from dqreg.registration.batch.worker import Worker
 from dqreg.registration.result.result import Registration
 from dqreg.rigid import pose
 from dqreg.studio.drawing import DrawnFrame, drawn_pose

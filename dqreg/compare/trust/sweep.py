@@ -19,7 +19,8 @@ from dqreg.compare.trust.trial import Trial, trial
 from dqreg.errors import InputError
 from dqreg.files.code_identity import code_identity
 from dqreg.files.strict_json import plain, record_from
-from dqreg.registration.batch.worker import Failure, Worker
+from dqreg.registration.batch.watch import Failure
+from dqreg.registration.batch.worker import Worker
 from dqreg.report.work_bar import TimeLeft
 
 FORMAT = "dqreg trust sweep 1"

@@ -16,7 +16,8 @@ from dqreg.files.file_digests import digest_of
 from dqreg.files.poses import read_start
 from dqreg.files.side_digests import DIGESTS
 from dqreg.registration.batch.row_inspection import RowInspection, inspect_row
-from dqreg.registration.batch.worker import Failure, Status, Worker
+from dqreg.registration.batch.watch import Failure
+from dqreg.registration.batch.worker import Status, Worker
 
 if TYPE_CHECKING:
     from dqreg.registration.result.display_unit import ShownTarget

@@ -8,24 +8,20 @@ whatever its name, is taken for a module of the standard library.
 from __future__ import annotations
 
 import contextlib
-import dataclasses
-import itertools
 import os
 import pickle
-import signal
 import subprocess
 import sys
 import sysconfig
 import tempfile
 import threading
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import IO, Any, Literal, TypeVar
 
 from dqreg.errors import InputError
-from dqreg.registration.batch.process_usage import cpu_seconds, resident_memory
 from dqreg.registration.batch.serve import receive, send
+from dqreg.registration.batch.watch import Failure, Watch, kill
 
 # How a task ends: "ran" and "error" are told by the task itself, the others by the process around it.
 Status = Literal["ran", "error", "crashed", "timeout", "memory"]
@@ -34,20 +30,8 @@ Result = TypeVar("Result")
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
 # Starting Python and loading libraries is not the task's doing.
 START_SECONDS = 180.0
-# How often it is looked at whether the process lives, and its memory.
-POLL_SECONDS = 0.1
-# Polls from one look at what it has started to the next, for which all processes of the machine are listed.
-CHILDREN_EVERY = 10
 # Nothing is imported before the path is the safe one.
 CODE = "import sys; sys.path[:] = sys.argv[1:]; from dqreg.registration.batch.serve import serve; serve({idle})"
-
-
-@dataclasses.dataclass(frozen=True)
-class Failure:
-    """Why a task has no result."""
-
-    kind: Literal["crashed", "timeout", "memory"]
-    message: str  # One line for people
 
 
 class Worker:
@@ -81,7 +65,7 @@ class Worker:
         if self._tasks >= self._most:
             self._end()
         for _ in range(2):
-            watch = _Watch(timeout, memory, cpu)
+            watch = Watch(timeout, memory, cpu)
             try:
                 self._ready(watch)
                 answer: Result = self._asked(task, watch)
@@ -108,10 +92,10 @@ class Worker:
         self.closed = True
         with self._lock:
             if self._process is not None:
-                _kill(self._process)
+                kill(self._process)
         self._end()
 
-    def _ready(self, watch: _Watch) -> None:
+    def _ready(self, watch: Watch) -> None:
         """See to it that there is a process."""
         if self._process is not None and self._process.poll() is None:
             return
@@ -120,13 +104,13 @@ class Worker:
             if self.closed:
                 raise EOFError
             self._process, self._log = _started(self._threads, self._idle)
-        start = _Watch(START_SECONDS, None)
+        start = Watch(START_SECONDS, None)
         try:
             self._asked(self._prepare, start)
         finally:
             watch.failure = start.failure
 
-    def _asked(self, task: Callable[[], Result], watch: _Watch) -> Result:
+    def _asked(self, task: Callable[[], Result], watch: Watch) -> Result:
         process = self._process
         if process is None:
             raise EOFError  # closed meanwhile
@@ -167,7 +151,7 @@ class Worker:
             self._process = self._log = None
             self._tasks = 0
         if process is not None:
-            _kill(process)
+            kill(process)
             process.wait()
             for pipe in (process.stdin, process.stdout):
                 # A task that was not taken is still in the buffer, and has nowhere to go.
@@ -176,56 +160,6 @@ class Worker:
                         pipe.close()
         if log is not None:
             log.close()
-
-
-class _Watch:
-    """Ends a process that takes too long or too much memory, so that reading from it ends as well."""
-
-    def __init__(self, timeout: float | None, memory: float | None, cpu: float | None = None) -> None:
-        self._timeout, self._memory, self._cpu = timeout, memory, cpu
-        self.failure: Failure | None = None
-
-    @contextlib.contextmanager
-    def over(self, process: subprocess.Popen[bytes]) -> Any:
-        """Watch a process during a block."""
-        if self._timeout is None and self._memory is None and self._cpu is None:
-            yield
-            return
-        done = threading.Event()
-        thread = threading.Thread(target=self._run, args=(process, done), daemon=True)
-        thread.start()
-        try:
-            yield
-        finally:
-            done.set()
-            thread.join()
-
-    def _run(self, process: subprocess.Popen[bytes], done: threading.Event) -> None:
-        end = None if self._timeout is None else time.monotonic() + self._timeout
-        begun = 0.0 if self._cpu is None else cpu_seconds(process.pid)
-        for poll in itertools.count():
-            if done.wait(POLL_SECONDS if end is None else min(POLL_SECONDS, max(0.0, end - time.monotonic()))):
-                return
-            counted = self._memory is not None
-            used = resident_memory(process.pid, children=poll % CHILDREN_EVERY == 0) if counted else 0.0
-            if self._memory is not None and used > self._memory:
-                words = f"ended at {used / 2**30:.1f} GiB, limit {self._memory / 2**30:.1f} GiB"
-                self.failure = Failure("memory", words)
-            elif self._cpu is not None and cpu_seconds(process.pid) - begun > self._cpu:
-                self.failure = Failure("timeout", f"no answer within {self._cpu:g} s of CPU time")
-            elif end is not None and time.monotonic() >= end:
-                self.failure = Failure("timeout", f"no answer within {self._timeout:g} s")
-            if self.failure is not None or process.poll() is not None:
-                break
-        _kill(process)
-
-
-def _kill(process: subprocess.Popen[bytes]) -> None:
-    """End a process and what it has forked: as long as a child lives, the pipe to it stays open."""
-    if os.name != "nt":
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(process.pid, signal.SIGKILL)
-    process.kill()
 
 
 def _started(threads: int, idle: float | None) -> tuple[subprocess.Popen[bytes], IO[bytes]]:

@@ -14,7 +14,7 @@ from dqreg.compare.trust.rates import ALL_GOOD, ALL_WRONG, tables
 from dqreg.compare.trust.sweep import TrustSweep
 from dqreg.compare.trust.trial import Trial
 from dqreg.files import code_identity
-from dqreg.registration.batch.worker import Failure
+from dqreg.registration.batch.watch import Failure
 
 NAN = float("nan")
 

@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dqreg.errors import MissingDependencyError
-from dqreg.registration.batch.process_usage import resident_memory
 from dqreg.registration.batch.serve import receive, send
-from dqreg.registration.batch.worker import Failure, Worker
+from dqreg.registration.batch.watch import Failure, resident_memory
+from dqreg.registration.batch.worker import Worker
 from tests.registration.batch.hostile import behave, refuse
 
 GOOD, HANG, LEAVE = (partial(behave, kind) for kind in ("good", "hang", "leave"))
