@@ -128,4 +128,4 @@ def _numbers(given: Any, name: str, count: int) -> tuple[float, ...]:
 def _whole(given: Any, name: str, least: int) -> int:
     if not is_whole(given) or given < least:
         raise InputError(f"recipe: {name} must be a whole number from {least} on; got {given!r}")
-    return given
+    return int(given)

@@ -66,7 +66,7 @@ def check_seed(value: Any) -> int:
     if not is_whole(value) or value < 0:
         given = "it is missing" if value is None else f"got {value!r}"
         raise InputError(f"recipe: seed must be a whole number that is not negative; {given}")
-    return value
+    return int(value)
 
 
 Made = TypeVar("Made")

@@ -29,7 +29,7 @@ def face_of(entry: dict[str, Any], where: str) -> FaceName:
         number = entry["face"]
         if not is_whole(number) or not 0 <= number < MOST_FACES:
             raise InputError(f"{where}: face is a number of `dqreg faces`; got {number!r:.60}")
-        return number
+        return int(number)
     values, count = entry[key], NAMES[key]
     if not isinstance(values, list) or len(values) != count:
         words = {3: "[x, y, z]", 6: "[x, y, z, x, y, z], two opposite corners"}[count]
