@@ -10,10 +10,16 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dqreg.cli.exit_codes import NOT_ACCEPTED, NOT_PASSED, SIGNAL_CODE
-from dqreg.cli.lazy_group import Choice
 from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, read_head, say
 from dqreg.cli.overwriting import require_apart
-from dqreg.cli.registration_options import EFFORTS, METHODS, units_option
+from dqreg.cli.registration_options import (
+    effort_option,
+    max_angle_option,
+    max_distance_option,
+    method_option,
+    seed_option,
+    units_option,
+)
 from dqreg.cli.signals import PoliteSignals
 from dqreg.cli.values import FILE, UNITS, ToleranceType
 from dqreg.errors import printable
@@ -47,18 +53,18 @@ PICTURE_POINTS = 20_000
     is_flag=True,
     help="Resume in a folder that holds results: rows that are done, by this dqreg and unchanged, are kept.",
 )
-@click.option("--timeout", type=float, default=600.0, show_default=True, help="Time limit for each row, seconds.")
+@click.option("--timeout", type=float, metavar="SECONDS", default=600.0, show_default=True, help="Time limit for each "
+              "row.")  # fmt: skip
 @click.option("--threads", type=int, metavar="N", help="Threads of each process  [default: cores divided by workers].")
 @click.option("--start", default="none", show_default=True, metavar="none|identity|FILE", help="Default initial pose, "
               "for rows that name none.")  # fmt: skip
-@click.option("--method", type=Choice(METHODS), help="Estimator  [default: auto].")
-@click.option("--effort", type=Choice(EFFORTS), help="Closest-point queries of the last level  [default: normal].")
-@click.option("--max-distance", type=float, metavar="LENGTH", help="Maximum correspondence distance, target units.")
-@click.option("--max-angle", "max_angle_deg", type=float, metavar="DEGREES", help="Maximum angle between the normals "
-              "of a correspondence  [default: 60].")  # fmt: skip
+@method_option(of_rows=True)
+@effort_option(of_rows=True)
+@max_distance_option
+@max_angle_option(of_rows=True)
 @units_option("source", "the scans, where their files do not say")
 @units_option("target", "the targets, where their files do not say")
-@click.option("--seed", type=int, metavar="N", help="Seed of all random draws  [default: 0].")
+@seed_option(of_rows=True)
 @click.option("--plan", type=FILE, help="Inspection plan (TOML) of the parts, as in dqreg inspect.")
 @click.option("--tolerance", type=ToleranceType(), metavar="LENGTH", help="Largest deviation allowed, target units, or "
               "two sides as +0.2/-0.05: each part passes, fails or is undecided.")  # fmt: skip

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dqreg.cli.exit_codes import STOPPED_CODE
+from dqreg.cli.lazy_group import Renamed
 from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, say
 from dqreg.cli.overwriting import require_apart
 from dqreg.cli.registration_options import units_option
@@ -36,14 +37,23 @@ NOT_OF_TRUST = ("engines", "files", "start", "truth", "source_units", "target_un
               "size on virtual scans, as a TOML file says; trust: how often dqreg's verdict is right.")  # fmt: skip
 @click.option("--kinds", multiple=True, metavar="NAME,...", help="With --sweep trust: only these kinds or groups of "
               "task; 'list' lists them.")  # fmt: skip
-@click.option("--seeds", type=click.IntRange(min=1), help="With --sweep trust: tasks of each kind  [default: 10].")
-@click.option("--first-seed", type=click.IntRange(min=0), help="With --sweep trust: seed of the first.")
+@click.option(
+    "--seeds", type=click.IntRange(min=1), metavar="N", help="With --sweep trust: tasks of each kind  [default: 10]."
+)
+@click.option("--first-seed", type=click.IntRange(min=0), metavar="N", help="With --sweep trust: seed of the first.")
 @click.option("--workers", type=click.IntRange(min=1), metavar="N", help="With --sweep trust: processes  [default: 2].")
 @click.option("--multiway", is_flag=True, help="The inputs are many scans of one object; --truth holds the true pose "
               "of each.")  # fmt: skip
 @click.option("--fit-confidence", is_flag=True, help="With --sweep trust: fit the coefficients of "
               "`verdict.confidence` to its tasks and print them.")  # fmt: skip
-@click.option("--engine", "-e", "engines", multiple=True, help="Only this engine; may be repeated  [default: all].")
+@click.option(
+    "--engine",
+    "-e",
+    "engines",
+    multiple=True,
+    metavar="NAME",
+    help="Only this engine; may be repeated  [default: all].",
+)
 @click.option("--engine-file", "files", multiple=True, type=FILE, help="Python file with your own engine; may be "
               "repeated.")  # fmt: skip
 @click.option("--setting", type=click.Choice(["manual", "same-loop", "both"]), default="both", show_default=True,
@@ -54,13 +64,22 @@ NOT_OF_TRUST = ("engines", "files", "start", "truth", "source_units", "target_un
 @click.option("--truth", type=FILE, help="True pose of SCAN TARGET: truth.json, result.json or 4x4 text.")
 @units_option("source", "SCAN, where its file does not say")
 @units_option("target", "TARGET, where its file does not say")
-@click.option("--repeats", type=click.IntRange(min=1), default=3, show_default=True, help="Timed runs after a warm-up.")
+@click.option(
+    "--repeats",
+    type=click.IntRange(min=1),
+    metavar="N",
+    default=3,
+    show_default=True,
+    help="Timed runs after a warm-up.",
+)
 @click.option(
     "--threads", type=click.IntRange(min=1), metavar="N", default=2, show_default=True, help="Threads of every engine."
 )
-@click.option("--timeout", type=float, help="Time limit for each run, seconds  [default: 300, or that of the sweep].")
-@click.option("--home", type=float, default=0.01, show_default=True, help="A run succeeds if no point of the "
-              "part is displaced by more than this fraction of the part's diagonal.")  # fmt: skip
+@click.option("--timeout", type=float, metavar="SECONDS", help="Time limit for each run  [default: 300, or that of the "
+              "sweep].")  # fmt: skip
+@click.option("--success", "--home", "success", cls=Renamed, type=float, metavar="FRACTION", default=0.01,
+              show_default=True, help="A run succeeds if no point of the part is displaced by more than this fraction "
+              "of the part's diagonal.")  # fmt: skip
 @click.option("--out", type=FILE, help="JSON with every run; the same command resumes where it stopped  "
               "[default for sweeps: dqreg-compare-NAME.json].")  # fmt: skip
 @click.option("--report", type=FILE, help="One page, HTML or PDF, with tables and plots.")
@@ -81,6 +100,8 @@ def compare(inputs: tuple[Path, ...], show: bool, as_json: bool, quiet: bool, **
     dqreg compare my_case --engine-file my_engine.py     your own method against all others
     dqreg compare scans/*.ply --multiway --truth poses.txt   many scans in one frame, ours and Open3D's
     dqreg compare --sweep trust --report trust.html      false and missed acceptances, kind by kind
+
+    Exit codes: 0 compared, whoever wins; 2 bad input; 130 stopped: the same command resumes.
     """
     console, shown = consoles(quiet=quiet, as_json=as_json, width=PIPE_WIDTH)
     if show:
@@ -142,7 +163,7 @@ def _run(console: Console, shown: Console, inputs: tuple[Path, ...], options: di
         repeats=options["repeats"],
         threads=options["threads"],
         timeout=options["timeout"] or 300.0,
-        success_threshold=options["home"],
+        success_threshold=options["success"],
         withhold_initial_pose=options["start"] == "none",
     )
     tasks, protocol = _tasks(inputs, options, protocol)

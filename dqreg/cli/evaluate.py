@@ -52,6 +52,8 @@ def evaluate(
 
     A symmetric part: "symmetries" in truth.json lists the 4x4 poses that map the part onto itself, "axis" a point and
     the direction of an axis of revolution.
+
+    Exit codes: 0 measured and, with --within, no farther off; 1 farther off; 2 bad input.
     """
     from dqreg.compare import judge, read_pose
     from dqreg.files.atomic import require_writable, write_atomically

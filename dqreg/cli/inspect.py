@@ -111,7 +111,7 @@ class InspectCommand(PlaceCommand):
 @units_option("target", "PART, where its file does not say", "the plan's")
 @click.option("--display-units", type=UNITS, help="Length unit of the sheet, and of all lengths given here; those of "
               "the plan are converted  [default: the plan's, else PART's].")  # fmt: skip
-@seed_option
+@seed_option()
 @click.option("--json", "as_json", type=FILE, metavar="[FILE.json]",
               help="All that was measured as JSON: in a file, or alone on standard output.")  # fmt: skip
 @quiet_option

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import importlib
 
@@ -110,10 +111,19 @@ class Choice(click.Choice[str]):
         return f"{str(value)!r} is not one of {', '.join(self.choices)}{did_you_mean(str(value), self.choices)}"
 
 
+class Renamed(click.Option):
+    """An option whose older names are taken, and not shown."""
+
+    def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
+        """What the help says of it."""
+        shown = copy.copy(self)
+        shown.opts = self.opts[:1]
+        return click.Option.get_help_record(shown, ctx)
+
+
 # Keywords of Python whose options have other names.
 KEYWORDS = {
     "max-angle-deg": "max-angle",
-    "search-deg": "search",
     "no-accelerate": "no-acceleration",
     "viewpoints": "viewpoint",
     "form": "format",

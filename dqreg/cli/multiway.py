@@ -14,7 +14,7 @@ from dqreg.cli.exit_codes import code_of
 from dqreg.cli.lazy_group import Choice
 from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, say
 from dqreg.cli.overwriting import require_apart, require_ending
-from dqreg.cli.registration_options import EFFORTS, seed_option
+from dqreg.cli.registration_options import effort_option, seed_option
 from dqreg.cli.values import FILE, NO_PLACE, PLACE, PlaceCommand, PlaceType
 from dqreg.errors import InputError
 
@@ -56,13 +56,12 @@ SECTIONS = {
               "each scan: tells the front of a thin sheet from its back.")  # fmt: skip
 @click.option("--anchor", type=int, default=0, show_default=True, metavar="N", help="Scan whose frame is the world, "
               "counted from 0.")  # fmt: skip
-@click.option("--effort", type=Choice(EFFORTS), default="normal", show_default=True,
-              help="Points used of each scan.")  # fmt: skip
+@effort_option()
 @click.option("--workers", type=int, metavar="N", help="Pairs registered at once  [default: one for each core].")
 @click.option("--time-limit", type=float, metavar="SECONDS", help="Time limit for all scans together; returns the best "
               "poses so far, and a verdict that says so.")  # fmt: skip
 @click.option("--resume", is_flag=True, help="Take the pairs that an interrupted run with the same --out has finished.")
-@seed_option
+@seed_option()
 @as_json_option
 @quiet_option
 def multiway_command(scans: tuple[str, ...], quiet: bool, as_json: bool, **options: Any) -> int:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dqreg.cli.exit_codes import SIGNAL_CODE, code_of
-from dqreg.cli.outputs import as_json_option, consoles, print_json, quiet_option, say
+from dqreg.cli.lazy_group import Renamed
+from dqreg.cli.outputs import as_json_option, consoles, port_option, print_json, quiet_option, say
 from dqreg.cli.overwriting import require_apart, require_ending
 from dqreg.cli.signals import PoliteSignals, write
 from dqreg.cli.values import FILE
@@ -51,26 +52,30 @@ OURS = {
 @click.option("--frames", type=FILE, help="Write a CSV: verdict, standard deviations and reasons of every frame.")
 @click.option("--plot", type=FILE, help="Plot the path, the errors and the uncertainty (.png, .svg, .pdf).")
 @click.option("--times", type=FILE, help="Timestamps, one line for each frame  [default: times.txt beside the scans].")
-@click.option("--topic", help="Topic of the clouds in a bag that has several.")
-@click.option("--motion", help="Topic of the bag that predicts the motion: wheels (Odometry) or a gyroscope (Imu).")
-@click.option("--loader", help="One of KISS-ICP's data loaders: kitti, mulran, ncd, ...")
-@click.option("--sequence", help="Sequence for the loader.")
+@click.option("--topic", metavar="NAME", help="Topic of the clouds in a bag that has several.")
+@click.option("--motion", metavar="NAME", help="Topic of the bag that predicts the motion: wheels (Odometry) or a "
+              "gyroscope (Imu).")  # fmt: skip
+@click.option("--loader", metavar="NAME", help="One of KISS-ICP's data loaders: kitti, mulran, ncd, ...")
+@click.option("--sequence", metavar="NAME", help="Sequence for the loader.")
 @click.option("--first", type=int, metavar="N", help="Run the first N frames only.")
-@click.option("--voxel-size", type=float, help="Voxel size of the map  [default: 0.05 of the median range].")
+@click.option("--voxel-size", type=float, metavar="LENGTH", help="Voxel size of the map  [default: 0.05 of the "
+              "median range].")  # fmt: skip
 @click.option(
-    "--max-range", type=float, help="Maximum range of points  [default: twice the farthest of the first frame]."
-)
-@click.option("--min-range", type=float, default=0.0, show_default=True, help="Minimum range of points.")
+    "--max-range", type=float, metavar="LENGTH", help="Maximum range of points  [default: twice the farthest of the "
+    "first frame]."
+)  # fmt: skip
+@click.option("--min-range", type=float, metavar="LENGTH", default=0.0, show_default=True, help="Minimum range of "
+              "points.")  # fmt: skip
 @click.option("--no-deskew", "deskew", flag_value=False, default=True, help="No motion compensation within a sweep.")
-@click.option("--search", "search_deg", type=float, default=60.0, show_default=True, help="Largest rotation between "
-              "two frames that is searched, degrees.")  # fmt: skip
+@click.option("--search-deg", "--search", "search_deg", cls=Renamed, type=float, metavar="DEGREES", default=60.0,
+              show_default=True, help="Largest rotation between two frames that is searched.")  # fmt: skip
 @click.option("--map-search", type=click.Choice(["never", "doubt"]), default="doubt", show_default=True,
               help="Search in all of the map for a frame that is lost or in doubt where it is expected.")  # fmt: skip
 @click.option("--time-limit", type=float, metavar="SECONDS", help="Time limit of such a search, for one frame.")
-@click.option("--method", default="plane", show_default=True, help="Estimator: plane, dq or dq-points.")
+@click.option("--method", metavar="plane|dq|dq-points", default="plane", show_default=True, help="Estimator.")
 @click.option("--view", is_flag=True, help="Show map, frame and trajectory in the browser while it runs, on this "
               "machine alone, until Ctrl-C. Works over ssh.")  # fmt: skip
-@click.option("--port", type=int, default=8080, show_default=True, help="Port of --view; the next free one if taken.")
+@port_option
 @as_json_option
 @quiet_option
 def odometry_command(scans: Path, **options: Any) -> int:

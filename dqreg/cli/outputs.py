@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 as_json_option = click.option("--json", "as_json", is_flag=True, help="The result as JSON on standard output, and "
                               "nothing else there.")  # fmt: skip
+port_option = click.option("--port", type=int, metavar="N", default=8080, show_default=True, help="Port of the page in "
+                           "the browser; the next free one if taken.")  # fmt: skip
 quiet_option = click.option("--quiet", is_flag=True, help="Print nothing but errors.")
 
 # Places of deviations that are worth a line on the screen; the file holds them all.

@@ -23,11 +23,13 @@ from dqreg.cli.outputs import (
 )
 from dqreg.cli.overwriting import require_apart, require_ending
 from dqreg.cli.registration_options import (
-    EFFORTS,
-    METHODS,
     dof_option,
+    effort_option,
     exclude_option,
     keep_option,
+    max_angle_option,
+    max_distance_option,
+    method_option,
     search_option,
     seed_option,
     start_option,
@@ -78,18 +80,13 @@ SECTIONS = {
               )  # fmt: skip
 @exclude_option
 @keep_option
-@click.option("--effort", type=Choice(EFFORTS), default="normal", show_default=True, help="Closest-point "
-              "queries of the last level: 8,000, 25,000, or as many as all points need.")  # fmt: skip
+@effort_option()
 @time_limit_option
-@click.option("--max-distance", type=float, metavar="LENGTH", help="Maximum correspondence distance, target "
-              "units  [default: 0.2 of the smaller diagonal of the two].")  # fmt: skip
-@click.option("--max-angle", "max_angle_deg", type=float, metavar="DEGREES", default=60.0, show_default=True,
-              help="Maximum angle between the normals of a correspondence.")  # fmt: skip
-@click.option("--method", type=Choice(METHODS), default="auto", show_default=True, help="Estimator: the dual-"
-              "quaternion closed form with normals (dq) or without (dq-points), Arun's SVD, point-to-plane, or plane-"
-              "to-plane (generalised); auto starts with dq and refines with plane.")  # fmt: skip
+@max_distance_option
+@max_angle_option()
+@method_option()
 @click.option("--no-acceleration", "accelerate", flag_value=False, default=True, help="No Anderson acceleration.")
-@seed_option
+@seed_option()
 @units_option("source", "SCAN, where its file does not say", "TARGET's")
 @units_option("target", "TARGET, where its file does not say")
 @click.option("--display-units", type=UNITS, help="Length unit of all that people read (screen, report, deviations), "

@@ -42,17 +42,58 @@ exclude_option = click.option(
 keep_option = click.option(
     "--keep", is_flag=True, help="Count surfaces that leave the part (a table, a clamp) and outliers too."
 )
+max_distance_option = click.option(
+    "--max-distance", type=float, metavar="LENGTH", help="Maximum correspondence distance, target units  [default: 0.2 "
+    "of the smaller diagonal of the two]."
+)  # fmt: skip
 time_limit_option = click.option(
     "--time-limit", type=float, metavar="SECONDS", help="Time limit of the registration; returns the best pose so far, "
     "and a verdict that says so."
 )  # fmt: skip
-seed_option = click.option(
-    "--seed", type=int, metavar="N", default=0, show_default=True, help="Seed of all random draws: the same seed gives "
-    "the same pose."
-)  # fmt: skip
+
+
+def method_option(*, of_rows: bool = False) -> Callable[[Any], Any]:
+    """Option for the estimator."""
+    return _shared(
+        "--method", default="auto", of_rows=of_rows, type=Choice(METHODS), words="Estimator: the dual-quaternion "
+        "closed form with normals (dq) or without (dq-points), Arun's SVD, point-to-plane, or plane-to-plane "
+        "(generalised); auto starts with dq and refines with plane."
+    )  # fmt: skip
+
+
+def effort_option(*, of_rows: bool = False) -> Callable[[Any], Any]:
+    """Option for how much the last level looks at."""
+    return _shared(
+        "--effort", default="normal", of_rows=of_rows, type=Choice(EFFORTS), words="Size of the last level: on a mesh "
+        "about 8,000 or 25,000 closest-point queries, or as many as all points need; between large clouds about 6,000 "
+        "or 10,000 cells, or all points."
+    )  # fmt: skip
+
+
+def max_angle_option(*, of_rows: bool = False) -> Callable[[Any], Any]:
+    """Option for the angle between the normals of a correspondence."""
+    return _shared(
+        "--max-angle", "max_angle_deg", default=60.0, of_rows=of_rows, type=float, metavar="DEGREES", words="Maximum "
+        "angle between the normals of a correspondence."
+    )  # fmt: skip
+
+
+def seed_option(*, of_rows: bool = False) -> Callable[[Any], Any]:
+    """Option for the seed of all random draws."""
+    return _shared(
+        "--seed", default=0, of_rows=of_rows, type=int, metavar="N", words="Seed of all random draws: the same seed "
+        "gives the same pose."
+    )  # fmt: skip
 
 
 def units_option(side: str, of: str, default: str = "") -> Callable[[Any], Any]:
     """Option for the length unit of a side, "source" or "target", by the words for what that is."""
     said = f"  [default: {default}]" if default else ""
     return click.option(f"--{side}-units", type=UNITS, help=f"Length unit of {of}{said}.")
+
+
+def _shared(name: str, *names: str, default: Any, of_rows: bool, words: str, **more: Any) -> Callable[[Any], Any]:
+    """Option of a registration, or of all rows of a batch, each of which may say its own: the default is theirs."""
+    if not of_rows:
+        return click.option(name, *names, default=default, show_default=True, help=words, **more)
+    return click.option(name, *names, help=f"{words.removesuffix('.')}  [default: {default}].", **more)

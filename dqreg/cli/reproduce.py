@@ -25,6 +25,8 @@ def reproduce(paper: str, out: Path | None, seed: int, quick: bool, quiet: bool)
     \b
     walker1991   Walker, Shao and Volz: dual quaternions from points and directions
     jia2020      Jia's notes on quaternions
+
+    Exit codes: 0 reproduced; 2 bad input.
     """
     from dqreg.cli.pipes import PatientConsole
     from dqreg.papers import PAPERS, prepare_folder, print_section, write_report

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from dqreg.cli.outputs import as_json_option, consoles, deviation_record, print_json, quiet_option, say
+from dqreg.cli.outputs import as_json_option, consoles, deviation_record, port_option, print_json, quiet_option, say
 from dqreg.cli.values import FILE, UNITS
 from dqreg.errors import InputError, printable
 
@@ -34,10 +34,10 @@ VIEWS = "best"
               "of the colour scale.")  # fmt: skip
 @click.option("--display-units", type=UNITS, help="Length unit of all that is shown, and of --tolerance; the sentences "
               "of the verdict stay in the target's  [default: TARGET's].")  # fmt: skip
-@click.option("--start", type=FILE, help="Initial pose of the registration (4x4), for before: views.")
+@click.option("--start", type=FILE, metavar="FILE", help="Initial pose of the registration, 4x4, for before: views.")
 @click.option("--serve", is_flag=True, help="Show it in the browser, on this machine alone, until Ctrl-C: iterations, "
               "alternatives, the ellipsoid of the pose. Works over ssh.")  # fmt: skip
-@click.option("--port", type=int, default=8080, show_default=True, help="Port of --serve; the next free one if taken.")
+@port_option
 @as_json_option
 @quiet_option
 def show(
@@ -65,6 +65,8 @@ def show(
     dqreg show result.json --json                   verdict, pose and deviations; opens no window
     dqreg show result.json --serve                  in the browser, also of another machine through ssh
     dqreg show result.json                          a window, where there is a display
+
+    Exit codes: 0 shown, whatever the verdict; 2 bad input.
     """
     from dqreg.registration.result.result import Registration
     from dqreg.report.page import to_html

@@ -15,7 +15,9 @@ from dqreg.errors import InputError
 @click.command("studio")
 @click.argument("scan", type=FILE, required=False)
 @click.argument("part", type=FILE, required=False)
-@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port on 127.0.0.1; 0 takes a free one.")
+@click.option(
+    "--port", type=click.IntRange(0, 65535), metavar="N", default=0, help="Port on 127.0.0.1; 0 takes a free one."
+)
 @click.option("--folder", type=FILE, help="Where visits are kept, to resume them another day  [default: a "
               "temporary folder, removed at the end].")  # fmt: skip
 @click.option("--batch", type=FILE, metavar="FOLDER", help="Show the rows of a dqreg batch as it runs: its --out.")
@@ -49,6 +51,8 @@ def studio(
 
     The page is served on 127.0.0.1 to this machine alone, under an address with a key; nothing leaves the machine and
     nothing is fetched. Ctrl-C ends it.
+
+    Exit codes: 0 ended by Ctrl-C; 2 bad input; of --replay those of dqreg inspect.
     """
     console, _ = consoles(quiet=quiet, as_json=False)
     if visit is not None:

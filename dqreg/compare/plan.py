@@ -96,11 +96,14 @@ class Protocol:
             value = getattr(self, name)
             if not is_whole(value) or value < least:
                 raise InputError(f"{name} must be a whole number, {least} or more; got {value!r}")
+        if is_number(self.success_threshold) and self.success_threshold > 1.0:
+            given = f"{self.success_threshold:g}: all of the part, and more"
+            raise InputError(f"success_threshold is a fraction of the diagonal, 0.01 for 1 %; got {given}")
         for name in ("timeout", "success_threshold", *(() if self.memory_limit is None else ("memory_limit",))):
             value = getattr(self, name)
             if not is_number(value) or not 0.0 < value < float("inf"):
                 raise InputError(f"{name} must be a number above 0; got {value!r}")
-        if isinstance(self.settings, str) or not self.settings or not set(self.settings) <= set(get_args(Setting)):
+        if not self.settings or not set(self.settings) <= set(get_args(Setting)):
             raise InputError(f"settings must be a tuple of {', '.join(get_args(Setting))}; got {self.settings!r:.80}")
 
 

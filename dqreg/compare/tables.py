@@ -12,7 +12,7 @@ from dqreg.report.table import Column, Table
 
 MISSING, REMARK = "-", "remark"
 INTERVAL = "95 % intervals (Clopper and Pearson)"
-LESS = "Give a smaller --home than the initial pose is off."
+LESS = "Give a smaller --success than the initial pose is off."
 AXES = {
     "start_angle_deg": ("initial rotation [deg]", "Convergence basin: rotation of the initial pose"),
     "start_offset": ("initial translation [S]", "Convergence basin: translation of the initial pose"),

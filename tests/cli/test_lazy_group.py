@@ -107,7 +107,7 @@ def keywords() -> list[tuple[str, str, str]]:
 
 def test_every_option_may_be_spelled_as_the_keyword_of_python_is():
     pairs = keywords()
-    assert {("register", "--max-angle", "--max_angle_deg"), ("odometry", "--search", "--search_deg"),
+    assert {("register", "--max-angle", "--max_angle_deg"), ("odometry", "--search-deg", "--search_deg"),
             ("register", "--no-acceleration", "--no_accelerate"), ("multiway", "--viewpoint", "--viewpoints"),
             ("odometry", "--format", "--form")} <= set(pairs)  # fmt: skip
     assert len(pairs) > 40

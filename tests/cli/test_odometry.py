@@ -141,7 +141,7 @@ def test_kiss_icp_keeps_to_the_minimum_range(sequence, tmp_path):
     [
         (["--method", "dq"], "--method is the estimator of our engine, and --engine kiss-icp was asked for"),
         (["--method", "plane"], "--method is the estimator of our engine"),
-        (["--search", "10"], "--search is the search of our engine"),
+        (["--search", "10"], "--search-deg is the search of our engine"),
         (["--motion", "/odom"], "--motion guides our engine"),
         (["--view"], "--view shows our engine"),
         (["--compare"], "--compare runs all engines"),

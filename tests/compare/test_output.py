@@ -157,7 +157,7 @@ def test_the_initial_pose_is_a_row_and_told_where_it_counts_as_found():
     assert [row[0] for row in table.rows] == ["initial pose", "a"]
     assert table.rows[0][1:3] == ("1/1", "2.0e-3")
     assert "already counts as found" in table.note
-    assert "--home" in table.note
+    assert "--success" in table.note
     assert other.rows[0][1:3] == ("0/1", "0.3")
     assert "already counts" not in other.note
 
