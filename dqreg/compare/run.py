@@ -83,7 +83,7 @@ def compare(
     if protocol.isolate:
         for spec in able:
             spec.require_picklable()
-    store = Store(out)
+    store = Store(out, protocol.timeout)
     kept = kept_words(store, {item.key for item in items}, able)
     if _open_jobs(items, able, store):
         store.begin(session([need for spec in able for need in spec.needs], protocol.threads))

@@ -59,10 +59,10 @@ class JsonLines:
 
 
 class Store:
-    """A file of runs."""
+    """A file of runs; those that were cut off earlier than a run may take now are not taken from it."""
 
-    def __init__(self, path: str | os.PathLike[str] | None) -> None:
-        self._file = JsonLines(path, FORMAT)
+    def __init__(self, path: str | os.PathLike[str] | None, timeout: float = 0.0) -> None:
+        self._file, self._timeout = JsonLines(path, FORMAT), timeout
         self.runs: list[RunRecord] = []
         self.sessions: list[dict[str, Any]] = []
         # Runs that stood in the file, with the day on which they were made.
@@ -102,6 +102,8 @@ class Store:
             self.sessions.append({key: value for key, value in line.items() if key != "format"})
         else:
             run = record_from(RunRecord, {RENAMED_KEYS.get(key, key): value for key, value in line.items()})
+            if run.status == "timeout" and run.wall_seconds < self._timeout:
+                return
             self.found.append((run, str((self.sessions or [{}])[-1].get("date", ""))[:DAY]))
             self._keep(run)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import collections
 import math
 from typing import Any
 
@@ -239,6 +240,16 @@ def _value(value: str | float | None) -> str:
     return str(value)
 
 
+def _late(found: Comparison) -> list[str]:
+    """What the time limit cut off, which a table alone shows as not found."""
+    late = collections.Counter(run.engine for run in found.runs if run.status == "timeout")
+    if not late:
+        return []
+    runs = collections.Counter(run.engine for run in found.runs)
+    words = ", ".join(f"{name} {count} of {runs[name]} runs" for name, count in late.items())
+    return [f"Cut off by the time limit, and so not found: {words}; a longer --timeout makes these again."]
+
+
 def footer(found: Comparison, home: float) -> str:
     """Protocol and machine in a few sentences, to stand under the tables."""
     machines = list(dict.fromkeys(str(session.get("machine", "")) for session in found.sessions))
@@ -252,6 +263,7 @@ def footer(found: Comparison, home: float) -> str:
         f"{'Machine' if len(machines) == 1 else 'Machines'}: {'; '.join(machines)}; threads: {', '.join(threads)}.",
         f"{named}.",
         *([found.kept] if found.kept else []),
+        *_late(found),
         *found.hints,
     ]
     if found.unfit:

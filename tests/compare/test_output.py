@@ -16,6 +16,7 @@ from dqreg.compare.output import Goals, summary_csv, to_html, to_json
 from dqreg.compare.plots import Plot, plots
 from dqreg.compare.records import RunRecord
 from dqreg.compare.run import Comparison
+from dqreg.compare.store import Store
 from dqreg.compare.summary import largest_reliable, summarise, time_exponent
 from dqreg.compare.tables import footer, tables
 from dqreg.errors import InputError
@@ -249,6 +250,20 @@ def test_no_digit_is_cut_off_on_a_narrow_screen(width):
     for row in made[0].rows:
         for cell in row[:-1]:
             assert cell in text
+
+
+def test_what_the_time_limit_cut_off_is_told_apart_from_what_was_not_found():
+    late = run("slow", found=False, status="timeout", message="no answer within 30 s", wall_seconds=30.0)
+    words = "Cut off by the time limit, and so not found: slow 2 of 3 runs; a longer --timeout makes these again."
+    assert words in footer(of(run("slow"), late, late, run("wrong", found=False)), 0.01)
+    assert "time limit" not in footer(of(run("wrong", found=False)), 0.01)
+
+
+def test_what_was_cut_off_is_made_again_where_there_is_more_time(tmp_path):
+    store = Store(tmp_path / "runs.jsonl")
+    store.begin({})
+    store.add([run(), run("slow", found=False, status="timeout", wall_seconds=30.0)])
+    assert [len(Store(store.path, timeout).runs) for timeout in (10.0, 30.0, 60.0)] == [2, 2, 1]
 
 
 def test_beside_a_device_no_runs_are_kept():
