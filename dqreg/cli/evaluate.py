@@ -75,6 +75,8 @@ def evaluate(
     if _is_inverted(T, known, score):
         say(console, "note  its inverse is near the truth: one of the two files holds the inverse of T_target_source, "
                      "which maps source to target")  # fmt: skip
+    if (factor := _factor_of_unit(T, known, score)) is not None:
+        say(console, f"note  with its translation times {factor:g} it is near the truth: it is in another length unit")
     if within is not None:
         say(console, f"{'within' if good else 'NOT within'} {within:g} {unit or 'target units'}")
     values = {**dataclasses.asdict(score), "size": known.size, "units": unit}
@@ -95,6 +97,22 @@ def _is_inverted(T: FloatArray, known: GroundTruth, score: Score) -> bool:
     if score.success is not False or score.kind != "rigid" or np.isnan(known.size):
         return False
     return judge(pose.inverse(T), known).worst < FAR_NEARER * score.worst
+
+
+def _factor_of_unit(T: FloatArray, known: GroundTruth, score: Score) -> float | None:
+    """What the translation times which the pose is near the truth, where it is that of a pair of units; else None."""
+    import math
+
+    from dqreg.compare import judge
+    from dqreg.files.units import METRES
+    from dqreg.rigid import pose
+
+    if score.success is not False or score.kind != "rigid" or math.isnan(known.size):
+        return None
+    factors = {float(one / other) for one in METRES.values() for other in METRES.values() if one != other}
+    scores = {k: judge(pose.from_parts(T[:3, :3], k * T[:3, 3]), known).worst for k in sorted(factors)}
+    best = min(scores, key=lambda k: scores[k])
+    return best if scores[best] < FAR_NEARER * score.worst else None
 
 
 def _show(console: Any, figures: list[tuple[str, str]]) -> None:

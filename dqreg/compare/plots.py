@@ -182,7 +182,8 @@ def _curves(chosen: list[RunRecord], styles: dict[str, Style]) -> list[Plot]:
     title = f"Convergence, {first.setting}: {where}"
     panels = [panel(0, "iteration")]
     if any(not math.isnan(step[1]) for run in chosen for step in run.curve):
-        panels.append(panel(1, "seconds"))
+        untold = {run.engine for run in chosen if all(math.isnan(step[1]) for step in run.curve)}
+        panels.append(panel(1, "seconds" + (f" (not told by {', '.join(sorted(untold))})" if untold else "")))
     return [Plot(f"convergence-{first.setting}", title, _figure(title, panels, len(chosen)))]
 
 

@@ -1,4 +1,4 @@
-"""A pose in a file: 4x4 text, an array of NumPy, or JSON with ``T_target_source``, such as a result."""
+"""A pose in a file: 4x4 or 3x4 text, row by row, in any lines; an array of NumPy; JSON with ``T_target_source``."""
 
 from __future__ import annotations
 
@@ -17,13 +17,14 @@ from dqreg.files.untrusted import require_readable, unreadable
 POSE = "T_target_source"
 # Starts that need no file.
 START_WORDS = ("none", "identity")
+BETWEEN = str.maketrans(",[]", "   ")
 
 
 def read_pose(path: str | os.PathLike[str]) -> FloatArray:
     """Pose of a file, as it stands there: not mended, NaN where nothing was found."""
     path = require_readable(path, "a pose")
     kind = path.suffix.lower()
-    if kind == ".json" or (kind != ".npy" and holds_object(path)):
+    if kind != ".npy" and (holds_object(path) or (kind == ".json" and not _begins(path, b"["))):
         rows = read_json(path, f"a pose, the key {POSE!r}").get(POSE)
         if rows is None:
             raise InputError(f"{path}: the key {POSE!r} is missing; give a result.json, a truth.json or a 4x4 text")
@@ -33,8 +34,12 @@ def read_pose(path: str | os.PathLike[str]) -> FloatArray:
 
 def holds_object(path: Path) -> bool:
     """Whether a file begins as an object of JSON does, whatever its name."""
+    return _begins(path, b"{")
+
+
+def _begins(path: Path, letter: bytes) -> bool:
     with path.open("rb") as stream:
-        return stream.read(64).removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"{")
+        return stream.read(64).removeprefix(b"\xef\xbb\xbf").lstrip().startswith(letter)
 
 
 def read_start(text: str | os.PathLike[str]) -> FloatArray | str | None:
@@ -73,11 +78,13 @@ def _alternative(path: str, number: int) -> FloatArray:
 
 def _read_table(path: Path) -> FloatArray:
     try:
-        # Some programs write poses with commas.
-        lines = [line for line in read_text(path).replace(",", " ").splitlines() if line.partition("#")[0].strip()]
+        # Some programs write poses with commas, Python and JSON with brackets, and break their lines anywhere.
+        text = read_text(path)
+        lines = [line for line in text.translate(BETWEEN).splitlines() if line.partition("#")[0].strip()]
         if not lines:
             raise ValueError("it is empty")
-        return np.loadtxt(lines, ndmin=2)
+        rows = np.loadtxt([" ".join(lines)] if "[" in text else lines, ndmin=2)
+        return rows.reshape(-1, 4) if rows.size in (12, 16) and 1 in rows.shape else rows
     except InputError as error:
         raise unreadable(path, "binary data", "a 4x4 pose of plain numbers, or a result.json") from error
     except ValueError as error:

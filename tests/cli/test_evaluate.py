@@ -47,6 +47,17 @@ def test_a_pose_that_was_written_the_wrong_way_round_is_told(tmp_path, shifted, 
     assert "inverse" not in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("factor", [1e-3, 1e3, 1 / 25.4])
+def test_a_translation_in_another_unit_is_told(tmp_path, shifted, capsys, factor):
+    T = CASE.T_target_source.copy()
+    T[:3, 3] *= factor
+    np.savetxt(tmp_path / "other.txt", T)
+    assert run("evaluate", tmp_path / "other.txt", "--truth", TRUTH) == 0
+    assert f"translation times {1 / factor:g} it is near the truth: it is in another" in capsys.readouterr().out
+    assert run("evaluate", shifted, "--truth", TRUTH) == 0
+    assert "another length unit" not in capsys.readouterr().out
+
+
 def test_scan_points_are_measured_too(tmp_path):
     truth, out = tmp_path / "truth.txt", tmp_path / "errors.json"
     np.savetxt(truth, CASE.T_target_source)
