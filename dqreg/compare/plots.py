@@ -122,12 +122,19 @@ def _along(
             else:
                 most = 0.5 * RATE_STEP * (len(styles) - 1)
                 apart = f"\nrates are drawn up to {most:.2g} off, so that equal ones are seen" if most else ""
-                axes.set(ylabel="success rate", xlabel=f"{AXES[axis][0]}{apart}", ylim=(-0.1, 1.1))
+                axes.set(ylabel=f"success rate, of {_runs(mine)}", xlabel=f"{AXES[axis][0]}{apart}", ylim=(-0.1, 1.1))
 
         return draw
 
     title = AXES[axis][1]
     return [Plot(f"{what}-{axis}", title, _figure(title, [panel(name) for name in settings], len(styles)))]
+
+
+def _runs(lines: list[SummaryRow]) -> str:
+    """How many runs each point of a curve stands for: a rate of one run is no rate."""
+    least, most = (bound(line.runs for line in lines) for bound in (min, max))
+    count = f"{most}" if least == most else f"{least} to {most}"
+    return f"{count} run{'' if most == 1 else 's'} each"
 
 
 def _growth(lines: list[SummaryRow], styles: dict[str, Style]) -> list[Plot]:
@@ -182,8 +189,8 @@ def _curves(chosen: list[RunRecord], styles: dict[str, Style]) -> list[Plot]:
     title = f"Convergence, {first.setting}: {where}"
     panels = [panel(0, "iteration")]
     if any(not math.isnan(step[1]) for run in chosen for step in run.curve):
-        untold = {run.engine for run in chosen if all(math.isnan(step[1]) for step in run.curve)}
-        panels.append(panel(1, "seconds" + (f" (not told by {', '.join(sorted(untold))})" if untold else "")))
+        untold = sum(all(math.isnan(step[1]) for step in run.curve) for run in chosen)
+        panels.append(panel(1, f"seconds (not told by {untold} of {len(chosen)} engines)" if untold else "seconds"))
     return [Plot(f"convergence-{first.setting}", title, _figure(title, panels, len(chosen)))]
 
 

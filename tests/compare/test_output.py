@@ -252,6 +252,15 @@ def test_no_digit_is_cut_off_on_a_narrow_screen(width):
             assert cell in text
 
 
+def test_a_rate_says_of_how_many_runs_it_is():
+    def label(values):
+        (plot,) = (each for each in plots(of(*sweep_of("outliers", values))) if each.key == "success-outliers")
+        return plot.figure.axes[0].get_ylabel()
+
+    assert label({0.0: [True], 0.2: [False]}) == "success rate, of 1 run each"
+    assert label({0.0: [True] * 3, 0.2: [False] * 5}) == "success rate, of 3 to 5 runs each"
+
+
 def test_what_the_time_limit_cut_off_is_told_apart_from_what_was_not_found():
     late = run("slow", found=False, status="timeout", message="no answer within 30 s", wall_seconds=30.0)
     words = "Cut off by the time limit, and so not found: slow 2 of 3 runs; a longer --timeout makes these again."
