@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from dqreg.icp.stopwatch import Stopwatch
+from dqreg.registration.fit.fit import Fit, coarse_to_fine
 from dqreg.registration.options.options import CONVERGENCE, Options
 from dqreg.registration.problem.problem import Problem
 
@@ -23,3 +24,12 @@ def problem_of(source: Any, target: Any, start: Any = None, time_limit: float | 
         "time_limit": time_limit,
     }
     return Problem.of(source, target, start, Options(**{**defaults, **options}), Stopwatch(time_limit))
+
+
+def fit_of(problem: Problem) -> Fit:
+    """Where the loop ends from the initial pose, before any other pose is asked for."""
+    assert problem.start is not None
+    prepared, T = problem.prepare(), problem.to_centred(problem.start)
+    constraints = problem.constraints(T)
+    settings = problem.options.icp_settings(problem.max_distance(prepared), constraints)
+    return coarse_to_fine(problem, prepared, T, settings, constraints)

@@ -66,9 +66,10 @@ def beside_corners(known: BestPoses, start: FloatArray | None) -> BestPoses:
 
 def corner_rivals(fit: Fit) -> FloatArray:
     """Poses of the scan on other corners that nothing speaks against, (k, 4, 4): none where more is in common."""
-    planes, target = planes_of(fit), fit.target.geometry
+    target = fit.target.geometry
     if not fit.may_be_moved or not isinstance(target, PointCloud):
         return NO_POSES
+    planes = planes_of(fit)
     if planes is None or not planes.are_all:
         return NO_POSES
     normals = np.array([plane.normal for plane in planes.planes])

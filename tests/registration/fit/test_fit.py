@@ -8,25 +8,17 @@ import pytest
 from dqreg.geometry import sample_mesh
 from dqreg.icp.history import Iteration
 from dqreg.registration.assessment.assess import uncertainty_of
-from dqreg.registration.fit.fit import Fit, coarse_to_fine
+from dqreg.registration.fit.fit import coarse_to_fine
 from dqreg.registration.problem.problem import Problem
 from dqreg.rigid import pose
 from dqreg.synth import disturbance
 from dqreg.trust.covariance import covariance_of
 from tests.icp.scenes import bracket_mesh, bracket_points
-from tests.registration.scenes import problem_of
+from tests.registration.scenes import fit_of, problem_of
 
 PART = bracket_mesh()
 POINTS = bracket_points(60, seed=0)
 START = disturbance(np.random.default_rng(0), np.deg2rad(8.0), 0.03 * PART.diagonal, PART.centre)
-
-
-def fit_of(problem: Problem) -> Fit:
-    assert problem.start is not None
-    prepared, T = problem.prepare(), problem.to_centred(problem.start)
-    constraints = problem.constraints(T)
-    settings = problem.options.icp_settings(problem.max_distance(prepared), constraints)
-    return coarse_to_fine(problem, prepared, T, settings, constraints)
 
 
 def test_the_more_noise_hides_the_spacing_the_less_residuals_follow_a_displacement() -> None:
