@@ -26,6 +26,9 @@ MIN_CONFIRMING_LOOPS = 2
 # Pairs that can tell whether the viewpoints are right, at least, and the share of them that may contradict these: where
 # they are right it came to 0.09 at most, with all of them on the far side to 0.6.
 MIN_TELLING_PAIRS, MAX_CONTRADICTING_SHARE = 3, 1 / 3
+# Accepted pairs left out that agree on another place of a scan, as a share of those used at it, from which on nobody
+# can tell which of them are wrong.
+MAX_RIVAL_PAIRS_SHARE = 0.8
 # A turn goes into a full one so many times, but for this share.
 WHOLE_ORDER_SHARE = 0.01
 
@@ -49,7 +52,7 @@ def judge_scans(
     joined = len(placed) > 1 or (selection.anchor == PART and bool(placed))
     known = views, selection, placed
     doubts = [Reason(f"not all pairs were registered: {stopped} ended them", "search_time_limit")] if stopped else []
-    doubts += [*unplaced(*known), *_weak(*known), *_unconfirmed(*known)]
+    doubts += [*unplaced(*known), *_weak(*known), *_unconfirmed(*known), *_put_elsewhere(*known)]
     doubts += _uncertain(views, placed, covariances, size) if joined and not is_late else ()
     doubts += _contradicted(views, against)
     doubts += _turned(views, turns)
@@ -113,6 +116,28 @@ def _weak(views: Sequence[View], selection: EdgeSelection, placed: Sequence[int]
         yield Reason(
             f"{named(views, ambiguous)}: each pair has other poses that are equally likely (a symmetric part, or too "
             "little shape in the overlap)",
+            "alternative_poses",
+        )
+
+
+def _put_elsewhere(views: Sequence[View], selection: EdgeSelection, placed: Sequence[int]) -> Iterator[Reason]:
+    """Scans that about as many accepted pairs, left out, put to one other place: they close loops with used pairs."""
+    edges = [selection.edges[row] for row in selection.rows]
+    used = np.array([edge.used for edge in edges], dtype=bool)
+    left_out = np.array([edge.code == "contradicts" and edge.level == "accepted" for edge in edges], dtype=bool)
+    triples = selection.loops.edges[selection.loops.closes]
+    agree = (left_out[triples].sum(axis=1) == 2) & used[triples].any(axis=1)
+    others: dict[int, set[int]] = {}
+    for triple in triples[agree].tolist():
+        pair = [row for row in triple if left_out[row]]
+        one, other = ({edges[row].target, edges[row].source} for row in pair)
+        others.setdefault((one & other).pop(), set()).update(pair)
+    held = [sum(edge.used and k in (edge.target, edge.source) for edge in edges) for k in range(len(views))]
+    doubted = [k for k in placed if len(others.get(k, ())) > MAX_RIVAL_PAIRS_SHARE * held[k]]
+    if doubted:
+        yield Reason(
+            f"{named(views, doubted)}: about as many accepted pairs as hold them agree on another place; scan more "
+            "overlap there, or leave out the pairs that are wrong",
             "alternative_poses",
         )
 

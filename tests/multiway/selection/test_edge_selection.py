@@ -190,6 +190,29 @@ def judge_edges(selection: EdgeSelection, count: int) -> Verdict:
     return judge_scans(views, selection, selection.T_world_scan[:count], covariances, 2.0, converged=True, stopped="")
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("others", [2, 3])
+def test_a_scan_that_as_many_accepted_pairs_put_to_another_place_is_not_accepted(seed: int, others: int) -> None:
+    """Which two of four are wrong nobody can tell; of the first seed the wrong ones are used, of the second the right.
+
+    A third right one tells.
+    """
+    count = 3 + others
+    T, pairs, aside = world(count, seed), list(combinations(range(count), 2)), pose.exp(np.r_[0.5, 0.2, -0.3, 1, 0, 0])
+    edges = edges_of(T, pairs, SIGMA, seed + 1)
+    for row, (i, j) in enumerate(pairs):
+        if j == count - 1 and i < 2:
+            measured = pose.inverse(T[i]) @ aside @ T[j]
+            edges[row] = Edge(i, j, registration(measured, edges[row].registration.covariance, np.zeros(3)))
+    selection = judged(edges, count)
+    verdict, last = judge_edges(selection, count), selection.T_world_scan[count - 1]
+    assert (np.linalg.norm(last - T[-1]) < 0.1) == (others == 3 or seed == 1)
+    assert verdict.level == ("suspect" if others == 2 else "accepted")
+    if others == 2:
+        assert verdict.codes == ("alternative_poses", "contradicting_edge")
+        assert verdict.reasons[0].startswith(f"{count - 1}: ")
+
+
 def test_scans_that_hang_on_a_single_edge_are_not_accepted() -> None:
     pairs = [(0, 1), (1, 2), (0, 2), (3, 4), (4, 5), (3, 5)]
     for wrong in (frozenset[tuple[int, int]](), frozenset({(2, 3)})):
