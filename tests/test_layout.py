@@ -166,6 +166,13 @@ def test_a_small_module_has_more_than_one_importer() -> None:
     assert len(lonely) <= FEW, lonely
 
 
+def test_every_file_of_other_poses_is_in_the_table_of_them() -> None:
+    guide = (PACKAGE.parent / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    table = guide.partition("## Other poses that fit as well")[2].partition("\n## ")[0]
+    files = {path.stem for path in (PACKAGE / "registration" / "other_poses").glob("*.py")} - {"__init__"}
+    assert {name for name in files if f"`{name}`" not in table and f"`{name}." not in table} == set()
+
+
 def test_the_list_of_warnings_of_the_process_is_left_alone() -> None:
     # `catch_warnings` swaps it for all threads. Where other programs are run and compared, nothing else runs.
     swapping = {name for name, file in modules().items() if "catch_warnings" in file.read_text(encoding="utf-8")}

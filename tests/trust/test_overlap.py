@@ -69,8 +69,8 @@ def test_a_ripple_is_no_strain_and_lies_apart(share: float, noise: float) -> Non
     ripple = share * SIZE * np.sin(6.0 * points[:, :1])
     found = between(points + ripple * [0.0, 1.0, 1.0], cloud(2, noise=noise))
     assert found.apart(SIZE, SURE) > FACES_APART_SHARE
-    # Half of its surface looks along the wave, whose mean square is a half.
-    assert found.waviness() == pytest.approx(0.5 * share * SIZE, rel=0.5)
+    # Half of its surface looks along the wave, whose mean square is a half; neighbours share a little more than that.
+    assert found.waviness() == pytest.approx(0.5 * share * SIZE, rel=0.2)
     assert not found.strain(SIZE).is_strained
 
 
