@@ -8,6 +8,11 @@ import pytest
 from dqreg.synth import Case, demo_case, load_case
 
 
+@pytest.fixture(autouse=True)
+def _no_large_pictures(small_pictures: None) -> None:
+    """What a report shows has its own tests: of many commands most of the time went into its pictures."""
+
+
 @pytest.fixture(scope="package")
 def case() -> Case:
     return load_case(demo_case())

@@ -76,7 +76,6 @@ def test_swapped_files_are_said(files: Path, capsys: pytest.CaptureFixture[str])
     assert "the first file is a mesh and the second a cloud of points" in capsys.readouterr().out.lower()
 
 
-@pytest.mark.usefixtures("small_pictures")
 def test_an_accepted_pose_of_a_mesh_on_a_cloud_says_which_way_it_maps(
     files: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

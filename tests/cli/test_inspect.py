@@ -14,7 +14,6 @@ from dqreg.synth.parts import box, bracket, plate
 from tests.cli.command import run
 
 
-@pytest.mark.usefixtures("small_pictures")
 def test_from_a_suggested_plan_to_a_sheet(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     case = load_case(demo_case())
     assert run("inspect", "--suggest", case.part) == 0
@@ -158,7 +157,6 @@ def test_the_lengths_of_a_plan_are_shown_in_the_unit_that_is_asked_for(
     assert line["value"] / of_mm == pytest.approx(10.0, abs=0.01)
 
 
-@pytest.mark.usefixtures("small_pictures")
 def test_without_a_pose_all_is_written_that_can_be_and_no_old_file_passes_for_new(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -215,7 +213,7 @@ def test_a_part_out_of_tolerance_is_that_part(tmp_path: Path, capsys: pytest.Cap
     rng = np.random.default_rng(4)
     nominal, made = Mesh(*plate(size=(80.0, 60.0, 6.0))), Mesh(*plate(size=(80.0, 60.0, 6.4)))
     trimesh.Trimesh(nominal.vertices, nominal.faces, process=False).export(tmp_path / "part.stl")
-    write_cloud(tmp_path / "scan.ply", sample_mesh(made, 20_000, rng).points + 0.01 * rng.normal(size=(20_000, 3)))
+    write_cloud(tmp_path / "scan.ply", sample_mesh(made, 8_000, rng).points + 0.01 * rng.normal(size=(8_000, 3)))
     common = ("inspect", tmp_path / "scan.ply", tmp_path / "part.stl", "--start", "identity")
     # By its own tolerance, twice of which is expected; one that is small against what is off; and by word.
     assert run(*common, "--tolerance", "0.15") == 3

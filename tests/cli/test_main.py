@@ -94,7 +94,6 @@ def test_bad_input_is_exit_2_and_one_line(arguments, said, tmp_path, case, capsy
     assert sorted(tmp_path.iterdir()) == before
 
 
-@pytest.mark.usefixtures("small_pictures")
 def test_demo_reports_the_true_error(tmp_path, capsys):
     assert run("demo", "--out", tmp_path / "demo") == 0
     text = capsys.readouterr().out

@@ -229,7 +229,6 @@ def counted(monkeypatch):
     return counts
 
 
-@pytest.mark.usefixtures("small_pictures")
 def test_everything_that_is_written_is_read_and_measured_once(tmp_path, case, start, capsys, counted):
     files = {name: tmp_path / name for name in ("aligned.ply", "deviations.csv", "report.html", "result.json")}
     options = ("--start", start, "--effort", "fast", "--tolerance", "0.5", "--out", files["result.json"])
@@ -260,7 +259,6 @@ def test_a_part_with_a_bump_ends_with_exit_code_three(tmp_path, case, start, cap
     assert run("register", tmp_path / "bump.ply", case.part, *options, "--exclude", *box) == 0
 
 
-@pytest.mark.usefixtures("small_pictures")
 def test_a_pass_on_an_alignment_that_is_not_trusted_does_not_look_like_one(tmp_path, case, start, capsys):
     # Points amid one flat face leave three motions open: the alignment is not trusted, and all lie on the part.
     points = pose.apply(case.T_target_source, read_cloud(case.scan).points)

@@ -176,13 +176,24 @@ def pitted(depth: float, power: float, seed: int, *, gap: float = 0.0) -> PointC
     return PointCloud(points[kept], normals=np.where(lower, -1.0, 1.0)[kept, None] * [0.0, 0.0, 1.0])
 
 
-@pytest.mark.parametrize(("depth", "power"), [(0.7, 4.0), (0.85, 2.0), pytest.param(0.9, 4.0, marks=pytest.mark.soak)])
-def test_a_pit_in_a_sheet_that_was_scanned_from_both_sides_is_undecided(depth: float, power: float) -> None:
+@pytest.mark.parametrize(
+    ("depth", "power", "seeds"),
+    [
+        (0.7, 4.0, [63_041]),
+        (0.85, 2.0, [63_042]),
+        pytest.param(0.7, 4.0, [63_042], marks=pytest.mark.soak),
+        pytest.param(0.85, 2.0, [63_041], marks=pytest.mark.soak),
+        pytest.param(0.9, 4.0, [63_041, 63_042], marks=pytest.mark.soak),
+    ],
+)
+def test_a_pit_in_a_sheet_that_was_scanned_from_both_sides_is_undecided(
+    depth: float, power: float, seeds: list[int]
+) -> None:
     mesh = sheet(1.0)
     upper, lower = (nearest_face(mesh, part_faces(mesh), (0.0, 0.0, z)).number for z in (0.5, -0.5))
     rows = [{"name": "wall", "kind": "thickness", "face": face, "tolerance": 0.5} for face in (upper, lower)]
     plan = plan_of({"characteristic": rows})
-    for seed in (63_041, 63_042):
+    for seed in seeds:
         scan = pitted(depth, power, seed)
         found = measured(scan.points, 1.0)
         decision = decide(found)

@@ -136,7 +136,8 @@ def test_a_larger_block_is_suspect_and_a_part_on_a_table_is_accepted() -> None:
     part = faces((100.0, 60.0, 40.0), LOW, 4_000, 9)
     on_table = dqreg.register(np.vstack([part, table(10)]), PART, "identity", effort="fast")
     assert on_table.verdict.level == "accepted"
-    longer = dqreg.register(faces((160.0, 60.0, 40.0), LOW, 6_000, 11), PART, "identity", effort="fast")
+    block = faces((160.0, 60.0, 40.0), LOW, 6_000, 11)
+    longer = dqreg.register(block, PART, "identity", effort="fast", search="never")
     assert longer.verdict.level == "suspect"
     assert "contradicting_surface" in longer.verdict.codes
     alone = dqreg.register(np.vstack([part, table(10)]), PART, "identity", effort="fast", clutter="none")

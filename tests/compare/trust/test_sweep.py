@@ -61,9 +61,16 @@ def test_every_wrong_accept_is_listed_with_its_command(sweep):
     assert "dqreg compare --sweep trust --kinds tree --first-seed 1 --seeds 1" in wrong.rows[0]
 
 
-def test_a_sweep_resumes_and_comes_out_the_same(tmp_path, monkeypatch):
-    asked = {"seeds": 1, "workers": 1, "out": tmp_path / "trust.jsonl"}
-    first = trust_sweep(["noise-box", "few-touched"], **asked)
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory):
+    """A sweep that was made, and its file."""
+    path = tmp_path_factory.mktemp("sweep") / "trust.jsonl"
+    return trust_sweep(["noise-box", "few-touched"], seeds=1, workers=1, out=path), path
+
+
+def test_a_sweep_resumes_and_comes_out_the_same(swept, monkeypatch):
+    first, path = swept
+    asked = {"seeds": 1, "workers": 1, "out": path}
     assert [(one.kind, one.seed) for one in first.trials] == [("noise-box", 0), ("few-touched", 0)]
     assert not any(one.level == "error" for one in first.trials)
 
@@ -77,9 +84,13 @@ def test_a_sweep_resumes_and_comes_out_the_same(tmp_path, monkeypatch):
     )
 
 
-def test_trials_of_other_code_are_made_anew(tmp_path, monkeypatch):
+def test_trials_of_other_code_are_made_anew(swept, tmp_path, monkeypatch):
+    first, path = swept
     asked = {"seeds": 1, "workers": 1, "out": tmp_path / "trust.jsonl"}
-    kept = trust_sweep(["few-touched"], **asked).trials
+    lines = path.read_text().splitlines(keepends=True)
+    # As if that sweep had been of this kind alone.
+    asked["out"].write_text("".join(line for line in lines if '"noise-box"' not in line))
+    kept = first.trials[1:]
     monkeypatch.setattr(code_identity, "_sources", lambda places: "edited")
     (anew,) = (found := trust_sweep(["few-touched"], **asked)).trials
     assert anew is not kept[0]
