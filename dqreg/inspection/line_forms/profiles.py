@@ -37,6 +37,7 @@ class Profile:
     radius: float  # Of the fitted shape there; 0 of a straight line
     middle: FloatArray  # (3,): In the frame of the scanned part: where a label stands
     held: bool = False  # About an axis that is given: the zone has its centre there
+    stretches: FloatArray | None = None  # (k, 2): Of a straight line, where the face is; None: all along it
 
     @property
     def places(self) -> FloatArray:

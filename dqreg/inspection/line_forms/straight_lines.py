@@ -71,12 +71,14 @@ def _of_plane(part: ScannedPart, face: Face, at: Sequence[Place], direction: Pla
     across, along = (points - feature.point) @ y, (points - feature.point) @ x
     values = distances("plane", feature.shape, points)[0]
     half = half_width(part, face, across)
+    corners = part.mesh.corners[part.of_triangle == face.number]
 
     def line(middle: float, place: str = "") -> Profile:
         rows = np.flatnonzero(np.abs(across - middle) <= half)
         require_points(face, rows, f"the line {f'at {place}' if place else f'{middle:+.4g} beside its middle'}")
         centre = feature.point + middle * y + float(np.median(along[rows])) * x
-        return Profile(along[rows], values[rows], 0.0, centre)
+        local = (corners - feature.point) @ np.column_stack([y, x]) - [middle, 0.0]
+        return Profile(along[rows], values[rows], 0.0, centre, stretches=_stretches(local))
 
     if at:
         return [line(float((np.array(place) - part.origin - feature.point) @ y), words_of(place)) for place in at]
@@ -90,3 +92,21 @@ def _across(normal: FloatArray, direction: FloatArray) -> FloatArray:
         raise InputError(f"direction = {words_of(direction)} does not lie along the face: give one that does")
     across = np.cross(normal, direction)
     return np.asarray(across / np.linalg.norm(across))
+
+
+def _stretches(corners: FloatArray) -> FloatArray:
+    """Where the second axis meets triangles, (t, 3, 2), from each beginning to its end, (k, 2): a face has openings."""
+    ends = np.roll(corners, -1, axis=1)
+    crossed = (corners[..., 0] < 0.0) != (ends[..., 0] < 0.0)
+    if not crossed.any():
+        return np.zeros((0, 2))
+    share = -corners[..., 0] / np.where(crossed, ends[..., 0] - corners[..., 0], 1.0)
+    met = corners[..., 1] + share * (ends[..., 1] - corners[..., 1])
+    low, high = np.where(crossed, met, np.inf).min(axis=1), np.where(crossed, met, -np.inf).max(axis=1)
+    order = np.argsort(low, kind="stable")[: np.count_nonzero(crossed.any(axis=1))]
+    low, reached = low[order], np.maximum.accumulate(high[order])
+    # Triangles beside each other meet in one place, but for rounding.
+    begins = np.diff(low, prepend=-np.inf) > 0.0
+    begins[1:] &= low[1:] > reached[:-1] + 1e-9 * np.ptp(low)
+    first = np.flatnonzero(begins)
+    return np.column_stack([low[first], reached[np.r_[first[1:], len(low)] - 1]])

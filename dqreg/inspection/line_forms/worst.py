@@ -59,9 +59,10 @@ def worst_form(profiles: Sequence[Profile], noise: float) -> Measured:
     mean = max(_width(each, values.mean(axis=0)) for each, values in zip(blocks, drawn.values, strict=True))
     worst = profiles[int(np.argmax(zones.mean(axis=1)))].middle
     value, room = drawn.measured(zones.max(axis=0), mean)
-    # Between blocks lies what is left about a section's own centre: a travel of one wave a turn is known there.
+    # Between blocks lies what is left about a section's own centre: a travel of one wave a turn is known there. Noise
+    # of the blocks is no form error that a gap could hide more of.
     hidden = max(
-        _hidden_share(whole, each) * width_of_zone(each.values, each.along, each.radius)
+        _hidden_share(whole, each) * min(width_of_zone(each.values, each.along, each.radius), value + room)
         for whole, each in zip(profiles, blocks, strict=True)
     )
     return Measured(value, room + hidden, worst)
@@ -90,7 +91,15 @@ def _hidden_share(whole: Profile, blocks: Profile) -> float:
     ends = float(whole.along.min()), float(whole.along.max())
     size = (ends[1] - ends[0]) or 1.0
     beyond = END_SLOPE * max(float(along[0]) - ends[0], ends[1] - float(along[-1])) / size
-    return max(beyond, _between(float(np.diff(along).max(initial=0.0)) / size * LINE_UNDULATIONS))
+    return max(beyond, _between(_largest_gap(along, whole.stretches) / size * LINE_UNDULATIONS))
+
+
+def _largest_gap(along: FloatArray, stretches: FloatArray | None) -> float:
+    """The longest stretch of a line without a point on it, where the face is."""
+    if stretches is None:
+        return float(np.diff(along).max(initial=0.0))
+    low = np.maximum(along[:-1, None], stretches[:, 0])
+    return float((np.minimum(along[1:, None], stretches[:, 1]) - low).max(initial=0.0))
 
 
 def _between(undulations: float) -> float:
