@@ -35,6 +35,8 @@ DEFINITIONS = {
     "medians of neighbouring points.",
     "profile": "twice the largest distance of medians of neighbouring points from the middle of the zone about the "
     "nominal face, under the alignment above.",
+    "line-profile": "twice the largest distance of the outline of a section from the middle of the zone about the "
+    "nominal one, under the alignment above; medians of neighbouring points along the section.",
     "thickness": "of the wall behind the face, where it differs most from the part's own.",
     "width": "of the fitted slot, across its flat sides.",
     "length": "of the fitted slot, over its round ends.",

@@ -17,7 +17,7 @@ from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.inspection.decision.places import COVERAGE_FACTOR
 from dqreg.inspection.decision.regions import Outcome
-from dqreg.inspection.drawing.surface_model import Medians
+from dqreg.inspection.decision.surface_model import Medians
 from dqreg.inspection.features import Feature
 from dqreg.inspection.features.feature import NUDGE_SIGMAS
 from dqreg.inspection.features.fit import zone_width
@@ -36,6 +36,7 @@ class Measured:
     value: float
     uncertainty: float  # Expanded, k = 2, in the same unit
     place: FloatArray | None = None  # Where on the feature, (3,); None: of all of it
+    seen: float | None = None  # Share of its line that was scanned; None: of its faces
 
     def decide(self, low: float, high: float) -> Outcome:
         """Whether the value is proven to lie within its limits; undecided where one is within the uncertainty."""

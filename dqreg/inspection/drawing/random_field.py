@@ -9,7 +9,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.inspection.decision.places import COVERAGE_FACTOR
-from dqreg.inspection.drawing.surface_model import LENGTHS_EXTENTS, SIZES_SIGMAS, matern
+from dqreg.inspection.decision.surface_model import LENGTHS_EXTENTS, SIZES_SIGMAS, matern
 from dqreg.inspection.features.spread import DRAW_SEED
 
 FIELD_DRAWS = 400

@@ -13,8 +13,8 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.inspection.decision.places import COVERAGE_FACTOR
+from dqreg.inspection.decision.surface_model import blocks_of, sigma_of
 from dqreg.inspection.drawing.random_field import Series, drawn_series
-from dqreg.inspection.drawing.surface_model import blocks_of, sigma_of
 from dqreg.inspection.features import Feature, FeatureMethod, fit_feature
 from dqreg.inspection.features.fit import ROUND
 from dqreg.inspection.features.gauss import fit_gauss

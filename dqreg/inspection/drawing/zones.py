@@ -15,6 +15,7 @@ import numpy as np
 from dqreg._arrays import FloatArray
 from dqreg.errors import InputError
 from dqreg.inspection.decision.places import COVERAGE_FACTOR
+from dqreg.inspection.decision.surface_model import Medians
 from dqreg.inspection.drawing.characteristics import (
     KnownFrame,
     Measured,
@@ -24,7 +25,6 @@ from dqreg.inspection.drawing.characteristics import (
     propagated,
     require_directions,
 )
-from dqreg.inspection.drawing.surface_model import Medians
 from dqreg.inspection.features import Feature
 from dqreg.inspection.features.models import distances
 from dqreg.inspection.features.zone import chebyshev_step

@@ -26,6 +26,7 @@ MIN_PROFILE_POINTS = 8
 
 Place = tuple[float, float, float]
 Where = TypeVar("Where")
+Made = TypeVar("Made")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -135,8 +136,8 @@ def require_points(face: Face, rows: IntArray, words: str) -> None:
         )
 
 
-def scanned_ones(make: Callable[[Where], Profile], where: Iterable[Where]) -> list[Profile]:
-    """Profiles where there are any: one that was not scanned is left out, unless none was."""
+def scanned_ones(make: Callable[[Where], Made], where: Iterable[Where]) -> list[Made]:
+    """What is made of lines, where they were scanned: one that was not is left out, unless none was."""
     found, last = [], None
     for each in where:
         try:

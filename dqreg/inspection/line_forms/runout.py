@@ -10,8 +10,8 @@ import numpy as np
 
 from dqreg._arrays import FloatArray, IntArray
 from dqreg.errors import InputError
+from dqreg.inspection.decision.surface_model import Medians
 from dqreg.inspection.drawing.characteristics import Measured, propagated
-from dqreg.inspection.drawing.surface_model import Medians
 from dqreg.inspection.drawing.zones import from_nothing
 from dqreg.inspection.features import Feature
 from dqreg.inspection.features.starts import frame_along

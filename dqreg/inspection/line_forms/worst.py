@@ -9,9 +9,9 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry.angles import gaps_around
+from dqreg.inspection.decision.surface_model import sigma_of
 from dqreg.inspection.drawing.characteristics import Measured
 from dqreg.inspection.drawing.random_field import Series, drawn_series
-from dqreg.inspection.drawing.surface_model import sigma_of
 from dqreg.inspection.features.fit import zone_width
 from dqreg.inspection.features.zone import chebyshev_step
 from dqreg.inspection.line_forms.profiles import Profile

@@ -33,6 +33,7 @@ CharacteristicKind = Literal[
     "circular-runout",
     "total-runout",
     "profile",
+    "line-profile",
     "thickness",
     "width",
     "length",
@@ -48,6 +49,7 @@ SYNONYMS = {
     "circular runout": "circular-runout",
     "total runout": "total-runout",
     **dict.fromkeys(("surface profile", "profile of a surface"), "profile"),
+    **dict.fromkeys(("line profile", "profile of a line", "profile of any line"), "line-profile"),
 }
 # Words of drawings for what is not measured under any name, and what is instead.
 NOT_MEASURED = {
@@ -55,7 +57,6 @@ NOT_MEASURED = {
     **dict.fromkeys(("depth", "height"), 'it is the distance of two faces: kind = "distance"'),
     "runout": "it is circular-runout, of sections, or total-runout, of the whole face",
     "symmetry": "symmetry is not measured; the position of a hole and the slot-position of a slot are",
-    **dict.fromkeys(("line profile", "profile of a line"), "profile is that of a whole face"),
 }
 # Faces that a characteristic is of; one of a distance or an angle is of two.
 FACES: dict[str, int] = {"distance": 2, "angle": 2}
@@ -65,15 +66,17 @@ OF_SLOT = ("width", "length", "slot-position")
 RUNOUT = ("circular-runout", "total-runout")
 TO_DATUM = ("parallelism", "perpendicularity", "angularity", "coaxiality", *RUNOUT)
 # Those that depend on how the part is aligned.
-UNDER = ("position", "slot-position", "profile", "edge-point")
+UNDER = ("position", "slot-position", "profile", "line-profile", "edge-point")
 # Zones: their tolerance is a width from 0, and nothing is nominal.
-ZONES = ("form", "roundness", "straightness", *TO_DATUM, "position", "profile", "slot-position")
+PROFILES = ("profile", "line-profile")
+ZONES = ("form", "roundness", "straightness", *TO_DATUM, "position", *PROFILES, "slot-position")
 # Those of fitted features.
 FITTED = ("diameter", "distance", "angle", "parallelism", "perpendicularity", "angularity", "coaxiality", "position")
 # Which lines of a face a characteristic is of: key by key the kinds that it goes with.
 LINE_KEYS = {
     "at": ("roundness", "straightness", "circular-runout"),
     **dict.fromkeys(("direction", "of"), ("roundness", "straightness")),
+    "section": ("line-profile",),
 }
 # What a straightness may be of; a roundness is of the first.
 OF = ("surface", "axis")
@@ -87,6 +90,7 @@ class PlannedLine:
     at: tuple[Triple, ...] = ()  # Places that they go through; none: spread over the face
     direction: Triple | None = None  # Of the lines of a flat face; normal of the section of a sphere
     of_axis: bool = False  # The axis in place of the surface
+    section: str = ""  # Name of the cut whose outline it is
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,8 +117,8 @@ class PlannedCharacteristic:
         return 0.0 if self.kind == "angle" else max(self.plus, self.minus)
 
 
-def characteristic_of(entry: Any, where: str, letters: list[str]) -> PlannedCharacteristic:
-    """The characteristic of an entry, given the letters of the datums."""
+def characteristic_of(entry: Any, where: str, letters: list[str], cuts: list[str]) -> PlannedCharacteristic:
+    """The characteristic of an entry, given the letters of the datums and the names of the sections."""
     require_known(
         entry,
         ("name", "kind", "face", "faces", "near", "box", "point", "datum", "nominal", *SIDES, *LINE_KEYS, "fit"),
@@ -125,7 +129,7 @@ def characteristic_of(entry: Any, where: str, letters: list[str]) -> PlannedChar
     where = f"{where} ({entry.get('name', kind)})"
     plus, minus = sides_of(entry, where)
     nominal, middle = _nominal(entry, kind, where), 0.0
-    if kind == "profile" and "tolerance" not in entry:
+    if kind in PROFILES and "tolerance" not in entry:
         # Unilateral or unequal: the zone reaches from minus below the part's surface to plus above it.
         middle, plus, minus = 0.5 * (plus - minus), plus + minus, 0.0
     point = triple_of(entry, "point", where) if kind == "edge-point" or "point" in entry else None
@@ -143,7 +147,7 @@ def characteristic_of(entry: Any, where: str, letters: list[str]) -> PlannedChar
         minus,
         middle,
         point,
-        _line(entry, kind, where),
+        _line(entry, kind, where, cuts),
         fit_of(entry, where),
     )
 
@@ -181,6 +185,9 @@ def _datum(entry: dict[str, Any], kind: str, where: str, letters: list[str]) -> 
 
 def _faces(entry: dict[str, Any], kind: str, where: str) -> tuple[FaceName, ...]:
     wanted, given = FACES.get(kind, 1), entry.get("faces")
+    if kind == "line-profile" and not {"face", "near", "box"} & set(entry):
+        # All that the section cuts, unless some are named.
+        return () if given is None else faces_of_list(given, where)
     if kind in OF_SLOT and given is not None:
         found = faces_of_list(given, where)
         if not found:
@@ -205,7 +212,7 @@ def fit_of(entry: dict[str, Any], where: str) -> PlannedFit:
     return fit
 
 
-def _line(entry: dict[str, Any], kind: str, where: str) -> PlannedLine:
+def _line(entry: dict[str, Any], kind: str, where: str, cuts: list[str]) -> PlannedLine:
     given = [key for key in LINE_KEYS if key in entry]
     for key in given:
         if kind not in LINE_KEYS[key]:
@@ -217,7 +224,10 @@ def _line(entry: dict[str, Any], kind: str, where: str) -> PlannedLine:
     direction = triple_of(entry, "direction", where) if "direction" in entry else None
     if direction is not None and not any(direction):
         raise InputError(f"{where}: direction must not be of length zero")
-    return PlannedLine(_places(entry, where), direction, of == "axis")
+    section = entry.get("section", "")
+    if kind == "line-profile":
+        require_one_of(section, cuts, f"{where}: section, the name of a [[section]],")
+    return PlannedLine(_places(entry, where), direction, of == "axis", section)
 
 
 def _places(entry: dict[str, Any], where: str) -> tuple[Triple, ...]:

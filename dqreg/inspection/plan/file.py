@@ -155,8 +155,11 @@ def plan_of(values: dict[str, Any], name: str = "plan") -> Plan:
     whole, single = whole_tolerance(values, name), face_tolerances(values, name)
     if not rows and whole is None and not single:
         raise InputError(f"{name}: no [[characteristic]] and no tolerance is given, so there is nothing to inspect")
+    cuts = enumerate(list_of(values, "section", name))
+    sections = tuple(_section(entry, f"{name}: section {k + 1}") for k, entry in cuts)
+    names = [cut.name for cut in sections]
     characteristics = tuple(
-        characteristic_of(entry, f"{name}: characteristic {k + 1}", letters) for k, entry in enumerate(rows)
+        characteristic_of(entry, f"{name}: characteristic {k + 1}", letters, names) for k, entry in enumerate(rows)
     )
     chosen = values.get("alignment", "datums" if datums else "best-fit")
     steps = steps_of(chosen, letters, name) if isinstance(chosen, list) else ()
@@ -168,13 +171,11 @@ def plan_of(values: dict[str, Any], name: str = "plan") -> Plan:
     units = values.get("units")
     if units is not None:
         require_one_of(units, sorted(METRES), f"{name}: units")
-    cuts = enumerate(list_of(values, "section", name))
-    sections = tuple(_section(entry, f"{name}: section {k + 1}") for k, entry in cuts)
     head = values.get("head", {})
     if not isinstance(head, dict):
         raise InputError(f"{name}: head must be a table of words")
     words = {key: str(value) for key, value in head.items()}
-    report = planned_report(values, tuple(cut.name for cut in sections), name)
+    report = planned_report(values, tuple(names), name)
     expected = number_of(values, "expected_deviation", name) if "expected_deviation" in values else None
     if expected is not None and not expected > 0.0:
         raise InputError(f"{name}: expected_deviation is a length above 0; got {expected:g}")

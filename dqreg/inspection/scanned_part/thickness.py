@@ -11,10 +11,10 @@ from dqreg.errors import DegenerateGeometryError
 from dqreg.geometry import Mesh
 from dqreg.geometry.raycasting import RayScene
 from dqreg.inspection.decision.medians import smoothed
+from dqreg.inspection.decision.surface_model import Medians
 from dqreg.inspection.deviations.deviations import Deviations
 from dqreg.inspection.deviations.outward_side import why_unsigned
 from dqreg.inspection.drawing.characteristics import Measured
-from dqreg.inspection.drawing.surface_model import Medians
 from dqreg.inspection.part_faces import Face
 from dqreg.inspection.scanned_part.scanned_part import ScannedPart
 

@@ -16,6 +16,7 @@ from dqreg.inspection.drawing.characteristics import KnownFrame, Measured
 from dqreg.inspection.drawing.distances import distance
 from dqreg.inspection.drawing.zones import FaceScan
 from dqreg.inspection.features import Feature
+from dqreg.inspection.line_forms.line_profile import faces_cut, line_profile
 from dqreg.inspection.line_forms.round_sections import centres_of, require_around, sections_of
 from dqreg.inspection.line_forms.runout import circular_runout, total_runout
 from dqreg.inspection.line_forms.straight_lines import lines_of
@@ -24,7 +25,9 @@ from dqreg.inspection.part_faces import Face
 from dqreg.inspection.plan.characteristics import OF_SLOT, RUNOUT, PlannedCharacteristic
 from dqreg.inspection.plan.file import Plan
 from dqreg.inspection.scanned_part.edge_points import edge_beside, edge_on
+from dqreg.inspection.scanned_part.face_deviations import face_deviations
 from dqreg.inspection.scanned_part.scanned_part import ScannedPart
+from dqreg.inspection.scanned_part.sections import Section, section_on
 from dqreg.inspection.scanned_part.thickness import wall_thickness
 
 # Those that depend on the size or place of a round face, which form error changes where little of it was seen.
@@ -33,13 +36,15 @@ SIZED = ("diameter", "distance", "form", "position", "coaxiality")
 MAX_FLAT_RADII = 0.2
 
 
-def faces_of_row(part: ScannedPart, row: PlannedCharacteristic) -> list[Face]:
-    """The faces that a characteristic is of; of an edge point those that meet there."""
+def faces_of_row(part: ScannedPart, plan: Plan, row: PlannedCharacteristic) -> list[Face]:
+    """The faces that a characteristic is of; of an edge point those that meet there, of a section those it cuts."""
     if row.point is not None:
         face = part.face(row.faces[0]).number if row.faces else None
         return [part.faces[number] for number in edge_beside(part, np.array(row.point) - part.origin, face).faces]
     if row.kind in OF_SLOT:
         return part.named(row.faces)
+    if row.kind == "line-profile":
+        return faces_cut(part, _section(part, plan, row), part.named(row.faces))
     faces = [part.face(name) for name in row.faces]
     if len({face.number for face in faces}) < len(faces):
         raise InputError(f"both faces are face {faces[0].number}: a {row.kind} is of two")
@@ -80,6 +85,10 @@ def measured_value(
         return Measured(edge.offset, COVERAGE_FACTOR * float(np.hypot(edge.sigma, spread)))
     if row.kind == "profile":
         return _profile(part, row, faces[0], frame)
+    if row.kind == "line-profile":
+        _require_sides(part, row)
+        cut = _section(part, plan, row)
+        return line_profile(part, row.line.section, cut, faces, middle=row.middle, frame=frame)
     if row.kind == "thickness":
         part.require_scanned(faces[0])
         return wall_thickness(part, faces[0]).measured(_middle_of_limits(row), row.nominal)
@@ -156,13 +165,27 @@ def _to_datum(part: ScannedPart, row: PlannedCharacteristic, face: Face, datum: 
     )
 
 
-def _profile(part: ScannedPart, row: PlannedCharacteristic, face: Face, frame: KnownFrame) -> Measured:
-    """Profile of a face under the alignment of the plan."""
+def _section(part: ScannedPart, plan: Plan, row: PlannedCharacteristic) -> Section:
+    """The cut that a profile of a line is of."""
+    named = next(cut for cut in plan.sections if cut.name == row.line.section)
+    try:
+        return section_on(part, np.array(named.point), np.array(named.normal))
+    except DegenerateGeometryError as error:
+        # It is not of this part, whatever was scanned.
+        raise InputError(str(error)) from error
+
+
+def _require_sides(part: ScannedPart, row: PlannedCharacteristic) -> None:
     if row.middle:
         require_sides(part.mesh, "unequal sides of a tolerance")
+
+
+def _profile(part: ScannedPart, row: PlannedCharacteristic, face: Face, frame: KnownFrame) -> Measured:
+    """Profile of a face under the alignment of the plan."""
+    _require_sides(part, row)
     part.require_scanned(face)
     points = part.on(face)
-    signed, normals = surface_deviations(part, face, points)
+    signed, normals = face_deviations(part, face, points)
     spread = float(frame.sigma(points, normals).max(initial=0.0))
     return compute.profile(signed, points, part.noise, frame_sigma=spread, middle=row.middle)
 
@@ -183,22 +206,3 @@ def _line_form(part: ScannedPart, row: PlannedCharacteristic, face: Face) -> Mea
         return axis_form(*centres_of(part, face))
     profiles = (sections_of if row.kind == "roundness" else lines_of)(part, face, row.line.at, row.line.direction)
     return worst_form(profiles, part.noise)
-
-
-def surface_deviations(part: ScannedPart, face: Face, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Signed distances of points from a face, and its outward normals there. Shapes: (n,), (n, 3).
-
-    From the exact shape where the face has one: the facets of a hole lie up to a chord's height inside of it.
-    """
-    found = part.surface.closest(points)
-    normals = part.mesh.face_normals[found.elements]
-    if face.feature is None or face.kind == "plane":
-        return np.einsum("ij,ij->i", points - found.points, normals), normals
-    from dqreg.inspection.features.models import distances
-    from dqreg.inspection.features.spread import normals_of
-
-    shape = face.feature.shape
-    outward = normals_of(face.feature.kind, shape, points)
-    # Of a hole the material lies outside: the normals of its faces point to the axis.
-    side = 1.0 if float(np.einsum("ij,ij->", outward, normals)) >= 0.0 else -1.0
-    return side * distances(face.feature.kind, shape, points)[0], side * outward

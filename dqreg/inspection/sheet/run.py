@@ -217,7 +217,7 @@ def _characteristic(
 
 def _measured(aligned: AlignedPart, plan: Plan, row: PlannedCharacteristic, *, scaled: bool) -> Characteristic:
     part, remark = aligned.part, ""
-    faces = faces_of_row(part, row)
+    faces = faces_of_row(part, plan, row)
     nominal = row.nominal if row.nominal is not None else nominal_value(part, row, faces)
     try:
         if row.kind in UNDER:
@@ -239,7 +239,7 @@ def _measured(aligned: AlignedPart, plan: Plan, row: PlannedCharacteristic, *, s
         uncertainty=found.uncertainty,
         outcome="undecided" if remark else outcome_of(row, found, nominal, scaled=scaled),
         points=sum(len(part.on(face)) for face in faces),
-        coverage=min(float(shares[face.number]) for face in faces),
+        coverage=min(float(shares[face.number]) for face in faces) if found.seen is None else found.seen,
         position=part.label(faces[0]) if found.place is None else part.labelled(found.place),
         remark=remark,
         fit=row.fit,
