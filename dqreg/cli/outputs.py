@@ -234,7 +234,7 @@ def tell_decision(found: Decision, deviations: Deviations, console: Console, res
     against = tolerance_text(found, unit).replace("−", "-") + shape_words(result)
     said = outcome_markup(found.outcome, trusted=result.verdict.level == "accepted")
     console.print(f"{said}: part against {against}", highlight=False)
-    for words in decision_words(found, unit, deviations.signed):
+    for words in decision_words(found, unit, deviations.signed, deviations.noise):
         say(console, f"  {words}")
 
 

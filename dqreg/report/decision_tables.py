@@ -37,16 +37,22 @@ def decision_of(data: ReportData, *, trusted: bool) -> dict[str, Any] | None:
     return {
         **shown_outcome(found.outcome, trusted=trusted),
         "against": tolerance_text(found, data.unit),
-        "words": decision_words(found, data.unit, data.deviations is not None and data.deviations.signed),
+        "words": decision_words(
+            found,
+            data.unit,
+            data.deviations is not None and data.deviations.signed,
+            None if data.deviations is None else data.deviations.noise,
+        ),
     }
 
 
-def decision_words(found: Decision, unit: str, signed: bool) -> list[str]:
-    """Why a part passes, fails or stays undecided: one sentence a cause."""
+def decision_words(found: Decision, unit: str, signed: bool, noise: float | None = None) -> list[str]:
+    """Why a part passes, fails or stays undecided: one sentence a cause; ``noise`` is that of the scan."""
     of = unit_words(unit)
     against = tolerance_text(found, unit)
     share = f"{percent(found.share_within)} % of the points on the part are within {against}"
     words = [f"{share}; {percent_asked(found.required_share)} % are required."]
+    words += _noise_words(found, noise or 0.0, of)
     if not np.isnan(found.scanned):
         rest = "" if found.scanned == 1.0 else "; of the rest nothing is decided"
         words.append(f"{percent(found.scanned)} % of the part's surface was scanned{rest}.")
@@ -75,6 +81,19 @@ def decision_words(found: Decision, unit: str, signed: bool) -> list[str]:
         words.append(SCALE_WORDS)
     words.append(f"The pose adds an uncertainty of up to {text_of(found.uncertainty, 2)}{of} (k = 2) to a deviation.")
     return words
+
+
+def _noise_words(found: Decision, noise: float, of: str) -> list[str]:
+    """Where a part without any deviation would have too few points within its tolerance as well."""
+    from scipy.special import ndtr
+
+    if noise == 0.0 or found.share != "fail" or np.isinf(found.high):
+        return []
+    share = float(ndtr(found.high / noise) - ndtr(found.low / noise))
+    if share >= found.required_share:
+        return []
+    words = f"Noise of {text_of(noise, 2)}{of} alone leaves {percent(share)} % of the points of a perfect part within"
+    return [f"{words}: the scan is too noisy for this tolerance, whatever the part is like."]
 
 
 def shape_words(result: RegistrationResult) -> str:

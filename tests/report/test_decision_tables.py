@@ -54,6 +54,15 @@ def test_the_share_that_is_asked_for_is_told_with_all_of_its_digits(passed: Deci
     assert any(words.endswith("99.95 % are required.") for words in decision_words(found, "mm", True))
 
 
+def test_noise_that_fails_a_perfect_part_is_told() -> None:
+    noisy = decided(points() + np.random.default_rng(1).normal(0.0, 0.08, (4000, 3)))
+    assert noisy.share == "fail"
+    (said,) = set(decision_words(noisy, "mm", True, 0.08)) - set(decision_words(noisy, "mm", True))
+    # Within 0.1 of 0.08: 1.25 standard deviations.
+    assert said.startswith("Noise of 0.080 mm alone leaves 78.9 % of the points of a perfect part within")
+    assert decision_words(noisy, "mm", True, 0.04) == decision_words(noisy, "mm", True)
+
+
 def test_what_was_not_scanned_is_not_decided(passed: Decision) -> None:
     for scanned, said in ((0.112, "11.2 % of the part's surface was scanned; of the rest nothing is decided."),
                           (1.0, "100 % of the part's surface was scanned.")):  # fmt: skip
