@@ -7,10 +7,11 @@ import numpy as np
 from dqreg._arrays import FloatArray, IntArray, dot
 from dqreg.inspection.alignment.surface_goals import as_small, least_largest
 from dqreg.inspection.alignment.surface_rows import SurfaceRows
-from dqreg.inspection.decision.places import PLACE_POINTS
+from dqreg.inspection.decision.places import MEDIAN_SIGMA, PLACE_POINTS
+from dqreg.inspection.decision.surface_model import SmoothSurface
 from dqreg.inspection.features.spread import DRAW_SEED, MIN_RESIDUAL_SHARE, without_form
 from dqreg.solvers import Freedom
-from dqreg.solvers.sandwich import scatter_of
+from dqreg.solvers.sandwich import larger, scatter_of
 
 # A row decides where it is so near to its limit.
 ACTIVE_ROW_DIAGONALS = 1e-9
@@ -59,7 +60,10 @@ def _independent(
 
 
 def _of_largest(rows: SurfaceRows, T: FloatArray, basis: FloatArray, least: FloatArray) -> FloatArray:
-    """By repeating the fit, to first order, with noise drawn again: which places are the farthest is chance too."""
+    """By repeating the fit, to first order: which places are the farthest is chance too.
+
+    Once with the noise of the medians drawn again, once on surfaces that the points allow for; the larger counts.
+    """
     values, slopes = rows.scaled(T)
     unit = np.linalg.norm(slopes[:, 3:], axis=1)
     slopes = slopes @ basis
@@ -77,9 +81,34 @@ def _of_largest(rows: SurfaceRows, T: FloatArray, basis: FloatArray, least: Floa
     steps = np.array([least_largest(each / size, slopes) for each in surface * values + unit * _noise(rows, T, chosen)])
     # The inverse of a covariance from few draws is too large by this (Hartlap, Simon and Schneider 2007).
     found = np.atleast_2d(np.cov(steps.T)) * (NOISE_DRAWS - 1) / (NOISE_DRAWS - len(lengths) - 2)
+    between = values + unit * _between(rows, T, chosen)
+    found = _covering(found, np.array([least_largest(each / size, slopes) for each in between]))
     # Poses whose largest deviation is as small are all an answer.
     found = found + np.diag(as_small(values / size, slopes) ** 2 / 12.0)
     return np.asarray(found * lengths * lengths[:, None])
+
+
+def _covering(found: FloatArray, steps: FloatArray) -> FloatArray:
+    """A covariance that is no less in any direction than what steps from the pose, (draws, k), are on average."""
+    return larger(found, np.asarray(steps.T @ steps / len(steps))) if found.any() else found
+
+
+def _between(rows: SurfaceRows, T: FloatArray, chosen: IntArray) -> FloatArray:
+    """By how much the surface at some rows may differ from the medians there, by its own points: (draws, m).
+
+    Medians flatten what bends within their neighbourhoods, and the farthest places lie between points.
+    """
+    if np.isnan(rows.sigma):
+        return np.zeros((NOISE_DRAWS, len(chosen)))
+    moved, values, _, _ = rows.at(T)
+    own, noise = values - rows.offsets, rows.sigma * np.sqrt(PLACE_POINTS) / MEDIAN_SIGMA
+    rng, found = np.random.default_rng(DRAW_SEED), np.zeros((NOISE_DRAWS, len(chosen)))
+    for label in np.unique(rows.labels[chosen]):
+        on, here = np.flatnonzero(rows.labels == label), np.flatnonzero(rows.labels[chosen] == label)
+        if len(on) >= 2 * PLACE_POINTS:
+            surface = SmoothSurface.of(own[on], moved[on], float(noise))
+            found[:, here] = surface.drawn(moved[chosen[here]], NOISE_DRAWS, rng) - values[chosen[here]]
+    return found
 
 
 def _noise(rows: SurfaceRows, T: FloatArray, chosen: IntArray) -> FloatArray:

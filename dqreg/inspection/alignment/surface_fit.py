@@ -111,7 +111,7 @@ def align_surface(
     -------
     SurfaceAlignment
         With its covariance, from how the deviations scatter between patches; of ``minimax`` from the fit repeated with
-        the noise of its medians drawn again.
+        the noise of its medians drawn again, and on surfaces that the points allow for between them.
 
     Raises
     ------

@@ -139,6 +139,8 @@ class SmoothSurface:
     medians: FloatArray  # (b,): Above the middle
     gains: FloatArray  # (b, b): Weight of the kernel about each by these
     length: float
+    size: float  # Standard deviation of the field
+    sigma: float  # Of the noise of a median
 
     @classmethod
     def of(cls, values: FloatArray, points: FloatArray, noise: float) -> SmoothSurface:
@@ -157,11 +159,21 @@ class SmoothSurface:
                 if height > best:
                     best, chosen = height, (float(size), spread, axes, length)
         size, spread, axes, length = chosen
-        return cls(middle, blocks, places, medians - middle, size**2 * (axes / spread) @ axes.T, length)
+        gains = size**2 * (axes / spread) @ axes.T
+        return cls(middle, blocks, places, medians - middle, gains, length, size * sigma, sigma)
 
     def at(self, places: FloatArray) -> FloatArray:
         """Its values, (m,), at places, (m, 3)."""
         return np.asarray(self.middle + self.kernel(places) @ (self.gains @ self.medians))
+
+    def drawn(self, places: FloatArray, draws: int, rng: np.random.Generator) -> FloatArray:
+        """Its values as they may be by its points, (draws, m), at places, (m, 3): between them it is not known."""
+        own = matern(np.linalg.norm(places[:, None] - places[None], axis=2) / self.length)
+        known = self.kernel(places)
+        spread = self.size**2 * (own - known @ self.gains @ known.T) + self.sigma**2 / len(self.blocks)
+        strengths, axes = np.linalg.eigh(spread)
+        roots = np.sqrt(np.maximum(strengths, 0.0))
+        return np.asarray(self.at(places) + rng.standard_normal((draws, len(places))) @ (axes * roots).T)
 
     def kernel(self, places: FloatArray) -> FloatArray:
         """Correlation of places with those of the blocks, (m, b)."""
