@@ -22,7 +22,7 @@ from dqreg.inspection.line_forms.runout import circular_runout, total_runout
 from dqreg.inspection.line_forms.straight_lines import lines_of
 from dqreg.inspection.line_forms.worst import axis_form, worst_form
 from dqreg.inspection.part_faces import Face
-from dqreg.inspection.plan.characteristics import OF_SLOT, RUNOUT, PlannedCharacteristic
+from dqreg.inspection.plan.characteristics import OF_SLOT, PROFILES, RUNOUT, PlannedCharacteristic
 from dqreg.inspection.plan.file import Plan
 from dqreg.inspection.scanned_part.edge_points import edge_beside, edge_on
 from dqreg.inspection.scanned_part.face_deviations import face_deviations
@@ -83,12 +83,8 @@ def measured_value(
         edge = edge_on(part, np.array(row.point) - part.origin, face=faces[0].number)
         spread = float(frame.sigma(edge.point[None], edge.outward[None])[0])
         return Measured(edge.offset, COVERAGE_FACTOR * float(np.hypot(edge.sigma, spread)))
-    if row.kind == "profile":
-        return _profile(part, row, faces[0], frame)
-    if row.kind == "line-profile":
-        _require_sides(part, row)
-        cut = _section(part, plan, row)
-        return line_profile(part, row.line.section, cut, faces, middle=row.middle, frame=frame)
+    if row.kind in PROFILES:
+        return _profile(part, plan, row, faces, frame)
     if row.kind == "thickness":
         part.require_scanned(faces[0])
         return wall_thickness(part, faces[0]).measured(_middle_of_limits(row), row.nominal)
@@ -175,17 +171,18 @@ def _section(part: ScannedPart, plan: Plan, row: PlannedCharacteristic) -> Secti
         raise InputError(str(error)) from error
 
 
-def _require_sides(part: ScannedPart, row: PlannedCharacteristic) -> None:
+def _profile(
+    part: ScannedPart, plan: Plan, row: PlannedCharacteristic, faces: list[Face], frame: KnownFrame
+) -> Measured:
+    """Profile of a face, or of a line in a section, under the alignment of the plan."""
     if row.middle:
         require_sides(part.mesh, "unequal sides of a tolerance")
-
-
-def _profile(part: ScannedPart, row: PlannedCharacteristic, face: Face, frame: KnownFrame) -> Measured:
-    """Profile of a face under the alignment of the plan."""
-    _require_sides(part, row)
-    part.require_scanned(face)
-    points = part.on(face)
-    signed, normals = face_deviations(part, face, points)
+    if row.kind == "line-profile":
+        cut = _section(part, plan, row)
+        return line_profile(part, row.line.section, cut, faces, middle=row.middle, frame=frame)
+    part.require_scanned(faces[0])
+    points = part.on(faces[0])
+    signed, normals = face_deviations(part, faces[0], points)
     spread = float(frame.sigma(points, normals).max(initial=0.0))
     return compute.profile(signed, points, part.noise, frame_sigma=spread, middle=row.middle)
 
