@@ -59,7 +59,7 @@ def test_noise_that_fails_a_perfect_part_is_told() -> None:
     assert noisy.share == "fail"
     (said,) = set(decision_words(noisy, "mm", True, 0.08)) - set(decision_words(noisy, "mm", True))
     # Within 0.1 of 0.08: 1.25 standard deviations.
-    assert said.startswith("Noise of 0.080 mm alone leaves 78.9 % of the points of a perfect part within")
+    assert said.startswith("Noise of 0.08 mm alone leaves 78.9 % of the points of a perfect part within")
     assert decision_words(noisy, "mm", True, 0.04) == decision_words(noisy, "mm", True)
 
 
