@@ -205,18 +205,22 @@ def losses_and_scatter(fit: Fit, poses: FloatArray, count: int = JUDGING_POINTS)
 
 
 def _of_the_part(fit: Fit, rows: IntArray) -> BoolArray:
-    """Which points of a scan, by their rows, are neither of far objects nor in a plane that goes on there; (m,)."""
+    """Which points of a scan, by their rows, are neither of far objects nor in a plane that goes on there; (m,).
+
+    What goes on far off is asked of all of the scan: the rows are of points that some pose puts on the part.
+    """
     if fit.has_border:
         return np.ones(len(rows), dtype=bool)
-    scan, near = fit.prepared.scan, fit.agreement.near
-    pairs = find_correspondences(scan.taken(rows), fit.prepared.surface, fit.T_target_source)
+    whole, near = fit.evenly_asked(), fit.agreement.near
     width = min(INLIER_SIGMAS * fit.run.mixture.scale, near)
-    on, far = pairs.distances <= width, pairs.distances > near
-    of_the_part = ~surroundings_of(pairs, width, near, fit.prepared.surface.diagonal).elsewhere
-    off = np.flatnonzero(~on & of_the_part)
+    on, far = whole.distances <= width, whole.distances > near
+    elsewhere = surroundings_of(whole, width, near, fit.prepared.surface.diagonal).elsewhere
+    pairs = find_correspondences(fit.prepared.scan.taken(rows), fit.prepared.surface, fit.T_target_source)
+    of_the_part, off = np.ones(len(rows), dtype=bool), np.flatnonzero(pairs.distances > width)
     if len(off) and far.any():
-        around = pairs.moved[NeighbourTree(pairs.moved).nearest(pairs.moved[off], PLANE_NEIGHBOURS)[0]]
-        of_the_part[off[is_background(around, pairs.moved, on, far, fit.run.mixture.scale)]] = False
+        beside = NeighbourTree(whole.moved).nearest(pairs.moved[off], PLANE_NEIGHBOURS)[0]
+        goes_on = is_background(whole.moved[beside], whole.moved, on, far, fit.run.mixture.scale)
+        of_the_part[off] = ~(elsewhere[beside[:, 0]] | goes_on)
     return of_the_part
 
 

@@ -150,6 +150,19 @@ def test_a_riser_on_its_neighbours_place_is_no_strain(seed: int) -> None:
     assert is_right(found.T_target_source, task)[1] <= 3e-4
 
 
+@pytest.mark.parametrize("seed", [8619, 23204])
+def test_the_table_that_a_part_covers_as_it_slides_is_none_of_the_part(seed: int) -> None:
+    """A bracket on a table, truth from its generator: its rims hold it along its legs, few points of their ends do.
+
+    Points of the table gain where its lower side would come to lie on them.
+    """
+    task = KINDS["on-a-table"].task(seed)
+    assert isinstance(task, TrustTask)
+    found = dqreg.register(task.source, task.target, task.start, **task.options)
+    assert is_right(found.T_target_source, task)[0]
+    assert found.verdict.level == "accepted", found.verdict.reasons
+
+
 def test_few_points_leave_out_no_pose_that_all_of_them_would_name(monkeypatch: pytest.MonkeyPatch) -> None:
     # Oracle: all points at all poses.
     for points in (sides(6), sides(400), almost_to_the_rims()):
