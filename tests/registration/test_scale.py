@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import zlib
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -8,6 +9,8 @@ import numpy as np
 import pytest
 
 from dqreg._arrays import FloatArray
+from dqreg.compare.trust.scans import VIEW_PIXELS, oblique, rows_of, thinned
+from dqreg.compare.trust.shapes import any_part
 from dqreg.errors import InputError
 from dqreg.geometry import Mesh, PointCloud, prepare_scan, sample_mesh
 from dqreg.registration.register import register
@@ -54,6 +57,18 @@ def test_a_scan_in_other_numbers_is_solved_from_a_rough_start(scale: float) -> N
     result = register(source, TARGET, "identity", scale="solve", effort="fast")
     assert_solved(result, points, source, scale)
     assert (result.settings["start"], result.settings["units"]) == ("identity", "check")
+
+
+def test_a_wrong_scale_that_explains_most_of_a_view_does_not_end_the_search() -> None:
+    # One noisy view of a part from a generator: 96 % of it fit at 0.58 of its scale, which no unit is near.
+    rng = np.random.default_rng([zlib.crc32(b"solved_scale"), 23201])
+    part = any_part(rng)
+    noise = np.exp(rng.uniform(np.log(1e-4), np.log(3e-3))) * part.diagonal
+    scanner = Scanner(rows_of(oblique(rng)), pixels=VIEW_PIXELS)
+    view = scan_mesh(part.vertices, part.faces, scanner, Noise(range_sigma=noise), rng=rng).points
+    result = register(thinned(view, rng, 800, 4_000) / 0.6, part, scale="solve")
+    assert result.verdict.level == "accepted"
+    assert abs(result.scale - 0.6) <= 4.5 * result.scale_sigma
 
 
 def test_a_scan_in_other_numbers_is_solved_from_nothing() -> None:
