@@ -72,8 +72,12 @@ class CommonPlanes:
     def of(
         overlap: Overlap, moves: IndexedPoints, stands: IndexedPoints, T_target_source: FloatArray, size: float
     ) -> CommonPlanes | None:
-        """Of two clouds of a size at a pose, (4, 4); None where they have no plane in common."""
+        """Of two clouds of a size at a pose, (4, 4); None where they have no plane in common.
+
+        Places apart by more than a plane is thick are of two: between them a plane would be one more than a corner has.
+        """
         within = plane_thickness(overlap, size)
+        overlap = overlap.at(np.abs(overlap.residuals) <= within)
         planes, shares = _planes(overlap, within)
         if not planes:
             return None
@@ -245,9 +249,10 @@ def _planes(overlap: Overlap, within: float) -> tuple[tuple[Plane, ...], tuple[f
     left = np.ones(len(overlap.points), dtype=bool)
     planes: list[Plane] = []
     shares: list[float] = []
+    least = max(MIN_PLANE_SHARE * len(left), 1)
     for k in range(MAX_PLANES):
         rows = np.flatnonzero(left)
-        if len(rows) < MIN_PLANE_SHARE * len(left) or (k >= CORNER_PLANES and sum(shares) >= COMMON_PLACE_SHARE):
+        if len(rows) < least or (k >= CORNER_PLANES and sum(shares) >= COMMON_PLACE_SHARE):
             break
         held = fullest_plane(overlap, rows[sample_rows(len(rows), TRIED_PLACES)], left, within)
         points = overlap.points[held]

@@ -33,6 +33,13 @@ def corner(edges: tuple[float, float, float], seed: int) -> FloatArray:
     return points + NOISE * rng.normal(size=points.shape)
 
 
+def ledge(height: float, seed: int) -> FloatArray:
+    """Points of a face of 16 by 16 at a height over the first of those."""
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(size=(250, 3)) * [0.0, 16.0, 16.0] + [height, 10.0, 10.0]
+    return np.asarray(points + NOISE * rng.normal(size=points.shape))
+
+
 def planes_of(one: FloatArray, other: FloatArray) -> CommonPlanes | None:
     sides, still = [IndexedPoints.of(points) for points in (one, other)], np.eye(4)
     overlap = Overlap.of(*sides, still)
@@ -70,6 +77,17 @@ def test_rims_of_one_corner_are_shared_and_those_of_another_part_are_not() -> No
     assert between(one, other).rims_shared() > 0.9
     assert between(longer, wider).rims_shared() < SHARED_RIM_SHARE
     assert between(one, other).largest < ONE_PLANE_SHARE
+
+
+def test_a_face_that_lies_apart_in_both_is_no_plane_more_than_a_corner_has() -> None:
+    # A ledge over one face, about a spacing higher in one scan: what looks its way there is one smooth surface of each.
+    one, other = (
+        np.concatenate([corner((30.0, 40.0, 55.0), seed), ledge(height, seed)])
+        for seed, height in ((1, 12.0), (2, 13.2))
+    )
+    assert between(one, other).are_a_corner
+    level = np.concatenate([corner((30.0, 40.0, 55.0), 2), ledge(12.0, 2)])
+    assert len(between(one, level).planes) == 4
 
 
 def test_both_sides_of_a_thin_wall_laid_on_each_other_are_told_by_the_rims_beside_it() -> None:
