@@ -86,7 +86,8 @@ def write_trajectory(
     Returns
     -------
     str
-        The format. TUM and g2o leave frames without a pose out; KITTI, which counts lines, bridges them.
+        The format. TUM and g2o leave frames without a pose out; KITTI, which counts lines, bridges them. TUM's lines
+        are in the order of their times, as its readers ask, also where frames came in another one.
 
     Raises
     ------
@@ -114,8 +115,11 @@ def write_trajectory(
         if spread is not None and len(spread) != len(bridged):
             raise InputError(f"covariances must be one a frame; got {len(spread)} for {len(bridged)} frames")
         text = _graph(placed, bridged[placed], None if spread is None else spread[placed])
+    elif form == "tum":
+        in_time = placed[np.argsort(stamps[placed], kind="stable")]
+        text = to_tum(bridged[in_time], stamps[in_time])
     else:
-        text = to_kitti(bridged) if form == "kitti" else to_tum(bridged[placed], stamps[placed])
+        text = to_kitti(bridged)
     write_atomically(path, text)
     return form
 

@@ -48,6 +48,14 @@ def test_tum_puts_w_last_and_kitti_is_three_rows(tmp_path):
     np.testing.assert_allclose(np.loadtxt(tmp_path / "a.txt"), T[:3].ravel(), atol=1e-15)
 
 
+def test_frames_whose_times_are_swapped_stand_in_tum_in_the_order_of_their_times(tmp_path):
+    poses, times = walk(4), np.array([0.0, 0.2, 0.1, 0.3])
+    write_trajectory(tmp_path / "a.tum", poses, times)
+    path = load_trajectory(tmp_path / "a.tum")
+    np.testing.assert_allclose(path.times, np.sort(times), atol=1e-9)
+    np.testing.assert_allclose(path.poses, poses[[0, 2, 1, 3]], atol=1e-12)
+
+
 def test_gaps_are_bridged_by_one_screw_and_left_out_of_tum(tmp_path):
     step = twist.exp([0.1, -0.2, 0.3, 1.0, 2.0, 3.0])
     poses = np.stack([np.linalg.matrix_power(step, i) for i in range(5)])
