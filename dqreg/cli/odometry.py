@@ -111,6 +111,7 @@ def odometry_command(scans: Path, **options: Any) -> int:
     data = _first(
         open_scans(scans, options["times"], options["loader"], options["sequence"], options["topic"]), options["first"]
     )
+    _require_several(data)
     truth = _truth(options["truth"], data)
     motion = motion_prior(console, scans, data, options)
     view = live_view(console, options)
@@ -182,6 +183,15 @@ def _first(scans: Scans, count: int | None) -> Scans:
         raise InputError(f"--first must be at least 1; got {count}")
     times, truth = (None if values is None else values[:count] for values in (scans.times, scans.truth))
     return dataclasses.replace(scans, names=scans.names[:count], times=times, truth=truth)
+
+
+def _require_several(scans: Scans) -> None:
+    """Refuse one frame: the first one is accepted for what it is, the frame of the map."""
+    if len(scans) < 2:
+        raise InputError(
+            f"the only frame, {scans.names[0]}, places nothing: it defines the frame of the map; odometry needs two or "
+            "more, and dqreg register places one scan on a part or on another scan"
+        )
 
 
 def _truth(file: Path | None, scans: Scans) -> FloatArray | None:

@@ -160,6 +160,7 @@ def test_what_kiss_icp_does_not_have_is_refused_before_the_run(sequence, tmp_pat
         (["absent"], "no such file or folder"),
         (["good.npz", "--voxel-size", "-1"], "voxel_size must be a length above 0"),
         (["good.npz", "--first", "0"], "--first must be at least 1"),
+        (["good.npz", "--first", "1"], "the only frame, good.npz[0], places nothing"),
         (["good.npz", "--truth", "good.npz"], "expected a trajectory"),
         (["good.npz", "--out", "no/such/folder/a.txt"], "does not exist"),
         (["good.npz", "--method", "magic"], "unknown method"),
