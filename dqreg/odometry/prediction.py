@@ -29,6 +29,8 @@ class Prediction:
     T_map_frame: FloatArray  # (4, 4)
     information: FloatArray | None = None  # (6, 6): of a left increment about the sensor; None weighs nothing
     doubts: tuple[Reason, ...] = ()  # What speaks against it
+    # (4, 4): Of a frame that was sought: where it was about to be placed. Its fit alone tells where it is.
+    T_before: FloatArray | None = None
 
     @staticmethod
     def of(prediction: Any, covariance: Any) -> Prediction | None:

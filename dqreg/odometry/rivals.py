@@ -102,22 +102,22 @@ def placed(
 
     A prediction that was measured, with its covariance, decides between them.
     """
-    axis, share = _weakest(aligned)
+    axis, share = weakest(aligned)
     if not aligned.found or (share >= WEAK_NORMAL_SHARE and search.fits(aligned)):
         return ComparedFrame(aligned, axis, share)
     scan = frame.fitted
     rows = np.flatnonzero(scan.normals.any(axis=1))
     if len(rows) < COMPARED_POINTS // 10:
         return ComparedFrame(aligned, axis, share)
-    compare = _RivalComparison(search.surface, scan, _spread(rows), search.lengths.near, 0.5 * search.lengths.reach)
+    compare = comparison_of(search, scan, _spread(rows))
     first, (shifts, scores) = aligned, compare.along(aligned.T_target_source, axis)
     if scores.min() < -SIGNIFICANT_SIGMAS:
-        again = search.refine(scan, _shifted(first.T_target_source, shifts[np.argmin(scores)] * axis))
+        again = search.refine(scan, shifted(first.T_target_source, shifts[np.argmin(scores)] * axis))
         if again.found and compare.gain(again, first) < -SIGNIFICANT_SIGMAS:
             aligned = again
             shifts, scores = compare.along(aligned.T_target_source, axis)
     equal = _minima(scores) & (np.abs(shifts) > 0.5 * search.lengths.reach)
-    poses = [_shifted(aligned.T_target_source, shift * axis) for shift in shifts[equal]]
+    poses = [shifted(aligned.T_target_source, shift * axis) for shift in shifts[equal]]
     # Constant velocity decides among equals, as far as it can.
     off = shift_between(aligned.T_target_source, T_predicted)
     nearer = [T for T in poses if shift_between(T, T_predicted) < 0.5 * off and off > deviation]
@@ -133,14 +133,23 @@ def placed(
     # How far the fit slid along what it leaves free says nothing against a sensor that measured the motion.
     limit = deviation if measured else max(2.0 * off, deviation)
     meant = [T for T in poses if shift_between(T, T_predicted) <= limit]
-    axis, share = _weakest(aligned)
-    towards = np.abs(scan.normals[rows] @ (aligned.T_target_source[:3, :3].T @ axis)) > FACING_COS
-    closer = dataclasses.replace(compare, rows=rows[towards])
+    axis, share = weakest(aligned)
+    closer = dataclasses.replace(compare, rows=rows[faces(scan.normals[rows], aligned, axis)])
     rivals = tuple(Alternative(T, compare.rms(T)) for T in meant if _is_equal(search, closer, aligned, T))
     return ComparedFrame(aligned, axis, share, rivals, aligned is not first)
 
 
-def _is_equal(search: FrameSearch, compare: _RivalComparison, aligned: Alignment, T: FloatArray) -> bool:
+def comparison_of(search: FrameSearch, scan: Scan, rows: IntArray) -> RivalComparison:
+    """Poses compared by some points of a frame."""
+    return RivalComparison(search.surface, scan, rows, search.lengths.near, 0.5 * search.lengths.reach)
+
+
+def faces(normals: FloatArray, aligned: Alignment, axis: FloatArray) -> BoolArray:
+    """Which normals of a frame, (n, 3), face an axis of the map."""
+    return np.asarray(np.abs(normals @ (aligned.T_target_source[:3, :3].T @ axis)) > FACING_COS)
+
+
+def _is_equal(search: FrameSearch, compare: RivalComparison, aligned: Alignment, T: FloatArray) -> bool:
     """Whether a pose that fits as well on some of the points does so on all that face the axis between the two.
 
     It, or where the loop ends from it: of a few points on all faces those that tell are a few dozen. Others slide along
@@ -157,7 +166,7 @@ def _is_equal(search: FrameSearch, compare: _RivalComparison, aligned: Alignment
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class _RivalComparison:
+class RivalComparison:
     """How much worse the same points lie at another pose, in standard errors."""
 
     surface: MapSurface
@@ -183,11 +192,29 @@ class _RivalComparison:
         # Where the map holds nothing near, it was not looked at: that speaks neither for a pose nor against it.
         return np.where(near.distances < self.gate, squares, np.nan).reshape(len(shifts), -1)
 
+    @property
+    def shifts(self) -> FloatArray:
+        """Shifts along an axis, (k,): none in the middle."""
+        return np.asarray(self.cap * np.arange(-float(SHIFTS_PER_SIDE), SHIFTS_PER_SIDE + 1.0))
+
     def along(self, T: FloatArray, axis: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Shifts along an axis, and how much worse each is than none."""
-        shifts: FloatArray = self.cap * np.arange(-float(SHIFTS_PER_SIDE), SHIFTS_PER_SIDE + 1.0)
+        shifts = self.shifts
         squares = self._squares(T, shifts[:, None] * axis)
         return shifts, np.array([_significance(each - squares[SHIFTS_PER_SIDE]) for each in squares])
+
+    def explained(
+        self, T: FloatArray, T_known: FloatArray, axis: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Shifts of a pose along an axis, and how much each explains of what a known pose does of the common points."""
+        shifts = np.zeros(1) if axis is None else self.shifts
+        there = 1.0 - self._squares(T, shifts[:, None] * (np.zeros(3) if axis is None else axis))
+        here = 1.0 - self.squares(T_known)
+        common = np.isfinite(here + there)
+        known = np.where(common, here, 0.0).sum(axis=1)
+        enough = (np.count_nonzero(common, axis=1) >= MIN_SHARE_AT_BOTH_POSES * len(here)) & (known > 0.0)
+        there = np.where(common, there, 0.0).sum(axis=1)
+        return shifts, np.where(enough, there / np.where(enough, known, 1.0), 0.0)
 
     def gain(self, one: Alignment, other: Alignment) -> float:
         """How much worse one pose is than another."""
@@ -207,17 +234,22 @@ def _significance(difference: FloatArray) -> float:
     return float(known.mean()) / error if error > 0.0 else 0.0
 
 
-def _weakest(aligned: Alignment) -> tuple[FloatArray, float]:
+def weakest(aligned: Alignment) -> tuple[FloatArray, float]:
     """Direction that the fewest correspondences face, and their share."""
+    values, vectors = np.linalg.eigh(normal_scatter(aligned))
+    return vectors[:, 0], float(values[0])
+
+
+def normal_scatter(aligned: Alignment) -> FloatArray:
+    """Mean of the outer products of the correspondences' normals, (3, 3)."""
     normals = aligned.pairs.closest.normals
     weights = np.where(nonzero_rows(normals), aligned.weights, 0.0)
-    values, vectors = np.linalg.eigh((normals * weights[:, None]).T @ normals / max(float(weights.sum()), 1e-300))
-    return vectors[:, 0], float(values[0])
+    return np.asarray((normals * weights[:, None]).T @ normals / max(float(weights.sum()), 1e-300))
 
 
 def is_free(aligned: Alignment) -> bool:
     """Whether nothing holds a frame along its weakest direction."""
-    return _weakest(aligned)[1] < FREE_NORMAL_SHARE
+    return weakest(aligned)[1] < FREE_NORMAL_SHARE
 
 
 def _minima(scores: FloatArray) -> BoolArray:
@@ -231,7 +263,8 @@ def _spread(rows: IntArray) -> IntArray:
     return rows[np.linspace(0, len(rows) - 1, min(COMPARED_POINTS, len(rows))).round().astype(np.int64)]
 
 
-def _shifted(T: FloatArray, by: FloatArray) -> FloatArray:
+def shifted(T: FloatArray, by: FloatArray) -> FloatArray:
+    """A pose displaced in the map."""
     moved = T.copy()
     moved[:3, 3] += by
     return moved

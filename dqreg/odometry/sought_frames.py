@@ -29,6 +29,7 @@ from dqreg.odometry.settings import OdometrySettings, Resolved
 from dqreg.odometry.starts import predict
 from dqreg.odometry.timeline import LastTrusted
 from dqreg.odometry.tracker_state import Standing
+from dqreg.odometry.unexplained_turns import in_a_step
 from dqreg.odometry.unseen_rotations import equal_turns
 from dqreg.odometry.voxel_map import VoxelMap
 from dqreg.registration.register import register
@@ -131,7 +132,10 @@ class SeekingTracker(ColdStartTracker):
         step = orthonormal(pose.inverse(before.at.T_last) @ T)
         motion = orthonormal(predict(np.eye(4), step, 1.0 / self._timeline.span))
         self._at = dataclasses.replace(before.at, motion=motion)
-        again = super()._register(dataclasses.replace(given, expected=Prediction(T, doubts=doubts)))
+        T_expected = orthonormal(predict(before.at.T_last, before.at.motion, given.ratio))
+        T_found = T_expected if found.verdict.level == "failed" else found.T_target_source
+        sought = Prediction(T, doubts=doubts, T_before=in_a_step(T_expected, T_found, self.settings.search_deg))
+        again = super()._register(dataclasses.replace(given, expected=sought))
         if self._timeline.missed:
             apart = float(given.frame.scan._spread.motion(found.T_target_source, again.T_target_source))
             is_elsewhere = not apart <= given.lengths.near

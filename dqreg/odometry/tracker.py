@@ -20,12 +20,13 @@ from dqreg.odometry.kiss import KissParts
 from dqreg.odometry.next_frame import NextFrame
 from dqreg.odometry.prediction import Prediction
 from dqreg.odometry.repeats import like_itself, similar_shifts, with_met_normals
-from dqreg.odometry.rivals import ComparedFrame, is_free, looked_through, map_sample, placed, share_looked_through
+from dqreg.odometry.rivals import ComparedFrame, is_free, looked_through, map_sample, placed
 from dqreg.odometry.self_similarity import FrameView
 from dqreg.odometry.settings import OdometrySettings, Resolved
 from dqreg.odometry.starts import Pace, predict
 from dqreg.odometry.timeline import Timeline
 from dqreg.odometry.tracker_state import Standing
+from dqreg.odometry.unexplained_turns import looking, unturned
 from dqreg.odometry.unseen_rotations import Since, TurnedFrame, compared_turns
 from dqreg.odometry.voxel_map import VoxelMap
 from dqreg.registration.result.empty_results import without_pose
@@ -135,12 +136,10 @@ class Tracker:
         seen = self._seen(frame, lengths) if frame.back is None else None
         deskewed = self._deskewed(search, frame, trusted=expected is not None or kiss.deviation <= lengths.voxel_size)
         turned = self._turned(search, deskewed, expected, seen)
-        frame, aligned, notes = turned.deskewed.frame, turned.deskewed.aligned, given.notes + turned.deskewed.notes
+        frame, notes = turned.deskewed.frame, given.notes + turned.deskewed.notes
         seen = seen or self._seen(frame, lengths)
         measured = expected is not None and expected.information is not None
-        spread = expected.spread if expected is not None and measured else self._deviation(kiss, aligned, expected)
-        timed = self._timeline.is_timed
-        first = placed(search, frame, aligned, T_predicted, spread, measured=measured)
+        timed, first = self._timeline.is_timed, self._compared(search, turned, given, T_predicted, seen)
         T = first.aligned.T_target_source
         asked = first.aligned.found and not (timed or measured or self._is_unlike(frame, T, lengths.reach))
         # After the depth image, beside the information.
@@ -198,8 +197,24 @@ class Tracker:
             deskewed,
             since,
             REPEATED_MISFIT_VOXELS * search.lengths.voxel_size,
-            lambda run: share_looked_through(run, view.result(), map_sample(search.surface)),
+            looking(search.surface, view),
         )
+
+    def _compared(
+        self,
+        search: FrameSearch,
+        turned: TurnedFrame,
+        given: NextFrame,
+        T_predicted: FloatArray,
+        seen: Later[FrameView],
+    ) -> ComparedFrame:
+        """A frame after poses along its weakest direction, and those without a turn, were compared."""
+        frame, aligned, expected = turned.deskewed.frame, turned.deskewed.aligned, given.expected
+        measured = expected is not None and expected.information is not None
+        spread = expected.spread if expected and measured else self._deviation(given.kiss, aligned, expected)
+        place = placed(search, frame, aligned, T_predicted, spread, measured=measured)
+        T_before = turned.T_before if expected is None else expected.T_before
+        return place if T_before is None else unturned(place, search, frame, T_before, looking(search.surface, seen))
 
     def _is_unlike(self, frame: DownsampledFrame, T: FloatArray, reach: float) -> bool:
         """Whether a frame of all but the same place was like itself nowhere: what it saw is what this one sees."""
@@ -219,7 +234,8 @@ class Tracker:
 
     def _deviation(self, kiss: KissParts, aligned: Alignment, expected: Prediction | None) -> float:
         """How far off constant velocity may be: infinite after a gap or a doubtful frame, and much at first."""
-        if (self._timeline.missed or self._timeline.is_guessed) and not self._slides_on(aligned):
+        is_sought = expected is not None and expected.T_before is not None
+        if is_sought or ((self._timeline.missed or self._timeline.is_guessed) and not self._slides_on(aligned)):
             return np.inf
         is_first = expected is None and not self._usual
         return kiss.deviation * (FIRST_MOTION_DEVIATIONS if is_first else self._timeline.steps)

@@ -6,7 +6,7 @@ Near the prediction nothing tells: those are enough for a view that is new. So a
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from dqreg.odometry.frame import DownsampledFrame
 from dqreg.odometry.rivals import ComparedFrame, shift_between
 from dqreg.odometry.starts import best_poses, candidates
 from dqreg.odometry.timeline import MAX_PREDICTED_STEPS
+from dqreg.odometry.unexplained_turns import LOOKED_THROUGH_SHARE, Looked, in_a_step
 from dqreg.rigid import pose, single_pose
 from dqreg.rigid.single_pose import orthonormal
 from dqreg.trust.records import Alternative, Reason
@@ -29,9 +30,8 @@ from dqreg.trust.records import Alternative, Reason
 AS_GOOD_SHARE = 0.94
 # The same where constant velocity leads: right poses in streets came to 0.91 after four frames, a half-turn to 0.84.
 MET_SHARE = 0.9
-# A frame that fits less well than so, and looked through more of the map, may have turned within one step: half-turns
-# of furnished halls came to 0.98 and 0.003 and beyond; so did 2 of 137 right frames (of a hand-held sensor).
-FITS_LESS_SHARE, LOOKED_THROUGH_SHARE = 0.98, 0.002
+# A frame that fits less well than so, and looked through the map, may have turned within one step.
+FITS_LESS_SHARE = 0.98
 # Frames since the last trusted one from which on there was a gap: stamps jitter.
 GAP_STEPS = 1.5
 # Poses that are judged by many points, and initial poses that are refined, so many steps of the lattice apart.
@@ -41,10 +41,6 @@ APART_STEPS, WHOLE_TURN_DEG = 2.1, 180.0
 LIKELY_SHARE = 0.8
 # Turns about the middle of what is seen that are refined; share of its points beyond what counts as its ends.
 OWN_TURNS, MIDDLE_QUANTILE = 3, 0.01
-
-
-# Share of the map in view that a frame looked through where it was placed.
-Looked = Callable[[Alignment], float]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,6 +84,7 @@ class TurnedFrame:
     since: Since | None = None  # None where others tell the motion
     others: tuple[Alignment, ...] = ()  # Where it ends after other turns
     doubts: tuple[Reason, ...] = ()  # What speaks against its place
+    T_before: FloatArray | None = None  # (4, 4): Where it was about to be placed without a turn, if another was chosen
 
     def told(self, place: ComparedFrame, search: FrameSearch) -> ComparedFrame:
         """The place of the frame with what speaks against it after a gap."""
@@ -127,7 +124,10 @@ def compared_turns(
     is_guess = not since.is_gap and search.fits(found.aligned) and since.asks(search, found.aligned)
     # Of turns that all fit less than usual the best is a guess: in a place that looks alike it looks through the map.
     doubted = is_guess and since.is_suspicious(search, found.aligned, looked)
-    return TurnedFrame(found, since, tuple(others), (_guess(found.aligned, search.usual),) if doubted else ())
+    doubts = (_guess(found.aligned, search.usual),) if doubted else ()
+    T_found = run.T_target_source if run.found else since.T_expected
+    T_before = None if found.aligned is run else in_a_step(since.T_expected, T_found, search.settings.search_deg)
+    return TurnedFrame(found, since, tuple(others), doubts, T_before)
 
 
 def _guess(run: Alignment, usual: float) -> Reason:

@@ -89,7 +89,7 @@ def test_what_hangs_on_a_frame_that_was_not_accepted_says_so():
     assert results[2].verdict.codes[0] == "untrusted_map"
 
 
-@pytest.mark.parametrize(("kind", "seed"), [("drive-bare", 8203), ("drive-pilasters", 8138)])
+@pytest.mark.parametrize(("kind", "seed"), [("drive-bare", 8203), ("drive-pilasters", 8138), ("drive-pilasters", 8619)])
 def test_a_first_step_that_stuck_at_the_start_is_not_accepted(kind, seed):
     """Truth: the poses that the frames were made at, a metre apart. Nothing is known of the motion yet."""
     drive = KINDS[kind].task(seed)
