@@ -16,7 +16,8 @@ from dqreg.icp import Alignment
 from dqreg.odometry.align import LATTICE_STEP_DEG, FrameSearch
 from dqreg.odometry.deskewing import Deskewed
 from dqreg.odometry.frame import DownsampledFrame
-from dqreg.odometry.rivals import ComparedFrame, shift_between
+from dqreg.odometry.rivals import ComparedFrame, map_sample, share_looked_through, shift_between
+from dqreg.odometry.self_similarity import FrameView
 from dqreg.odometry.starts import best_poses, candidates
 from dqreg.odometry.timeline import MAX_PREDICTED_STEPS
 from dqreg.odometry.unexplained_turns import LOOKED_THROUGH_SHARE, Looked, in_a_step
@@ -98,7 +99,8 @@ class TurnedFrame:
             place = dataclasses.replace(place, doubts=(_doubt(share, search.usual, since.steps),))
         if is_met and since.steps <= MAX_PREDICTED_STEPS:
             return place
-        equal = _equals([other for other in self.others if not _is_same(search, frame, run, other)], run)
+        others = [other for other in self.others if not _is_same(search, frame, run, other)]
+        equal = _equals(_as_good(others, run), run)
         return dataclasses.replace(place, rivals=(*place.rivals, *equal)) if equal else place
 
 
@@ -148,18 +150,31 @@ def _doubt(share: float, usual: float, steps: float) -> Reason:
 
 
 def equal_turns(search: FrameSearch, frame: DownsampledFrame) -> tuple[Alternative, ...]:
-    """Where a frame lies as well as at a known pose, the first anchor, after any turn."""
+    """Where a frame lies as well as at a known pose, the first anchor, after any turn.
+
+    One that looks through the map, where the pose itself does not, is excluded by what stands there.
+    """
     run = search.refine(search.scan_of(frame), search.anchors[0][0])
-    return _equals(_others(search, Deskewed(frame, run), WHOLE_TURN_DEG), run)
+    if not (others := _as_good(_others(search, Deskewed(frame, run), WHOLE_TURN_DEG), run)):
+        return ()
+    view, standing = FrameView.of(frame.dense, search.lengths.near), map_sample(search.surface)
+    looked = [share_looked_through(each, view, standing) for each in (run, *others)]
+    if not looked[0] > LOOKED_THROUGH_SHARE:
+        others = [other for other, share in zip(others, looked[1:], strict=True) if not share > LOOKED_THROUGH_SHARE]
+    return _equals(others, run)
+
+
+def _as_good(others: Sequence[Alignment], run: Alignment) -> list[Alignment]:
+    """Those that hold about as many inliers as a pose, or more."""
+    return [other for other in others if other.inlier_fraction >= AS_GOOD_SHARE * run.inlier_fraction]
 
 
 def _equals(others: Sequence[Alignment], run: Alignment) -> tuple[Alternative, ...]:
-    """Those that hold about as many inliers as a pose, or more."""
-    T, least = run.T_target_source, AS_GOOD_SHARE * run.inlier_fraction
+    """Runs as other poses beside one."""
+    T = run.T_target_source
     return tuple(
         Alternative(other.T_target_source, other.history[-1].rms, words=_words(T, other.T_target_source))
         for other in others
-        if other.inlier_fraction >= least
     )
 
 
