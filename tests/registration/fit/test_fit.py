@@ -9,7 +9,6 @@ from dqreg.geometry import sample_mesh
 from dqreg.icp.history import Iteration
 from dqreg.registration.assessment.assess import uncertainty_of
 from dqreg.registration.fit.fit import coarse_to_fine
-from dqreg.registration.problem.problem import Problem
 from dqreg.rigid import pose
 from dqreg.synth import disturbance
 from dqreg.trust.covariance import covariance_of

@@ -6,11 +6,11 @@ import functools
 
 import numpy as np
 import pytest
+from dqreg.registration.choice.fallback import BestPoses
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh, sample_mesh
-from dqreg.registration.fit.fit import Fit
-from dqreg.registration.other_poses.corner_rivals import (
+from dqreg.registration.choice.corner_rivals import (
     _cube_turns,
     _ends,
     _turned,
@@ -18,7 +18,7 @@ from dqreg.registration.other_poses.corner_rivals import (
     corner_rivals,
     prism_turns,
 )
-from dqreg.registration.other_poses.fallback import BestPoses
+from dqreg.registration.fit.fit import Fit
 from dqreg.registration.other_poses.rivals import NO_POSES
 from dqreg.rigid import pose
 from dqreg.rigid.rotations import angle_of
