@@ -111,7 +111,8 @@ def align_surface(
     -------
     SurfaceAlignment
         With its covariance, from how the deviations scatter between patches; of ``minimax`` from the fit repeated with
-        the noise of its medians drawn again, and on surfaces that the points allow for between them.
+        the noise of its medians drawn again, and on surfaces that the points allow for between them; where form error
+        exceeds the noise of few points it may still be too small by two, because another place may be the farthest.
 
     Raises
     ------
