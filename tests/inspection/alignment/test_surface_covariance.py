@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh, MeshSurface, sample_mesh
 from dqreg.geometry.mesh_faces import faces_of
