@@ -6,7 +6,6 @@ import functools
 
 import numpy as np
 import pytest
-from dqreg.registration.choice.fallback import BestPoses
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import Mesh, sample_mesh
@@ -18,6 +17,7 @@ from dqreg.registration.choice.corner_rivals import (
     corner_rivals,
     prism_turns,
 )
+from dqreg.registration.choice.fallback import BestPoses
 from dqreg.registration.fit.fit import Fit
 from dqreg.registration.other_poses.rivals import NO_POSES
 from dqreg.rigid import pose
