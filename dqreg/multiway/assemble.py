@@ -32,6 +32,7 @@ def assembled(
     against: Sequence[Contradiction] = (),
     turns: Sequence[UnobservableRotation] = (),
     remarks: Sequence[Reason] = (),
+    doubts: Sequence[Reason] = (),
 ) -> Multiway:
     """The result of all stages; copies of a scan get its pose, and remarks stand behind the verdict's reasons."""
     T, covariance = joint.T_world_scan.copy(), joint.covariance
@@ -55,9 +56,8 @@ def assembled(
     blocks = np.einsum("kikj->kij", covariance.reshape(len(views), 6, len(views), 6))
     size = float(settings["size"])
     joint_ended = {"converged": joint.converged, "is_late": joint.is_late}
-    verdict = judge_scans(
-        views, selection, T, blocks, size, **joint_ended, stopped=stopped, against=against, turns=turns
-    )
+    found = {"stopped": stopped, "against": against, "turns": turns, "doubts": doubts}
+    verdict = judge_scans(views, selection, T, blocks, size, **joint_ended, **found)
     return Multiway(
         T_world_scan=T,
         verdict=dataclasses.replace(verdict, reasons=(*verdict.reasons, *remarks)),

@@ -10,18 +10,19 @@ from typing import Any, get_args
 
 import numpy as np
 
+from dqreg._arrays import FloatArray
 from dqreg._numbers import is_whole
 from dqreg.errors import InputError
 from dqreg.multiway.assemble import assembled
 from dqreg.multiway.pairwise.pair_runs import PairRunner, Progress, workers_of
 from dqreg.multiway.pairwise.pairs import Edges, Order, asked_pairs
-from dqreg.multiway.pairwise.starts import contradicted_starts, read_starts
+from dqreg.multiway.pairwise.starts import contradicted_starts, other_frame, read_starts
 from dqreg.multiway.plan import first_edges, with_overlapping_pairs
 from dqreg.multiway.pose_graph.edges import PART, Edge
 from dqreg.multiway.refinement.refine import refined
 from dqreg.multiway.result import Multiway
 from dqreg.multiway.scans.overlap import overlap_matrix
-from dqreg.multiway.scans.scans import read_views, stray_remarks, typical_size, typical_spacing, unit_of
+from dqreg.multiway.scans.scans import View, read_views, stray_remarks, typical_size, typical_spacing, unit_of
 from dqreg.multiway.selection.consensus import by_consensus
 from dqreg.multiway.selection.edge_selection import EdgeSelection
 from dqreg.multiway.selection.outlier_scans import (
@@ -34,10 +35,12 @@ from dqreg.multiway.turntables.equal_steps import EqualSteps
 from dqreg.multiway.turntables.rotational_symmetry import turnings
 from dqreg.multiway.turntables.round_part import RoundPart, laid_by_angles
 from dqreg.multiway.visibility.sides import Sides
+from dqreg.multiway.visibility.still_background import unmoved_scans
 from dqreg.registration.options.option_checks import read_time_limit, require_observer, require_seed, require_word
 from dqreg.registration.options.options import Effort
 from dqreg.registration.result.log import log_verdict
 from dqreg.registration.target import Target, prepare_target
+from dqreg.trust.records import Reason
 
 # Poses of pairs need not agree to better than this fraction of the spacing of the points.
 AGREEMENT_SPACINGS = 0.25
@@ -86,7 +89,8 @@ def register_many(
         share one axis and one step, which are estimated: a start where a pair fails, and as sure as the pairs and poses
         agree on it, a prior that confirms pairs and holds what faces do not (``settings["by_steps"]``); no constraint.
     anchor : int
-        Scan whose frame is "world" (or that keeps its pose of ``starts``), where no target is given.
+        Scan whose frame is "world" (or that keeps its pose of ``starts``), where no target is given. Where it is not
+        placed, another one is, which the verdict says (``settings["anchor"]``; the asked one is ``"asked_anchor"``).
     effort : {"fast", "normal", "best"}
         Of the pairs, as in `register`; and points of a scan in the joint refinement: 5,000, 20,000, all.
     seed : int
@@ -145,11 +149,11 @@ def register_many(
     found, turned = laid_by_angles(runner, found, known, order)
     sides = Sides.of(views, order, found)
     size, floor = typical_size(views), AGREEMENT_SPACINGS * typical_spacing(views)
-    home, T_home = (PART, np.eye(4)) if part is not None else (anchor, known[anchor])
+    home, homes = (PART, {}) if part is not None else _homes(views, anchor, known)
     # Given poses, and angles that nobody knows, say where scans are: a table does not.
     on_table = order == "turntable" and turned is None and any(known[k] is None for k in usable)
     steps = EqualSteps.of(found, views, size, floor) if on_table else None
-    judge = Judge(sides, len(views), home, size, floor, np.eye(4) if T_home is None else np.asarray(T_home), steps)
+    judge = Judge(sides, len(views), home, size, floor, homes, steps)
     selection = _selection(runner, judge, found, turned, automatic=automatic)
     seconds["pairs"] = time.perf_counter() - began - sum(seconds.values())
     known_by = sides.bodies, part, selection.T_world_scan[: len(views)], selection.anchor, size, effort
@@ -163,12 +167,27 @@ def register_many(
     against = tuple(sides.contradictions(joint.T_world_scan, overlap))
     started = all(known[k] is not None for k in usable)
     turns = turnings(views, joint.T_world_scan, selection.edges, turned, started=started)
-    remarks = (*contradicted_starts(views, known, joint.T_world_scan, selection.edges, size), *stray_remarks(views))
+    said = _said(views, known, judge, selection, joint.T_world_scan, order)
     asked = {"order": order, "edges": edges, "anchor": anchor, "effort": effort, "seed": seed, "time_limit": time_limit}
     settings = _settings(asked, runner, judge)
-    result = assembled(views, selection, joint, overlap, settings, seconds, runner.stopped, against, turns, remarks)
+    result = assembled(views, selection, joint, overlap, settings, seconds, runner.stopped, against, turns, *said)
     log_verdict(result.verdict, f"{len(views)} scans into one frame", time.perf_counter() - began)
     return result
+
+
+def _said(
+    views: Sequence[View],
+    known: Sequence[FloatArray | None],
+    judge: Judge,
+    selection: EdgeSelection,
+    T_world_scan: FloatArray,
+    order: Order,
+) -> tuple[tuple[Reason, ...], tuple[Reason, ...]]:
+    """Remarks, and doubts of all scans together: of starts, of strays, and of what stood still."""
+    edges, started = selection.edges, all(T is not None for T, view in zip(known, views, strict=True) if view.usable)
+    remarks = (*contradicted_starts(views, known, T_world_scan, edges, judge.size), *stray_remarks(views))
+    still = unmoved_scans(views, edges, T_world_scan, order, started=started)
+    return remarks, (*still, *other_frame(views, judge.homes, judge.home, selection.anchor))
 
 
 def _settings(asked: dict[str, Any], runner: PairRunner, judge: Judge) -> dict[str, Any]:
@@ -176,6 +195,7 @@ def _settings(asked: dict[str, Any], runner: PairRunner, judge: Judge) -> dict[s
     part = runner.part
     return {
         **asked,
+        "asked_anchor": asked["anchor"],
         "edges": asked["edges"] if isinstance(asked["edges"], str) else "given",
         "target": None if part is None else part.indexed.name,
         "units": unit_of(runner.views) if part is None or part.indexed.units is None else part.indexed.units,
@@ -201,6 +221,14 @@ def _selection(
         )
     judge, selection = without_passed_scans(judge, selection)
     return without_misfits(runner.views, judge, selection, runner.effort, runner.seed)[1]
+
+
+def _homes(views: Sequence[View], anchor: int, known: Sequence[FloatArray | None]) -> tuple[int, dict[int, FloatArray]]:
+    """The scan that is held, of copies the first, and the poses of all that have one."""
+    copied = views[anchor].copy_of
+    home, homes = anchor if copied is None else copied, {k: T for k, T in enumerate(known) if T is not None}
+    given = known[anchor]
+    return home, homes if given is None else {**homes, home: given}
 
 
 def _checked(effort: Any, seed: Any, time_limit: Any, observe: Any) -> float | None:

@@ -45,13 +45,16 @@ def judge_scans(
     is_late: bool = False,
     against: Sequence[Contradiction] = (),
     turns: Sequence[UnobservableRotation] = (),
+    doubts: Sequence[Reason] = (),
 ) -> Verdict:
     """Level and reasons: "failed" where no two scans are joined, "suspect" where something speaks against a pose."""
     usable = [k for k, view in enumerate(views) if view.usable]
     placed = [k for k in usable if np.isfinite(T_world_scan[k]).all()]
     joined = len(placed) > 1 or (selection.anchor == PART and bool(placed))
     known = views, selection, placed
-    doubts = [Reason(f"not all pairs were registered: {stopped} ended them", "search_time_limit")] if stopped else []
+    doubts = list(doubts)
+    if stopped:
+        doubts.append(Reason(f"not all pairs were registered: {stopped} ended them", "search_time_limit"))
     doubts += [*unplaced(*known), *_weak(*known), *_unconfirmed(*known), *_put_elsewhere(*known)]
     doubts += _uncertain(views, placed, covariances, size) if joined and not is_late else ()
     doubts += _contradicted(views, against)

@@ -69,6 +69,8 @@ Code = Literal[
     "contradicting_prediction",
     # many scans
     "scan_left_out",
+    "unmoved_scans",
+    "other_frame",
     "islands",
     "unconfirmed_scan",
     "unconfirmed_edge",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -76,6 +76,19 @@ def contradicted_starts(
         )
         rest = {k: [row for row in rows if wrong not in row[:2]] for k, rows in off.items()}
         off = {k: rows for k, rows in rest.items() if rows}
+
+
+def other_frame(views: Sequence[View], starts: Mapping[int, FloatArray], asked: int, held: int) -> Iterator[Reason]:
+    """A doubt where another scan than the one asked for says where the world is."""
+    if held == asked:
+        return
+    first, second = views[asked].name, views[held].name
+    world = f"that of the starts, where the start of {second} is kept" if held in starts else f"the frame of {second}"
+    yield Reason(
+        f"{first}, the anchor, hangs together with few other scans or none: {second} stands for it, and the world is "
+        f"{world}",
+        "other_frame",
+    )
 
 
 def read_starts_file(path: Path, count: int) -> list[FloatArray]:

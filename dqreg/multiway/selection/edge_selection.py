@@ -78,13 +78,15 @@ def select_edges(
     anchor: int,
     size: float,
     floor: float,
-    T_anchor: FloatArray,
+    homes: Mapping[int, FloatArray],
     steps: EqualSteps | None = None,
 ) -> EdgeSelection:
     """Judge all edges that were tried, and place what they hold together.
 
-    The anchor, a scan or -1 for the part, gets the pose given. Poses of pairs need not agree to better than the floor,
-    a length; size is a typical diagonal of a scan. Steps of a turntable confirm edges, and hold what these do not.
+    The anchor, a scan or -1 for the part, keeps its pose of ``homes``, or is the origin where it has none there. So
+    does a scan that takes its place, one with a pose there before others. Poses of pairs need not agree to better than
+    the floor, a length; size is a typical diagonal of a scan. Steps of a turntable confirm edges, and hold what these
+    leave free.
     """
     codes: list[EdgeCode] = [_initial_code(edge, size) for edge in edges]
     rows = np.array([k for k, code in enumerate(codes) if code == "unconfirmed"], dtype=np.int64)
@@ -109,12 +111,11 @@ def select_edges(
         codes[k] = ("used" if accepted[row] else "confirmed") if kept[row] else "contradicts"
     island = islands(graph, np.flatnonzero(kept))
     node = count if anchor == PART else anchor
-    node = _anchored(island, node, count)
+    node = _anchored(island, node, count, homes)
     placed = island == island[node]
     held_together = graph.part(np.flatnonzero(kept & placed[graph.sources])).joined(_inside(prior, T, placed))
     final = solve_graph(held_together, T, _free(placed, node))
-    home = T_anchor if node in (anchor, count) else np.eye(4)
-    final = home @ pose.inverse(final[node]) @ final
+    final = homes.get(node, np.eye(4)) @ pose.inverse(final[node]) @ final
     final[~placed] = np.nan
     chi2 = np.full(len(edges), np.nan)
     there = np.flatnonzero(placed[graph.targets] & placed[graph.sources])
@@ -276,12 +277,13 @@ def _without_roots(graph: PoseGraph, nodes: IntArray) -> IntArray:
     return np.delete(nodes, firsts)
 
 
-def _anchored(island: IntArray, node: int, count: int) -> int:
+def _anchored(island: IntArray, node: int, count: int, homes: Mapping[int, FloatArray]) -> int:
     """The node to hold: the one asked for, unless more than twice as many scans hang together without it."""
     sizes = np.bincount(island[:count], minlength=int(island.max()) + 1)
     if node == count or 2 * sizes[island[node]] >= sizes.max():
         return node
-    return int(np.flatnonzero(island[:count] == int(sizes.argmax()))[0])
+    largest = np.flatnonzero(island[:count] == int(sizes.argmax())).tolist()
+    return int(next((k for k in largest if k in homes), largest[0]))
 
 
 def _free(placed: BoolArray, node: int) -> IntArray:

@@ -46,7 +46,7 @@ class Judge:
     home: int  # Node whose pose is held
     size: float
     floor: float
-    T_home: FloatArray
+    homes: Mapping[int, FloatArray]  # Poses that are known; of the one held, if there, it is kept
     steps: EqualSteps | None = None  # Of a turntable
     # Edges that contradict scans besides their own two, and how
     refuted: Mapping[Key, EdgeCode] = dataclasses.field(default_factory=dict)
@@ -60,7 +60,7 @@ class Judge:
             else edge
             for edge in self.sides.checked(fresh)
         ]
-        return select_edges(checked, self.count, self.home, self.size, self.floor, self.T_home, self.steps)
+        return select_edges(checked, self.count, self.home, self.size, self.floor, self.homes, self.steps)
 
     def without(self, edges: Iterable[Edge], code: EdgeCode) -> Judge:
         """The same judge, to whom some edges are refuted."""

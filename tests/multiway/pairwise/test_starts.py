@@ -11,7 +11,7 @@ import pytest
 from dqreg.errors import InputError
 from dqreg.geometry import PointCloud
 from dqreg.multiway.pairwise.pair_runs import PairJob, PairRunner
-from dqreg.multiway.pairwise.starts import contradicted_starts, read_starts_file
+from dqreg.multiway.pairwise.starts import contradicted_starts, other_frame, read_starts_file
 from dqreg.multiway.plan import _held_by_starts
 from dqreg.multiway.pose_graph.edges import PART, Edge
 from dqreg.multiway.scans.scans import View, read_views
@@ -120,3 +120,13 @@ def test_a_line_for_each_scan_or_times_that_are_their_numbers(tmp_path: Path, ti
     assert len(read_starts_file(tmp_path / "a.tum", 2)) == 2
     with pytest.raises(InputError, match=r"a\.tum: 2 poses for 3 scans; expected .* the numbers of the scans, 0 to 2"):
         read_starts_file(tmp_path / "a.tum", 3)
+
+
+def test_another_anchor_than_the_one_asked_for_is_said() -> None:
+    views = [View(name) for name in ("left", "right")]
+    assert not list(other_frame(views, {}, 0, 0))
+    (reason,) = other_frame(views, {}, 0, 1)
+    assert reason.code == "other_frame"
+    assert "the world is the frame of right" in reason
+    (reason,) = other_frame(views, {1: np.eye(4)}, 0, 1)
+    assert "the world is that of the starts" in reason

@@ -81,7 +81,7 @@ def verdict_of(codes: list[Code], views: list[View]) -> Verdict:
         )
         for edge, code in zip(edges, codes, strict=True)
     ]
-    selection = select_edges(edges, 5, 0, 2.0, 0.0, np.eye(4))
+    selection = select_edges(edges, 5, 0, 2.0, 0.0, {})
     return judge_scans(
         views, selection, selection.T_world_scan[:5], np.zeros((5, 6, 6)), 2.0, converged=True, stopped=""
     )

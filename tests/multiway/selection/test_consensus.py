@@ -57,7 +57,7 @@ def test_a_scan_of_something_else_goes_though_its_pairs_confirm_each_other(
 ) -> None:
     views, T, edges = mixed
     size = typical_size(views)
-    judge = Judge(Sides.of(views, "any"), VIEWS + 1, 0, size, 1e-3 * size, np.eye(4))
+    judge = Judge(Sides.of(views, "any"), VIEWS + 1, 0, size, 1e-3 * size, {})
     before = judge(edges)
     assert np.isfinite(before.T_world_scan[VIEWS]).all()
     feeder_scan = views[VIEWS].cloud
@@ -115,7 +115,7 @@ def test_where_all_pairs_agree_loops_hold_what_is_weakly_held(
         flipped = edges_of(T, [(0, 3)], 1e-3, 0)[0]
         T_flipped = flipped.registration.T_target_source @ pose.exp(np.r_[np.pi, 0.0, 0.0, 0.0, 0.0, 0.0])
         edges.append(said(flipped, sure=True, T=T_flipped))
-    judge = Judge(Sides.of(views, "any"), VIEWS, 0, size, 1e-3 * size, np.eye(4))
+    judge = Judge(Sides.of(views, "any"), VIEWS, 0, size, 1e-3 * size, {})
     before = judge(edges)
     assert np.isfinite(before.T_world_scan[:VIEWS]).all()
     calls: list[int] = []

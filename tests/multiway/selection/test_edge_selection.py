@@ -1,9 +1,12 @@
 import dataclasses
+from collections.abc import Mapping
 from itertools import combinations
 
 import numpy as np
 import pytest
 
+from dqreg._arrays import FloatArray
+from dqreg.geometry import PointCloud
 from dqreg.multiway.pose_graph.edges import Edge
 from dqreg.multiway.pose_graph.loops import CHI2_LIMIT
 from dqreg.multiway.scans.scans import View
@@ -16,8 +19,10 @@ from tests.multiway.edges_of_truth import edges_of, registration, world
 SIGMA = 1e-3
 
 
-def judged(edges: list[Edge], count: int, anchor: int = 0) -> EdgeSelection:
-    return select_edges(edges, count, anchor, size=2.0, floor=0.0, T_anchor=np.eye(4))
+def judged(
+    edges: list[Edge], count: int, anchor: int = 0, homes: Mapping[int, FloatArray] | None = None
+) -> EdgeSelection:
+    return select_edges(edges, count, anchor, size=2.0, floor=0.0, homes=homes or {})
 
 
 def test_right_edges_are_used_and_their_loops_close() -> None:
@@ -148,6 +153,17 @@ def test_an_anchor_that_hangs_on_nothing_is_replaced() -> None:
     assert np.isnan(selection.T_world_scan[0]).all()
 
 
+def test_the_world_is_that_of_the_starts_where_the_anchor_is_replaced() -> None:
+    T = pose.exp(np.r_[0.3, 0.2, 0.1, 4.0, 5.0, 6.0]) @ world(4, seed=7)
+    edges = edges_of(T, [(1, 2), (2, 3)], SIGMA, seed=8)
+    selection = judged(edges, 4, 0, dict(enumerate(T)))
+    np.testing.assert_allclose(selection.T_world_scan[1:4], T[1:], atol=10 * SIGMA)
+    # The first one without a start says nothing of their world.
+    selection = judged(edges, 4, 0, {0: T[0], 3: T[3]})
+    assert selection.anchor == 3
+    np.testing.assert_allclose(selection.T_world_scan[1:4], T[1:], atol=10 * SIGMA)
+
+
 def test_the_limit_is_the_chi_square_that_one_in_a_thousand_exceeds() -> None:
     from scipy.stats import chi2
 
@@ -265,3 +281,12 @@ def test_an_edge_to_the_part_outweighs_one_between_two_scans() -> None:
     selection = judged(edges, 4, anchor=-1)
     assert [edge.code for edge in selection.edges if edge.source == 3] == ["used", "contradicts"]
     np.testing.assert_allclose(selection.T_world_scan[:4], T, atol=10 * SIGMA)
+
+
+def test_what_is_doubted_of_all_scans_stands_first() -> None:
+    edges = edges_of(world(4, seed=3), combinations(range(4), 2), SIGMA, seed=4)
+    views, selection = [View(str(k), PointCloud(np.eye(3))) for k in range(4)], judged(edges, 4)
+    covariances, still = np.tile(1e-8 * np.eye(6), (4, 1, 1)), Reason("it stands still", "unmoved_scans")
+    told = {"converged": True, "stopped": "", "doubts": [still]}
+    verdict = judge_scans(views, selection, selection.T_world_scan[:4], covariances, 2.0, **told)
+    assert (verdict.level, verdict.codes) == ("suspect", ("unmoved_scans",))

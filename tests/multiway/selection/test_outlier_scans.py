@@ -54,7 +54,7 @@ def edges_among(turned: Turned) -> list[Edge]:
 
 def judge_of(views: tuple[View, ...], edges: list[Edge]) -> Judge:
     size = typical_size(views)
-    return Judge(Sides.of(views, "any", edges), len(views), 0, size, 1e-3 * size, np.eye(4))
+    return Judge(Sides.of(views, "any", edges), len(views), 0, size, 1e-3 * size, {})
 
 
 def views_of(turned: Turned, *, known: bool) -> tuple[View, ...]:

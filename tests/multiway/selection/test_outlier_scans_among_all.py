@@ -30,7 +30,7 @@ def made() -> tuple[tuple[View, ...], np.ndarray]:
 
 def judge_of(views: tuple[View, ...]) -> Judge:
     size = typical_size(views)
-    return Judge(Sides.of(views, "any"), COUNT, 0, size, 1e-3 * size, np.eye(4))
+    return Judge(Sides.of(views, "any"), COUNT, 0, size, 1e-3 * size, {})
 
 
 def said(T: np.ndarray, size: float, *codes: Code) -> Registration:

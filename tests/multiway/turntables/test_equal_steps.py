@@ -48,7 +48,7 @@ def on_table(T: FloatArray, seed: int, doubts: tuple[Code, ...] = ("weakly_const
 
 def judged(edges: list[Edge], *, steps: bool = True) -> EdgeSelection:
     known = EqualSteps.of(edges, VIEWS, SIZE, 0.0) if steps else None
-    return select_edges(edges, COUNT, 0, SIZE, 0.0, np.eye(4), known)
+    return select_edges(edges, COUNT, 0, SIZE, 0.0, {}, known)
 
 
 def off(selection: EdgeSelection, T: FloatArray) -> FloatArray:
