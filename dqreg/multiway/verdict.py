@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import Literal
 
@@ -17,7 +18,7 @@ from dqreg.multiway.turntables.rotational_symmetry import UnobservableRotation
 from dqreg.multiway.unplaced_scans import errors, unplaced
 from dqreg.multiway.visibility.sides import Contradiction
 from dqreg.solvers.motion_words import axis_words
-from dqreg.trust.code_sets import VIEWPOINT_OFF
+from dqreg.trust.code_sets import OF_ANOTHER_SHAPE, VIEWPOINT_OFF
 from dqreg.trust.limits import MAX_SIGMA_DIAGONALS, MAX_SIGMA_RAD
 from dqreg.trust.records import Level, Reason, Verdict
 
@@ -29,6 +30,8 @@ MIN_TELLING_PAIRS, MAX_CONTRADICTING_SHARE = 3, 1 / 3
 # Accepted pairs left out that agree on another place of a scan, as a share of those used at it, from which on nobody
 # can tell which of them are wrong.
 MAX_RIVAL_PAIRS_SHARE = 0.8
+# Used pairs that say that a scan's shape is another one, at least, and their share of all of that scan.
+MIN_DEFORMED_PAIRS, MIN_DEFORMED_SHARE = 2, 1 / 3
 # A turn goes into a full one so many times, but for this share.
 WHOLE_ORDER_SHARE = 0.01
 
@@ -60,6 +63,7 @@ def judge_scans(
     doubts += _contradicted(views, against)
     doubts += _turned(views, turns)
     doubts += _viewpoints(views, selection)
+    doubts += _deformed(views, selection)
     if not joined:
         nothing = Reason("no pose: no two scans could be joined", "no_pose")
         return Verdict("failed", (nothing, *doubts, *_notes(views, selection)))
@@ -254,6 +258,26 @@ def _viewpoints(views: Sequence[View], selection: EdgeSelection) -> Iterator[Rea
             "else speaks against them: the viewpoints may be wrong, as on the far side of the part. They are asked for "
             "in the frames of the scans",
             "wrong_viewpoint",
+        )
+
+
+def _deformed(views: Sequence[View], selection: EdgeSelection) -> Iterator[Reason]:
+    """Scans that their own pairs call stretched or bent; of both ends of a pair the one with more of these is meant."""
+    used = [edge for edge in selection.edges if edge.used and edge.target != PART]
+    told = [edge for edge in used if OF_ANOTHER_SHAPE & set(edge.registration.verdict.codes)]
+    found = []
+    while told:
+        counts = Counter(k for edge in told for k in (edge.target, edge.source))
+        worst = max(counts, key=lambda k: (counts[k], k))
+        whole = sum(worst in (edge.target, edge.source) for edge in used)
+        if counts[worst] >= MIN_DEFORMED_PAIRS and counts[worst] >= MIN_DEFORMED_SHARE * whole:
+            found.append(f"{views[worst].name} ({counts[worst]} of {whole} pairs)")
+        told = [edge for edge in told if worst not in (edge.target, edge.source)]
+    if found:
+        yield Reason(
+            f"{', '.join(found[:NAMED_SCANS])}: the shape differs from that of the scans that overlap there, by a "
+            "scale, a bend or waves: calibrate the scanner, clamp the part anew, or leave the scan out",
+            "deformed_scan",
         )
 
 

@@ -43,6 +43,9 @@ OF_A_DEVIATING_PART: Codes = REMARKS | frozenset(
     {"stretched", "bent", "deformed", "wavy", "deviating_patches", "large_residuals", "drift", "contradicting_surface"}
 )
 
+# What pairs say of a scan whose shape is not that of the others: a scale, a bend, a part that was clamped anew.
+OF_ANOTHER_SHAPE: Codes = frozenset({"stretched", "bent", "deformed", "wavy"})
+
 # Of a drive: what is said of a frame that may lie elsewhere, and reasons after which its place is not known.
 PLACE_IN_DOUBT: Codes = frozenset({"lost", "low_inlier_fraction", "falling_inlier_fraction", "looked_through"})
 PLACE_UNKNOWN: Codes = PLACE_IN_DOUBT | {"unconstrained", "alternative_poses", "no_correspondences"}

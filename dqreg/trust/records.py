@@ -71,6 +71,7 @@ Code = Literal[
     "scan_left_out",
     "unmoved_scans",
     "other_frame",
+    "deformed_scan",
     "islands",
     "unconfirmed_scan",
     "unconfirmed_edge",

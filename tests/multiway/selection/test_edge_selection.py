@@ -283,6 +283,37 @@ def test_an_edge_to_the_part_outweighs_one_between_two_scans() -> None:
     np.testing.assert_allclose(selection.T_world_scan[:4], T, atol=10 * SIGMA)
 
 
+def verdict_of_shapes(doubted: list[tuple[int, int]]) -> Verdict:
+    """Of four scans, some of whose pairs are stretched."""
+    edges = []
+    for edge in edges_of(world(4, seed=3), combinations(range(4), 2), SIGMA, seed=4):
+        stretched = Verdict("suspect", (Reason("made by hand", "stretched"),))
+        is_doubted = (edge.target, edge.source) in doubted
+        result = dataclasses.replace(edge.registration, verdict=stretched) if is_doubted else edge.registration
+        edges.append(dataclasses.replace(edge, registration=result, used=True, code="used"))
+    selection = dataclasses.replace(judged(edges, 4), edges=tuple(edges))
+    views = [View(str(k), PointCloud(np.eye(3))) for k in range(4)]
+    return judge_scans(
+        views,
+        selection,
+        selection.T_world_scan[:4],
+        np.tile(1e-8 * np.eye(6), (4, 1, 1)),
+        2.0,
+        converged=True,
+        stopped="",
+    )
+
+
+def test_a_scan_that_its_pairs_call_stretched_is_doubted() -> None:
+    assert "deformed_scan" not in verdict_of_shapes([]).codes
+    # Of one pair nobody knows which scan it is.
+    assert "deformed_scan" not in verdict_of_shapes([(0, 2), (1, 3)]).codes
+    verdict = verdict_of_shapes([(0, 2), (2, 3)])
+    assert verdict.level == "suspect"
+    (words,) = [reason for reason in verdict.reasons if reason.code == "deformed_scan"]
+    assert words[:18] == "2 (2 of 3 pairs): "
+
+
 def test_what_is_doubted_of_all_scans_stands_first() -> None:
     edges = edges_of(world(4, seed=3), combinations(range(4), 2), SIGMA, seed=4)
     views, selection = [View(str(k), PointCloud(np.eye(3))) for k in range(4)], judged(edges, 4)
