@@ -55,9 +55,10 @@ def assembled(
     )
     blocks = np.einsum("kikj->kij", covariance.reshape(len(views), 6, len(views), 6))
     size = float(settings["size"])
-    joint_ended = {"converged": joint.converged, "is_late": joint.is_late}
-    found = {"stopped": stopped, "against": against, "turns": turns, "doubts": doubts}
-    verdict = judge_scans(views, selection, T, blocks, size, **joint_ended, **found)
+    ended = {"converged": joint.converged, "is_late": joint.is_late}
+    verdict = judge_scans(
+        views, selection, T, blocks, size, **ended, stopped=stopped, against=against, turns=turns, doubts=doubts
+    )
     return Multiway(
         T_world_scan=T,
         verdict=dataclasses.replace(verdict, reasons=(*verdict.reasons, *remarks)),

@@ -12,11 +12,14 @@ from dqreg.errors import InputError
 from dqreg.files.g2o import to_g2o
 from dqreg.files.trajectories import Form, found_rows, to_kitti, to_tum
 from dqreg.multiway.pose_graph.edges import PART, Edge, graph_of
+from dqreg.multiway.pose_graph.loops import CHI2_LIMIT
 from dqreg.rigid import pose
 from dqreg.rigid.twist import TRANSLATION_FIRST
 
 # Weakest information about a motion that a file holds, as a fraction of the strongest: a free one is almost none.
 MIN_INFORMATION_SHARE = 1e-9
+# Of a pose: the mean of its chi-square.
+DEGREES_OF_FREEDOM = 6
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -31,6 +34,8 @@ class Factors:
         T_target_source.
     covariances : ndarray, (m, 6, 6)
         Rotation first, then translation; of a right increment in the source's frame. A free motion has a huge variance.
+        That of a pair whose pose is farther from that of all scans than it allows is as much wider as its chi-square
+        says.
     """
 
     targets: IntArray
@@ -48,7 +53,13 @@ def factors_of(edges: Sequence[Edge], count: int) -> Factors:
     scale = np.sqrt(np.maximum(np.einsum("mii->mi", information), np.finfo(float).tiny))
     scaled = information / scale[:, :, None] / scale[:, None]
     covariances = np.linalg.inv(scaled + MIN_INFORMATION_SHARE * np.eye(6)) / scale[:, :, None] / scale[:, None]
-    return Factors(graph.targets, graph.sources, graph.measured, covariances)
+    wider = np.array([too_sharp(edge) for edge in edges if edge.used])
+    return Factors(graph.targets, graph.sources, graph.measured, covariances * wider.reshape(-1, 1, 1))
+
+
+def too_sharp(edge: Edge) -> float:
+    """By how much the covariance of an edge is too small, in view of the poses of all scans; 1 where it is not."""
+    return edge.chi2 / DEGREES_OF_FREEDOM if edge.chi2 > CHI2_LIMIT else 1.0
 
 
 def to_pose_graph(T_world_scan: FloatArray, edges: Sequence[Edge], anchor: int) -> str:

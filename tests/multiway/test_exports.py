@@ -1,3 +1,4 @@
+import dataclasses
 from itertools import combinations
 
 import numpy as np
@@ -11,8 +12,6 @@ from tests.multiway.edges_of_truth import edges_of, world
 
 
 def used(count: int):
-    import dataclasses
-
     T = world(count, seed=0)
     edges = edges_of(T, combinations(range(count), 2), 1e-3, seed=1)
     return T, [dataclasses.replace(edge, used=True) for edge in edges]
@@ -29,6 +28,14 @@ def test_factors_are_right_increments_in_the_frame_of_the_source() -> None:
         right = pose.log(pose.inverse(result.T_target_source) @ moved)
         ours = twist @ np.linalg.solve(result.covariance, twist)
         assert right @ np.linalg.solve(factors.covariances[k], right) == pytest.approx(ours, rel=1e-4)
+
+
+def test_a_pair_that_all_scans_contradict_is_no_sharp_factor() -> None:
+    _, edges = used(3)
+    sharp = factors_of(edges, 3).covariances
+    wide = factors_of([dataclasses.replace(edges[0], chi2=346.0), dataclasses.replace(edges[1], chi2=9.0), edges[2]], 3)
+    np.testing.assert_allclose(wide.covariances[0], 346.0 / 6.0 * sharp[0])
+    np.testing.assert_array_equal(wide.covariances[1:], sharp[1:])
 
 
 def test_gtsam_takes_the_file_as_it_is(tmp_path) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.multiway.pose_graph.edges import PART
+from dqreg.multiway.pose_graph.loops import CHI2_LIMIT
 from dqreg.multiway.report.result_protocol import ManyScans
 from dqreg.report.table import Column, Table
 
@@ -55,6 +56,7 @@ def scans_table(result: ManyScans) -> Table:
                 len(used),
                 sum(edge.level == "accepted" for edge in used),
                 100.0 * best,
+                float(np.median([edge.registration.rms for edge in used])) if used else np.nan,
                 float(spread[k, 0]),
                 float(spread[k, 1]),
             )
@@ -65,11 +67,15 @@ def scans_table(result: ManyScans) -> Table:
         Column("pairs used", align="right"),
         Column("of them accepted", align="right"),
         Column("largest overlap", "%", spec=".0f", align="right"),
+        Column("rms of its pairs", unit_of(result), spec=".2g", align="right"),
         Column("sigma of rotation", "deg", spec=".2g", align="right"),
         Column("sigma of translation", unit_of(result), spec=".2g", align="right"),
     )
     home = "part" if result.settings.get("anchor") == PART else "anchor"
-    note = f"Sigmas: one standard deviation against the {home}, about the middle of all scans.{unit_note(result)}"
+    note = (
+        f"Sigmas: one standard deviation against the {home}, about the middle of all scans. Rms: the median of used "
+        f"pairs.{unit_note(result)}"
+    )
     return Table("scans", "Scans", columns, tuple(rows), note)
 
 
@@ -81,7 +87,7 @@ def pairs_table(result: ManyScans) -> Table:
         (
             f"{name_of(result, edge.target)} - {name_of(result, edge.source)}",
             edge.level,
-            edge.why,
+            f"{edge.why}, beyond its covariance" if edge.used and edge.chi2 > CHI2_LIMIT else edge.why,
             100.0 * edge.overlap,
             edge.chi2,
             edge.registration.rms,
@@ -100,7 +106,7 @@ def pairs_table(result: ManyScans) -> Table:
     )
     note = (
         "Chi-square: how far the pair's own pose is from that of all scans together, in units of its covariance; about "
-        "6 where that tells all."
+        "6 where that tells all. A used pair beyond its covariance goes out as a factor as much wider."
     )
     return Table("pairs", "Pairs", columns, rows, note)
 
