@@ -7,10 +7,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from dqreg.files.units import factor
-from dqreg.multiway.pose_graph.edges import EdgeCode, ended_in_error
+from dqreg.multiway.pose_graph.edges import PART, EdgeCode, ended_in_error, is_refused
 from dqreg.multiway.scan_names import named, pairs_named
 from dqreg.multiway.scans.scans import View, size_of
 from dqreg.multiway.selection.edge_selection import EdgeSelection
+from dqreg.trust.code_sets import HARDLY_HELD
 from dqreg.trust.records import Reason
 
 # Units that are confused, those most often first; and how far the ratio of sizes may be off theirs: scans of one place
@@ -46,14 +47,14 @@ def unplaced(views: Sequence[View], selection: EdgeSelection, placed: Sequence[i
 
 
 def _why_apart(selection: EdgeSelection, group: Sequence[int]) -> str:
-    if _all_in_error(selection, group):
+    if _all_in_error(selection, group) or _apart_from_part(selection):
         return "the registrations between ended in errors"
     other = ", or they show another object" if any(_has(selection, k, "misfit") for k in group) else ""
     return f"scan the part between{other}"
 
 
 def _why_alone(views: Sequence[View], selection: EdgeSelection, placed: Sequence[int], k: int) -> str:
-    if _all_in_error(selection, [k]):
+    if _all_in_error(selection, [k]) or _apart_from_part(selection):
         return "the registrations to others ended in errors"
     if _cut_off(selection, k):
         return "not all of its pairs were registered before the end of the run"
@@ -66,7 +67,26 @@ def _why_alone(views: Sequence[View], selection: EdgeSelection, placed: Sequence
         return "where its pairs put it, it does not fit all others together: another object, moved, or wrong pairs"
     if _has(selection, k, "ambiguous"):
         return "it fits all others together in several ways, or too little holds it: scan more overlap, or give starts"
+    loose, count = _loose_pairs(selection, k)
+    if loose:
+        return (
+            f"{loose} of its {count} pairs leave a motion nearly free, and no loop confirms them: scan more overlap, "
+            "with a third face, say the order of a turntable, or give starts"
+        )
     return "another object, or too little overlap"
+
+
+def _loose_pairs(selection: EdgeSelection, k: int) -> tuple[int, int]:
+    """Pairs of a scan that too little holds, where these are half of those found; and how many were found."""
+    own = [edge for edge in selection.edges if edge.found and k in (edge.target, edge.source)]
+    loose = [
+        edge
+        for edge in own
+        if edge.code in ("unconfirmed", "uncertain")
+        and not is_refused(edge)
+        and HARDLY_HELD & set(edge.registration.verdict.codes)
+    ]
+    return (len(loose), len(own)) if 2 * len(loose) >= len(own) else (0, len(own))
 
 
 def _cut_off(selection: EdgeSelection, k: int) -> bool:
@@ -107,9 +127,16 @@ def _all_in_error(selection: EdgeSelection, group: Sequence[int]) -> bool:
     return bool(tried) and all(tried)
 
 
+def _apart_from_part(selection: EdgeSelection) -> bool:
+    """Whether all registrations to the part ended in errors, as those of another unit do."""
+    on_part = [ended_in_error(edge) for edge in selection.edges if edge.target == PART and edge.code != "untried"]
+    return bool(on_part) and all(on_part)
+
+
 def _has(selection: EdgeSelection, k: int, code: EdgeCode) -> bool:
-    """Whether an edge of a scan was left out for a reason."""
-    return any(edge.code == code and k in (edge.target, edge.source) for edge in selection.edges)
+    """Whether half of the pairs of a scan were left out for a reason: of one the other scan may be at fault."""
+    own = [edge.code == code for edge in selection.edges if edge.found and k in (edge.target, edge.source)]
+    return any(own) and 2 * sum(own) >= len(own)
 
 
 def errors(views: Sequence[View], selection: EdgeSelection) -> Iterator[Reason]:

@@ -17,7 +17,7 @@ from dqreg.errors import InputError
 from dqreg.files import code_identity, write_cloud
 from dqreg.geometry import Mesh, sample_mesh
 from dqreg.multiway.pose_graph.edges import PART
-from dqreg.multiway.report.tables import scans_table
+from dqreg.multiway.report.tables import pairs_table, scans_table
 from dqreg.multiway.scans.kept_pairs import digest_of
 from dqreg.rigid import pose
 from dqreg.synth.parts import bracket
@@ -98,6 +98,16 @@ def test_what_the_sigmas_are_against_is_said(turned: Turned) -> None:
     assert "against the anchor" in scans_table(result).note
     assert "against the part" in scans_table(on_part).note
     assert "anchor" not in {row[1] for row in scans_table(on_part).rows}
+
+
+def test_the_tables_tell_what_a_scan_and_a_pair_are_off(turned: Turned) -> None:
+    result = turned[2]
+    for row, k in zip(scans_table(result).rows, result.placed, strict=True):
+        used = [edge.registration.rms for edge in result.edges if edge.used and k in (edge.target, edge.source)]
+        assert row[5] == np.median(used)
+    far = dataclasses.replace(result, edges=tuple(dataclasses.replace(edge, chi2=346.0) for edge in result.edges))
+    marked = [row[2] for row in pairs_table(far).rows]
+    assert sum("beyond its covariance" in str(words) for words in marked) == sum(edge.used for edge in far.edges)
 
 
 def test_a_saved_result_is_the_result(turned: Turned, tmp_path: Path) -> None:
@@ -197,6 +207,7 @@ def test_the_report_names_the_scans_and_loads_nothing(turned: Turned, tmp_path: 
         ("scans", {}, "list of paths"),
         ([np.zeros((0, 3)), np.zeros((0, 3))], {}, "scan 0: "),
         ([SIX, SIX], {}, "a copy of scan 0"),
+        ({"left": SIX, "right": SIX}, {}, "right: a copy of left"),
         ([Path("missing.ply"), SIX], {}, r"missing\.ply"),
         ([SIX, 2 * SIX], {"anchor": 2}, "anchor"),
         ([SIX, 2 * SIX], {"order": "round"}, "order"),
@@ -410,3 +421,14 @@ def test_an_error_of_a_pair_is_told_in_its_own_words() -> None:
     assert told[0].startswith("the part - scan 0: ")
     # What the errors say is not guessed at beside them.
     assert not any("another object" in reason for reason in result.verdict.reasons)
+
+
+def test_a_part_in_another_unit_is_said_with_what_multiway_can_do() -> None:
+    scans, _ = views_of_a_part(2)
+    vertices, faces = bracket()
+    part = Mesh(np.asarray(vertices) / 25.4, faces)
+    result = dqreg.register_many(scans, target=part, edges=[(0, 1)], starts=[np.eye(4)] * 2, effort="fast", workers=1)
+    words = " ".join(result.verdict.reasons)
+    assert "Convert the scans or the part" in words
+    assert "--source-units" not in words
+    assert "another object" not in words

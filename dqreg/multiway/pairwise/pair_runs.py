@@ -14,7 +14,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg._numbers import is_whole
-from dqreg.errors import DqregError, InputError
+from dqreg.errors import DqregError, InputError, UnitsError
 from dqreg.files.code_identity import code_identity
 from dqreg.multiway.pose_graph.edges import PART, Edge
 from dqreg.multiway.scans.kept_pairs import digest_of_part, keep, kept
@@ -141,6 +141,11 @@ class PairRunner:
                 time_limit=max(limit, 1e-3) if np.isfinite(limit) else None,
                 keep_inputs=False,
                 units="check" if job.target == PART else "ignore",
+            )
+        except UnitsError as error:
+            # What it advises beyond this is of one scan.
+            return _failed(
+                job, f"{str(error).splitlines()[0].split('. ')[0]}. Convert the scans or the part", "unreadable"
             )
         except DqregError as error:
             return _failed(job, str(error), "unreadable")

@@ -191,7 +191,7 @@ def _require_some(views: Sequence[View]) -> None:
     if len(usable) < MIN_SCANS:
         bad = [view for view in views if not view.usable]
         why = "; ".join(
-            f"{view.name}: {view.problem or f'a copy of scan {view.copy_of}'}" for view in bad[:NAMED_SCANS]
+            f"{view.name}: {view.problem or f'a copy of {views[view.copy_of or 0].name}'}" for view in bad[:NAMED_SCANS]
         )
         more = f"; and {len(bad) - NAMED_SCANS} more" if len(bad) > NAMED_SCANS else ""
         raise InputError(f"multiway registration needs two usable scans at least; {why}{more}")

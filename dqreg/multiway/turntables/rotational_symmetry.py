@@ -9,7 +9,7 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry.neighbours import NeighbourTree
-from dqreg.multiway.pose_graph.edges import PART, Edge
+from dqreg.multiway.pose_graph.edges import PART, Edge, is_refused
 from dqreg.multiway.scans.scans import View, typical_size
 from dqreg.multiway.turntables.round_part import RoundPart
 from dqreg.multiway.turntables.symmetric_part import symmetric_axis
@@ -86,7 +86,12 @@ def turnings(
 
 def _from_pairs(edges: Sequence[Edge]) -> Iterator[UnobservableRotation]:
     """The rotation that is the least held motion of most pairs, in the frame of the first one's target."""
-    found = [edge for edge in edges if edge.found and edge.target != PART and edge.registration.observability]
+    # A pose that does not fit is held by other things than the part's shape.
+    found = [
+        edge
+        for edge in edges
+        if edge.found and edge.target != PART and edge.registration.observability and not is_refused(edge)
+    ]
     loose = [
         edge
         for edge in found

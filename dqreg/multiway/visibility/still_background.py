@@ -25,10 +25,12 @@ STILL_SPACINGS, MIN_STILL_SHARE = 0.5, 0.5
 MAX_SCANS, COMPARED_POINTS = 8, 3_000
 # A point is on another scan within so many spacings, and so many scales of noise; it is this scan's alone where it is
 # on at most this share of the others.
-ON_SPACINGS, ON_NOISES, MAX_SHARED = 3.0, 4.0, 1 / 3
+ON_SPACINGS, ON_NOISES = 3.0, 4.0
+MAX_SHARED = 1 / 3
 # It crosses what another scan shows where it stands off it this nearly along its normal, and turned by more than this,
 # no farther than this in sizes, and not at its rim: there neighbours stand to one side, by this share of their reach.
-MIN_OFF_COS, MAX_CROSSING_COS, MAX_OFF_SIZES, MAX_RIM_SHARE = 0.8, 0.8, 0.1, 0.25
+MIN_OFF_COS, MAX_CROSSING_COS = 0.8, 0.8
+MAX_OFF_SIZES, MAX_RIM_SHARE = 0.1, 0.25
 RIM_NEIGHBOURS = 12
 # Least share of points that are one scan's alone, and of these, for each other scan, that cross it. Scans of a part on
 # a turntable before a backdrop had 0.05 and 0.10 and more, scans that were aligned before 0.04 of the latter at most.

@@ -7,16 +7,18 @@ import pytest
 
 from dqreg._arrays import FloatArray
 from dqreg.geometry import PointCloud
-from dqreg.multiway.pose_graph.edges import Edge
+from dqreg.multiway.pose_graph.edges import Edge, EdgeCode
 from dqreg.multiway.pose_graph.loops import CHI2_LIMIT
 from dqreg.multiway.scans.scans import View
 from dqreg.multiway.selection.edge_selection import EdgeSelection, select_edges
+from dqreg.multiway.unplaced_scans import unplaced
 from dqreg.multiway.verdict import judge_scans
 from dqreg.rigid import pose
 from dqreg.trust.records import Code, Reason, Verdict
 from tests.multiway.edges_of_truth import edges_of, registration, world
 
 SIGMA = 1e-3
+SIX = np.vstack([np.eye(3), -np.eye(3)])
 
 
 def judged(
@@ -321,3 +323,26 @@ def test_what_is_doubted_of_all_scans_stands_first() -> None:
     told = {"converged": True, "stopped": "", "doubts": [still]}
     verdict = judge_scans(views, selection, selection.T_world_scan[:4], covariances, 2.0, **told)
     assert (verdict.level, verdict.codes) == ("suspect", ("unmoved_scans",))
+
+
+def told_of_scan_4(codes: dict[tuple[int, int], EdgeCode]) -> str:
+    """Why the fifth scan is joined to no other, where some of its pairs were left out so, and all are loose."""
+    loose = Verdict("suspect", (Reason("made by hand", "unconstrained"),))
+    edges = []
+    for edge in edges_of(world(5, seed=3), combinations(range(5), 2), SIGMA, seed=4):
+        if edge.source == 4:
+            code = codes.get((edge.target, edge.source), "unconfirmed")
+            result = dataclasses.replace(edge.registration, verdict=loose)
+            edges.append(dataclasses.replace(edge, registration=result, code=code))
+        else:
+            edges.append(dataclasses.replace(edge, used=True, code="used"))
+    selection = dataclasses.replace(judged(edges, 5), edges=tuple(edges))
+    (reason,) = unplaced([View(str(k), PointCloud(SIX)) for k in range(5)], selection, range(4))
+    return reason
+
+
+def test_a_scan_is_not_told_the_reason_of_another_one() -> None:
+    assert "another object, moved" in told_of_scan_4({(k, 4): "misfit" for k in range(4)})
+    assert "4 of its 4 pairs leave a motion nearly free" in told_of_scan_4({})
+    # The one pair was left out with the other scan.
+    assert "3 of its 4 pairs leave a motion nearly free" in told_of_scan_4({(0, 4): "misfit"})

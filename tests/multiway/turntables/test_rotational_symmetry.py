@@ -115,3 +115,7 @@ def test_pairs_that_hold_no_rotation_name_its_axis_where_nothing_is_placed() -> 
     assert (found.frame, found.angle_rad) == (0, None)
     np.testing.assert_array_equal(found.point, [1.0, 2.0, 0.0])
     assert turnings(views, nowhere, [Edge(0, 1, round_pair), Edge(1, 2, held), Edge(0, 2, held)]) == ()
+    # What does not fit says nothing of the part.
+    refused = Verdict("suspect", (*verdict.reasons, Reason("made by hand", "random_fit")))
+    wrong = dataclasses.replace(round_pair, verdict=refused)
+    assert turnings(views, nowhere, [Edge(0, 1, wrong), Edge(1, 2, wrong), Edge(0, 2, wrong)]) == ()
