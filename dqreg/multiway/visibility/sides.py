@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import BoolArray, FloatArray
 from dqreg.geometry import CloudSurface, PointCloud
 from dqreg.geometry.normals import orient_towards
 from dqreg.multiway.pairwise.pairs import Order
@@ -33,6 +33,8 @@ NEAR_SPACINGS, NEAR_NOISES = 2.0, 4.0
 MIN_NORMAL_COS = 0.8
 # Share of opposite sides, and matches, from which a pair is wrong.
 MAX_OPPOSITE_SHARE, MIN_MATCHES = 0.3, 50
+# A line of sight that was found may be off by 30 degrees: faces seen at a smaller cosine may be of either side.
+MIN_SIGHT_COS = 0.5
 # Share of what was looked through from which a pair is wrong: a pose of a pair is a little off.
 LOOKED_THROUGH_SHARE = 0.1
 # Accepted pairs that tell whether a line of sight is right, at least and at most, and the share that must agree.
@@ -95,6 +97,8 @@ class Sides:
     bodies: tuple[Body | None, ...]  # None for scans that cannot be used
     free: FreeSpace
     rays: PassedRays | None = None  # Of scanners amid what they show
+    # Places on lines of sight that may be off, in the centred frames
+    sights: tuple[FloatArray | None, ...] = ()
     known: dict[tuple[int, int, bytes], EdgeCode | None] = dataclasses.field(default_factory=dict)
 
     @staticmethod
@@ -105,7 +109,8 @@ class Sides:
             body_of(view, viewpoint) if view.usable else None for view, viewpoint in zip(views, viewpoints, strict=True)
         ]
         certain = tuple(viewpoint if viewpoint is not None and viewpoint.certain else None for viewpoint in viewpoints)
-        return Sides(tuple(bodies), FreeSpace.of(views, certain), PassedRays.of(views))
+        sights = tuple(None if each is None or each.certain else each.place for each in viewpoints)
+        return Sides(tuple(bodies), FreeSpace.of(views, certain), PassedRays.of(views), sights)
 
     def signed(self, views: Sequence[View]) -> tuple[View, ...]:
         """The scans with normals of known sign, where it is certain from which side they were taken."""
@@ -137,7 +142,8 @@ class Sides:
         if a is None or b is None:
             return np.nan
         shift = pose.from_parts(np.eye(3), -a.origin)
-        return opposed(a, b, shift @ T_i_j @ pose.from_parts(np.eye(3), b.origin))
+        sights = (self.sights[i], self.sights[j]) if self.sights else (None, None)
+        return opposed(a, b, shift @ T_i_j @ pose.from_parts(np.eye(3), b.origin), sights)
 
     def contradictions(self, T_world_scan: FloatArray, overlap: FloatArray) -> Iterator[Contradiction]:
         """Pairs of placed scans that overlap, and that their sides or lines of sight contradict."""
@@ -164,7 +170,9 @@ class Contradiction:
     source: int
 
 
-def opposed(a: Body, b: Body, T_a_b: FloatArray) -> float:
+def opposed(
+    a: Body, b: Body, T_a_b: FloatArray, sights: tuple[FloatArray | None, FloatArray | None] = (None, None)
+) -> float:
     """Share of the places matched at a pose that one scan saw from one side and the other from the other one.
 
     Sides that are a sheet apart do not match; NaN where signs are not known, or little matches. Poses are of the
@@ -180,4 +188,14 @@ def opposed(a: Body, b: Body, T_a_b: FloatArray) -> float:
     noise = max(a.scan.noise, b.scan.noise, a.noise_floor)
     near = (found.distances <= NEAR_SPACINGS * max(a.scan.spacing, b.scan.spacing)) & (along <= NEAR_NOISES * noise)
     alike = near & (np.abs(cosines) >= MIN_NORMAL_COS)
+    alike &= _well_seen(found.points, found.normals, sights[0]) & _well_seen(points, normals, sights[1])
     return float(np.mean(cosines[alike] < 0.0)) if np.count_nonzero(alike) >= MIN_MATCHES else np.nan
+
+
+def _well_seen(points: FloatArray, normals: FloatArray, place: FloatArray | None) -> BoolArray:
+    """Which faces are on one side whatever a line of sight is off; all where the place is known."""
+    if place is None:
+        return np.ones(len(points), dtype=bool)
+    toward = place - points
+    cosines = np.einsum("ij,ij->i", normals, toward) / np.linalg.norm(toward, axis=1)
+    return np.asarray(np.abs(cosines) >= MIN_SIGHT_COS)

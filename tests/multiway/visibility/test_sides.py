@@ -1,5 +1,6 @@
 """Front and back of a thin sheet: what tells them apart, and what is said where nothing does."""
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,9 @@ from dqreg.errors import InputError
 from dqreg.geometry import PointCloud
 from dqreg.multiway.pose_graph.edges import Edge
 from dqreg.multiway.scan_names import NAMED_SCANS, named
-from dqreg.multiway.scans.scans import read_views
-from dqreg.multiway.visibility.sides import Contradiction, Sides, viewpoints_of
+from dqreg.multiway.scans.overlap import overlap_matrix
+from dqreg.multiway.scans.scans import read_views, typical_size
+from dqreg.multiway.visibility.sides import MAX_OPPOSITE_SHARE, Contradiction, Sides, viewpoints_of
 from dqreg.synth.many_views import turntable_views
 from dqreg.synth.parts import angle
 from tests.multiway.edges_of_truth import registration
@@ -70,6 +72,21 @@ def test_the_scanner_of_a_turntable_stands_on_one_side_of_all_scans() -> None:
         ]
         same.append(float(np.mean(ways[0] * ways[1] > 0.0)))
     assert min(same) > 0.9 or max(same) < 0.1
+
+
+def test_a_line_of_sight_that_is_off_contradicts_no_true_poses() -> None:
+    made = turntable_views(angle(), 24, pixels=50, noise=3e-4, rng=np.random.default_rng(23514))
+    views = read_views(list(made.scans), 0)
+    sides, overlap = Sides.of(views, "turntable"), overlap_matrix(views, made.T_world_scan, typical_size(views))
+    assert not list(sides.contradictions(made.T_world_scan, overlap))
+    # What one scan saw from the other side is told all the same.
+    body = sides.bodies[0]
+    assert body is not None
+    assert body.scan is not None
+    turned = dataclasses.replace(body, scan=dataclasses.replace(body.scan, normals=-body.scan.normals))
+    T = np.linalg.inv(made.T_world_scan[1]) @ made.T_world_scan[0]
+    assert sides.opposed(1, 0, T) < MAX_OPPOSITE_SHARE
+    assert dataclasses.replace(sides, bodies=(turned, *sides.bodies[1:])).opposed(1, 0, T) > 0.9
 
 
 def test_scans_that_nothing_is_known_of_have_no_side() -> None:
