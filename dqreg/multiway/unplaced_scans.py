@@ -71,7 +71,7 @@ def _why_alone(views: Sequence[View], selection: EdgeSelection, placed: Sequence
     if loose:
         return (
             f"{loose} of its {count} pairs leave a motion nearly free, and no loop confirms them: scan more overlap, "
-            "with a third face, say the order of a turntable, or give starts"
+            "with a third face, or give starts"
         )
     return "another object, or too little overlap"
 
