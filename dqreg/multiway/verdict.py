@@ -7,10 +7,10 @@ from collections.abc import Iterator, Sequence
 from typing import Literal
 
 import numpy as np
-import scipy.sparse as sparse
 
-from dqreg._arrays import BoolArray, FloatArray, IntArray
-from dqreg.multiway.pose_graph.edges import PART, Edge, is_refused
+from dqreg._arrays import FloatArray
+from dqreg.multiway.loose_scans import put_elsewhere, unconfirmed, used_loops, weakly_held
+from dqreg.multiway.pose_graph.edges import PART
 from dqreg.multiway.scan_names import NAMED_SCANS, named, pairs_named
 from dqreg.multiway.scans.scans import View
 from dqreg.multiway.selection.edge_selection import EdgeSelection
@@ -22,14 +22,9 @@ from dqreg.trust.code_sets import OF_ANOTHER_SHAPE, VIEWPOINT_OFF
 from dqreg.trust.limits import MAX_SIGMA_DIAGONALS, MAX_SIGMA_RAD
 from dqreg.trust.records import Level, Reason, Verdict
 
-# Loops that confirm a scan none of whose edges is accepted.
-MIN_CONFIRMING_LOOPS = 2
 # Pairs that can tell whether the viewpoints are right, at least, and the share of them that may contradict these: where
 # they are right it came to 0.09 at most, with all of them on the far side to 0.6.
 MIN_TELLING_PAIRS, MAX_CONTRADICTING_SHARE = 3, 1 / 3
-# Accepted pairs left out that agree on another place of a scan, as a share of those used at it, from which on nobody
-# can tell which of them are wrong.
-MAX_RIVAL_PAIRS_SHARE = 0.8
 # Used pairs that say that a scan's shape is another one, at least, and their share of all of that scan.
 MIN_DEFORMED_PAIRS, MIN_DEFORMED_SHARE = 2, 1 / 3
 # A turn goes into a full one so many times, but for this share.
@@ -58,7 +53,7 @@ def judge_scans(
     doubts = list(doubts)
     if stopped:
         doubts.append(Reason(f"not all pairs were registered: {stopped} ended them", "search_time_limit"))
-    doubts += [*unplaced(*known), *_weak(*known), *_unconfirmed(*known), *_put_elsewhere(*known)]
+    doubts += [*unplaced(*known), *weakly_held(*known), *unconfirmed(*known), *put_elsewhere(*known)]
     doubts += _uncertain(views, placed, covariances, size) if joined and not is_late else ()
     doubts += _contradicted(views, against)
     doubts += _turned(views, turns)
@@ -79,103 +74,11 @@ def judge_scans(
 
 def _summary(selection: EdgeSelection, placed: Sequence[int]) -> Reason:
     used = sum(edge.used for edge in selection.edges)
-    closing = int(np.count_nonzero(_used_loops(selection)))
+    closing = int(np.count_nonzero(used_loops(selection)))
     loops = "; no loop of three checks them"
     if closing:
         loops = f"; {closing} {'loops' if closing > 1 else 'loop'} of three {'close' if closing > 1 else 'closes'}"
     return Reason(f"{len(placed)} scans placed by {used} edge{'s' * (used != 1)}{loops}", "accepted")
-
-
-def _used_loops(selection: EdgeSelection) -> BoolArray:
-    used = np.array([selection.edges[row].used for row in selection.rows], dtype=bool)
-    loops = selection.loops
-    return loops.closes & used[loops.edges].all(axis=1) if len(loops.edges) else np.zeros(0, dtype=bool)
-
-
-def _weak(views: Sequence[View], selection: EdgeSelection, placed: Sequence[int]) -> Iterator[Reason]:
-    """Scans that hang on suspect edges alone, which too few loops confirm, or on edges with other likely poses."""
-    closing = selection.loops.counts(_used_loops(selection), len(selection.rows))
-    confirmed = {int(row): int(n) for row, n in zip(selection.rows, closing, strict=True)}
-    sure, ambiguous = set(), []
-    for row, edge in enumerate(selection.edges):
-        if edge.used and (edge.level == "accepted" or confirmed.get(row, 0) >= MIN_CONFIRMING_LOOPS):
-            sure |= {edge.source, edge.target}
-    weak = [k for k in placed if k not in sure]
-    assumed = [k for k in weak if k in selection.on_steps]
-    if assumed:
-        yield Reason(
-            f"{named(views, assumed)}: no pair is accepted by itself, and that they stand where equal steps of the "
-            "table put them confirms the pose: what their pairs do not hold is assumed; scan more overlap there",
-            "unconfirmed_scan",
-        )
-    weak = [k for k in weak if k not in assumed]
-    if weak and len(placed) > 1:
-        yield Reason(
-            f"{named(views, weak)}: no pair is accepted by itself and fewer than {MIN_CONFIRMING_LOOPS} loops confirm "
-            "the pose",
-            "unconfirmed_scan",
-        )
-    for k in placed:
-        own = [edge for edge in selection.edges if edge.used and k in (edge.source, edge.target)]
-        if own and all(has_alternatives(edge) for edge in own):
-            ambiguous.append(k)
-    if ambiguous:
-        yield Reason(
-            f"{named(views, ambiguous)}: each pair has other poses that are equally likely (a symmetric part, or too "
-            "little shape in the overlap)",
-            "alternative_poses",
-        )
-
-
-def _put_elsewhere(views: Sequence[View], selection: EdgeSelection, placed: Sequence[int]) -> Iterator[Reason]:
-    """Scans that about as many accepted pairs, left out, put to one other place: they close loops with used pairs."""
-    edges = [selection.edges[row] for row in selection.rows]
-    used = np.array([edge.used for edge in edges], dtype=bool)
-    left_out = np.array([edge.code == "contradicts" and edge.level == "accepted" for edge in edges], dtype=bool)
-    triples = selection.loops.edges[selection.loops.closes]
-    agree = (left_out[triples].sum(axis=1) == 2) & used[triples].any(axis=1)
-    others: dict[int, set[int]] = {}
-    for triple in triples[agree].tolist():
-        pair = [row for row in triple if left_out[row]]
-        one, other = ({edges[row].target, edges[row].source} for row in pair)
-        others.setdefault((one & other).pop(), set()).update(pair)
-    held = [sum(edge.used and k in (edge.target, edge.source) for edge in edges) for k in range(len(views))]
-    doubted = [k for k in placed if len(others.get(k, ())) > MAX_RIVAL_PAIRS_SHARE * held[k]]
-    if doubted:
-        yield Reason(
-            f"{named(views, doubted)}: about as many accepted pairs as hold them agree on another place; scan more "
-            "overlap there, or leave out the pairs that are wrong",
-            "alternative_poses",
-        )
-
-
-def _unconfirmed(views: Sequence[View], selection: EdgeSelection, placed: Sequence[int]) -> Iterator[Reason]:
-    """Pairs that nothing else makes up for, and that no closing loop confirms or whose own verdicts doubt them.
-
-    Doubted pairs confirm each other where all are wrong alike: the two sides of a sheet on each other, from every side.
-    """
-    if len(placed) + (selection.anchor == PART) > 2:
-        confirmed = set(selection.rows[selection.confirmed].tolist())
-        sound = [edge for row, edge in enumerate(selection.edges) if edge.used and row in confirmed]
-        yield from _single_links(views, selection, sound, "no closing loop confirms these pairs")
-    sound = [edge for edge in selection.edges if edge.used and not is_refused(edge)]
-    yield from _single_links(views, selection, sound, "the registration of each of these pairs is doubted")
-
-
-def _single_links(views: Sequence[View], selection: EdgeSelection, sound: Sequence[Edge], why: str) -> Iterator[Reason]:
-    """Used edges between groups of scans that sound ones do not join."""
-    group = _joined(sound, len(views))
-    alone = [edge for edge in selection.edges if edge.used and group[edge.target] != group[edge.source]]
-    if alone:
-        words = pairs_named(views, [(edge.target, edge.source) for edge in alone])
-        yield Reason(f"{words}: {why}, and nothing else joins their scans: scan more overlap there", "unconfirmed_edge")
-
-
-def _joined(edges: Sequence[Edge], count: int) -> IntArray:
-    """Number of the connected part of each scan, and of the part in the last place, (n + 1,)."""
-    ends = np.array([(edge.target % (count + 1), edge.source) for edge in edges]).reshape(-1, 2).astype(np.int64)
-    links = sparse.coo_matrix((np.ones(len(ends)), tuple(ends.T)), shape=(count + 1, count + 1))
-    return np.asarray(sparse.csgraph.connected_components(links, directed=False)[1], dtype=np.int64)
 
 
 def _contradicted(views: Sequence[View], against: Sequence[Contradiction]) -> Iterator[Reason]:
@@ -218,11 +121,6 @@ def _turned(views: Sequence[View], turns: Sequence[UnobservableRotation]) -> Ite
         }
         advice = f"{words.get(turn.agreed, 'views can be turned by it unseen')}; put marks on the part, or give starts"
         yield Reason(f"the part looks the same {same}: {advice}", "alternative_poses")
-
-
-def has_alternatives(edge: Edge) -> bool:
-    """Whether other poses explain a pair about as well."""
-    return bool(edge.registration.alternatives)
 
 
 def _uncertain(views: Sequence[View], placed: Sequence[int], covariances: FloatArray, size: float) -> Iterator[Reason]:
