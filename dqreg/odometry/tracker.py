@@ -139,7 +139,9 @@ class Tracker:
         frame, notes = turned.deskewed.frame, given.notes + turned.deskewed.notes
         seen = seen or self._seen(frame, lengths)
         measured = expected is not None and expected.information is not None
-        timed, first = self._timeline.is_timed, self._compared(search, turned, given, T_predicted, seen)
+        first = self._compared(search, turned, given, T_predicted, seen)
+        # Times tell nothing where the first step was not trusted, and no motion is known.
+        timed = self._timeline.is_timed and (bool(self._usual) or not self._timeline.missed)
         T = first.aligned.T_target_source
         asked = first.aligned.found and not (timed or measured or self._is_unlike(frame, T, lengths.reach))
         # After the depth image, beside the information.

@@ -42,6 +42,17 @@ def test_without_times_a_place_one_period_on_is_named():
         assert np.linalg.norm(step[1:]) < 0.1 * abs(step[0])
 
 
+def test_times_tell_nothing_of_like_places_where_the_first_step_is_not_known():
+    # The frame between holds too few points: a way of two periods in two steps is as likely as any.
+    rng = np.random.default_rng(4)
+    drive = drives.drive(drives.corridor(rng, PITCH, DEPTH), drives.straight(0.6, rng)[:2], rng)
+    odometry = Odometry(map_search="never")
+    for number, points in enumerate((drive.frames[0], drive.frames[1][:10], drive.frames[1])):
+        result = odometry.register_frame(points, stamp=0.1 * number)
+    assert np.linalg.norm(result.T_target_source[:3, 3] - drive.poses[1][:3, 3]) < 0.05
+    assert result.verdict.codes == ("alternative_poses",)
+
+
 @pytest.mark.parametrize("seed", [20_020, 20_021])
 def test_after_a_gap_in_time_the_motion_before_decides_between_like_places_no_more(seed):
     # A hall of equal columns, and a way of one period while no frame came, as the stamps say: a dozen steps.
