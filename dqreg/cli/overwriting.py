@@ -7,7 +7,6 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from dqreg.errors import InputError
-from dqreg.files.atomic import is_stream
 
 
 def require_apart(read: Iterable[Path | None], written: Mapping[str, Path | None]) -> None:
@@ -16,6 +15,8 @@ def require_apart(read: Iterable[Path | None], written: Mapping[str, Path | None
     ``written`` has the names of the options. An initial pose may be replaced by the pose that was found from it, so
     that callers leave it out of ``read``.
     """
+    from dqreg.files.atomic import is_stream
+
     known = [path for path in read if path is not None]
     goals: list[tuple[str, Path]] = []
     for name, goal in written.items():
@@ -31,6 +32,8 @@ def require_apart(read: Iterable[Path | None], written: Mapping[str, Path | None
 
 def require_ending(name: str, goal: Path | None, writes: str, endings: tuple[str, ...]) -> None:
     """Refuse, before the work, an ending that promises another format; a name without one promises none."""
+    from dqreg.files.atomic import is_stream
+
     # A stream has the name that it has.
     if goal is None or not goal.suffix or is_stream(goal):
         return

@@ -96,4 +96,4 @@ def _shared(name: str, *names: str, default: Any, of_rows: bool, words: str, **m
     """Option of a registration, or of all rows of a batch, each of which may say its own: the default is theirs."""
     if not of_rows:
         return click.option(name, *names, default=default, show_default=True, help=words, **more)
-    return click.option(name, *names, help=f"{words.removesuffix('.')}  [default: {default}].", **more)
+    return click.option(name, *names, help=f"{words}  [default: {default}]", **more)

@@ -316,7 +316,7 @@ def test_a_text_file_gets_the_matrix_alone_with_all_digits(case, start, tmp_path
 
 def test_an_ending_that_promises_another_kind_of_result_is_refused(case, tmp_path, capsys):
     assert run("register", case.scan, case.part, "--out", tmp_path / "pose.csv") == 2
-    assert "T_target_source alone (.txt)" in capsys.readouterr().err
+    assert "T_target_source alone; give a name that ends in .json or .txt" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
 

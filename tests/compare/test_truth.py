@@ -52,7 +52,7 @@ def test_symmetries_as_cases_write_them(tmp_path, kind):
         ("p.txt", "1 2 3\n4 5 6", "shape"),
         ("p.txt", "one two", "plain numbers"),
         ("p.json", "{}", "T_target_source"),
-        ("p.json", "[1]", "object"),
+        ("p.json", "[1]", "4x4 numbers"),
         ("p.json", "{", "no readable JSON file"),
         ("p.json", '{"T_target_source": "no"}', "4x4"),
         ("p.json", json.dumps({"T_target_source": T.tolist(), "symmetric_truths": 3}), "list"),
