@@ -74,7 +74,9 @@ def decision_words(found: Decision, unit: str, signed: bool, noise: float | None
     unproven = sum(region.outcome == "undecided" for region in found.regions)
     if unproven:
         many = "1 region is" if unproven == 1 else f"{unproven} of {len(found.regions)} regions are"
-        words.append(f"{many} undecided: with the uncertainty of its deviations it may pass or fail.")
+        words.append(
+            f"{many} undecided: with the uncertainty of its deviations and the noise of its points it may pass or fail."
+        )
     if found.wall_doubts:
         words.append(f"The sides of a thin wall cannot be told apart: {wall_words(found, of)} (wall_side).")
     if SOLVED_SCALE in found.codes:
@@ -87,13 +89,15 @@ def _noise_words(found: Decision, noise: float, of: str) -> list[str]:
     """Where a part without any deviation would have too few points within its tolerance as well."""
     from scipy.special import ndtr
 
-    if noise == 0.0 or found.share != "fail" or np.isinf(found.high):
+    if noise == 0.0 or found.share == "pass" or np.isinf(found.high):
         return []
     share = float(ndtr(found.high / noise) - ndtr(found.low / noise))
     if share >= found.required_share:
         return []
     words = f"Noise of {text_of(noise, 2)}{of} alone leaves {percent(share)} % of the points of a perfect part within"
-    return [f"{words}: the scan is too noisy for this tolerance, whatever the part is like."]
+    if found.share == "fail":
+        return [f"{words}; more are out than that explains."]
+    return [f"{words}: the scan is too noisy to pass a part at this tolerance, and proves no fault either."]
 
 
 def shape_words(result: RegistrationResult) -> str:

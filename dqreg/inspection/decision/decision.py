@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -13,11 +14,12 @@ from dqreg._arrays import BoolArray, FloatArray
 from dqreg.errors import InputError
 from dqreg.geometry import Mesh
 from dqreg.inspection.decision.coverage import scanned_share
-from dqreg.inspection.decision.places import COVERAGE_FACTOR, OutOfTolerance, places_of
+from dqreg.inspection.decision.places import COVERAGE_FACTOR, OutOfTolerance, noise_of, places_of
+from dqreg.inspection.decision.point_shares import outcome_of_share
 from dqreg.inspection.decision.regions import Cut, Outcome, Region, cut_of, regions_of, require_faces
 from dqreg.inspection.deviations.deviations import Deviations
 from dqreg.inspection.deviations.wall_doubts import WallDoubt
-from dqreg.inspection.tolerances import REQUIRED_SHARE, PointLimits, Tolerance, limits_at, require_share, tolerance_of
+from dqreg.inspection.tolerances import REQUIRED_SHARE, Tolerance, limits_at, require_share, tolerance_of
 
 # Code of a decision on thin walls whose sides cannot be told apart.
 WALL_SIDE, SOLVED_SCALE = "wall_side", "solved_scale"
@@ -88,7 +90,7 @@ def decide(
 
     A place of the part is never forgiven, single points are: the part fails where the median of 25 neighbouring points
     is out of tolerance by more than its uncertainty, or where too few of the points, of all or of one region, are
-    within. It passes where the uncertainty of the pose cannot change that (ISO 14253-1).
+    within by more than noise explains. It passes where the uncertainty of the pose cannot change that (ISO 14253-1).
 
     Parameters
     ----------
@@ -134,6 +136,7 @@ def decide(
     cut = cut_of(deviations, by_face=bool(own))
     limits = limits_at(cut.labels, whole, own)
     places = places_of(deviations, rows, room, limits, cut.labels)
+    noise = functools.cache(lambda: noise_of(deviations, rows, cut.labels))
 
     def of_region(region: Region) -> Region:
         at = cut.labels == region.number
@@ -141,7 +144,8 @@ def decide(
         if allowed is None:
             return region
         inner = limits.of(at)
-        share = _by_share(values[at], room[at], inner, allowed.required_share or required_share)
+        asked = allowed.required_share or required_share
+        share = outcome_of_share(values[at], room[at], lambda: noise()[at], inner, asked)
         outcome = worst_of([share, *(place.outcome for place in places if place.region == region.number)])
         within = float(np.mean(inner.beyond(values[at]) <= 0.0))
         return dataclasses.replace(region, share_within=within, outcome=outcome, low=allowed.low, high=allowed.high)
@@ -150,7 +154,7 @@ def decide(
     judged = limits.asked
     uncertainty = _largest(room, judged, cut, regions)
     values, room, limits = values[judged], room[judged], limits.of(judged)
-    share = _by_share(values, room, limits, required_share)
+    share = outcome_of_share(values, room, lambda: noise()[judged], limits, required_share)
     outcomes = [share, *(place.outcome for place in places), *(region.outcome or "pass" for region in regions)]
     within = np.count_nonzero(limits.beyond(values) <= 0.0)
     return Decision(
@@ -235,16 +239,6 @@ def worst_of(outcomes: list[Outcome]) -> Outcome:
     'undecided'
     """
     return "fail" if "fail" in outcomes else "undecided" if "undecided" in outcomes else "pass"
-
-
-def _by_share(values: FloatArray, room: FloatArray, limits: PointLimits, required: float) -> Outcome:
-    # Pass where deviations larger by their uncertainty would do too, fail where smaller ones would not.
-    if not len(values):
-        return "undecided"
-    beyond = limits.beyond(values)
-    if np.count_nonzero(beyond + room <= 0.0) >= required * len(values):
-        return "pass"
-    return "fail" if np.count_nonzero(beyond - room <= 0.0) < required * len(values) else "undecided"
 
 
 def decision_record(decision: Decision, origin: FloatArray) -> dict[str, Any]:

@@ -86,6 +86,21 @@ def places_of(
     )
 
 
+def noise_of(deviations: Deviations, rows: IntArray, labels: IntArray) -> FloatArray:
+    """Standard deviation of each point's noise: of its region's neighbours among each other. Shapes: (m,) each."""
+    noise = np.full(len(rows), 0.0 if len(rows) < MIN_SCANNED_POINTS else deviations.noise or 0.0)
+    if len(rows) < MIN_SCANNED_POINTS:
+        return noise
+    feet, values = deviations.closest[rows] - deviations.origin, deviations.values[rows]
+    order = np.argsort(labels, kind="stable")
+    for own in np.split(order, 1 + np.flatnonzero(np.diff(labels[order]))):
+        if len(own) > PLACE_POINTS:
+            kept = own[:: -(-len(own) // MAX_ASKED_POINTS)]
+            around = _beside(feet[kept], feet[kept[:: -(-len(kept) // SPACING_SAMPLE)]])[0]
+            noise[own] = float(np.median(_voted(values[kept][around])[1]))
+    return noise
+
+
 def _medians(
     deviations: Deviations, rows: IntArray, asked: IntArray, room: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -24,12 +24,12 @@ def top(count: int = 20_000, seed: int = 0) -> np.ndarray:
     return np.vstack([up, right])
 
 
-def deviations(points: np.ndarray, sigma: float = 0.0) -> Deviations:
+def deviations(points: np.ndarray, sigma: float = 0.0, noise: float | None = NOISE) -> Deviations:
     """Deviations from the cube; the pose's translation is known to `sigma` along each axis."""
     mesh = Mesh(*box((2 * HALF,) * 3))
     mesh = Mesh(mesh.vertices - mesh.centre, mesh.faces)
     covariance = np.diag([0.0] * 3 + [sigma**2] * 3)
-    return measure_deviations(points, mesh, MeshSurface(mesh), reach=2.0, noise=NOISE, covariance=covariance)
+    return measure_deviations(points, mesh, MeshSurface(mesh), reach=2.0, noise=noise, covariance=covariance)
 
 
 def bumped(height: float, radius: float = 2.0) -> np.ndarray:
@@ -76,11 +76,31 @@ def test_single_points_are_forgiven_however_far() -> None:
     assert not found.places
 
 
-def test_too_many_points_out_fail_without_a_place() -> None:
+@pytest.mark.parametrize("required", [0.8, 0.95, 0.99, 1.0])
+def test_noise_alone_proves_no_fault_and_no_pass(required: float) -> None:
     # Noise as large as the tolerance: a third of the points are out, their medians are not.
     points = top()
     points += np.random.default_rng(2).normal(0.0, TOLERANCE, points.shape)
+    found = decide(deviations(points, noise=TOLERANCE), TOLERANCE, required)
+    assert found.share_within == pytest.approx(0.68, abs=0.01)
+    assert (found.share, found.outcome) == ("undecided", "undecided")
+    assert set(names(found).values()) == {"undecided"}
+
+
+def test_the_noise_of_one_face_is_its_own() -> None:
+    # One of two faces was scanned at a grazing angle, with ten times the noise: a third of its points are out.
+    points = top()
+    points[20_000:, 0] += np.random.default_rng(2).normal(0.0, TOLERANCE, 10_000)
     found = decide(deviations(points), TOLERANCE)
+    assert found.outcome == "undecided"
+    assert names(found) == {"flat face towards +z": "pass", "flat face towards +x": "undecided"}
+
+
+def test_more_points_out_than_noise_explains_fail_without_a_place() -> None:
+    # One point in ten, none of them together: chips of 0.2 on noise of 0.01, where 0.1 is allowed.
+    points = top()
+    points[::10] += 0.2
+    found = decide(deviations(points, noise=None), TOLERANCE)
     assert (found.share, found.outcome) == ("fail", "fail")
     assert not [place for place in found.places if place.outcome == "fail"]
 
@@ -130,7 +150,7 @@ def test_a_share_is_undecided_where_the_pose_decides_it() -> None:
     assert made.share_within == pytest.approx(0.954, abs=0.004)
     assert (made.share, made.outcome) == ("undecided", "undecided")
     shares = {required: decide(found, 2.0 * NOISE, required).share for required in (0.88, 0.97, 0.99)}
-    assert shares == {0.88: "pass", 0.97: "undecided", 0.99: "fail"}
+    assert shares == {0.88: "pass", 0.97: "undecided", 0.99: "undecided"}
 
 
 def test_the_uncertainty_of_a_place_is_that_of_pose_and_median() -> None:
@@ -171,11 +191,11 @@ def test_a_face_has_its_own_tolerance_and_share() -> None:
     assert alone.outcome == "fail"
     assert [region.outcome for region in alone.regions] == ["fail", None]
     assert alone.share_within == pytest.approx(0.992, abs=2e-3)
-    # Noise as large as the tolerance leaves 68 % within: a required share of its own forgives that.
+    # Chips at an eighth of the points: a required share of its own forgives that.
     points = top()
-    points[:20_000, 2] += np.random.default_rng(3).normal(0.0, TOLERANCE, 20_000)
-    noisy = deviations(points)
-    assert decide(noisy, TOLERANCE, 0.6, {up: Tolerance(-0.1, 0.1, 0.8)}).outcome == "fail"
+    points[:20_000:8, 2] += 0.2
+    noisy = deviations(points, noise=None)
+    assert decide(noisy, TOLERANCE, 0.6, {up: Tolerance(-0.1, 0.1, 0.95)}).outcome == "fail"
     eased = decide(noisy, TOLERANCE, 0.6, {up: Tolerance(-0.1, 0.1, 0.6)})
     assert not [place for place in eased.places if place.outcome == "fail"]
     assert eased.share == "pass"
