@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 
-from dqreg.inspection import Decision, Region
+from dqreg.inspection import Decision, OutOfTolerance, Region
 from dqreg.report.text import percent, text_of
 
 SCALE_WORDS = "The scan was scaled to fit, so the size of the part was not measured (solved_scale)."
@@ -27,6 +27,17 @@ class DecisionRow:
     outcome: str  # "" where nothing is asked
     points: int | None
     remark: str = ""
+    cause: Cause | None = None  # What decided in place of the value
+
+
+@dataclasses.dataclass(frozen=True)
+class Cause:
+    """What decides a region that its median does not: the share of its points, in percent, or a place of it."""
+
+    name: str  # "share" or "place"
+    value: float
+    low: float
+    high: float
 
 
 def decision_rows(found: Decision) -> list[DecisionRow]:
@@ -49,7 +60,9 @@ def decision_rows(found: Decision) -> list[DecisionRow]:
 def _of_region(found: Decision, region: Region) -> DecisionRow:
     name = f"face {region.number}, {region.name}: median deviation"
     numbers = (0.0, region.low, region.high, region.median, found.uncertainty)
-    return DecisionRow(name, "deviation", *numbers, region.outcome or "", region.points, region_remark(found, region))
+    cause = _cause(found, region)
+    remark = "" if cause is None else _remark(found, region)
+    return DecisionRow(name, "deviation", *numbers, region.outcome or "", region.points, remark, cause)
 
 
 def wall_words(found: Decision, of: str = "") -> str:
@@ -76,13 +89,28 @@ def shown_outcome(outcome: str, *, trusted: bool) -> dict[str, str]:
     return {"kind": outcome, "sign": OUTCOME_SIGNS.get(outcome, ""), "said": outcome}
 
 
-def region_remark(found: Decision, region: Region) -> str:
-    """Why a region does not pass, which its median does not say: its places, or the share of its points."""
+def _cause(found: Decision, region: Region) -> Cause | None:
+    """What keeps a region from passing; None where it passes."""
     if region.outcome in ("pass", None):
-        return ""
+        return None
+    worst = _worst_place(found, region)
+    if worst is not None:
+        return Cause("place", worst.value, region.low, region.high)
+    # A face may have a required share of its own.
+    required = math.nan if found.own else 100.0 * found.required_share
+    return Cause("share", 100.0 * (region.share_within or 0.0), required, math.nan)
+
+
+def _worst_place(found: Decision, region: Region) -> OutOfTolerance | None:
     own = [place for place in found.places if place.region == region.number and place.outcome == region.outcome]
-    if own:
-        # The worst is the first.
-        value, room = text_of(own[0].value), text_of(own[0].uncertainty, 2)
+    # The worst is the first.
+    return own[0] if own else None
+
+
+def _remark(found: Decision, region: Region) -> str:
+    """Why a region does not pass, which its median does not say: its places, or the share of its points."""
+    worst = _worst_place(found, region)
+    if worst is not None:
+        value, room = text_of(worst.value), text_of(worst.uncertainty, 2)
         return f"a place of it deviates by {value} ± {room}".replace("−", "-")
     return f"{percent(region.share_within or 0.0)} % of its points are within the tolerance"

@@ -10,7 +10,7 @@ import numpy as np
 from dqreg.files.csv_text import csv_text
 from dqreg.inspection import Characteristic, DatumAlignment, Decision, Inspection
 from dqreg.inspection.decision.places import COVERAGE_FACTOR, PLACE_POINTS
-from dqreg.report.decision_rows import SCALE_WORDS, decision_rows, shown_outcome
+from dqreg.report.decision_rows import SCALE_WORDS, Cause, decision_rows, shown_outcome
 from dqreg.report.hints import hints_of
 from dqreg.report.summary import ALIGNMENT, COLOURS
 from dqreg.report.table import EMPTY, Column, Table, print_tables
@@ -74,7 +74,8 @@ def kind_words(row: Characteristic) -> str:
 def sheet_csv(found: Inspection | None, decision: Decision | None, unit: str) -> str:
     """What was measured as CSV, one line each: characteristics, then the deviations of the part and of its regions."""
     columns = ("no.", "characteristic", "kind", "unit", "nominal", "low", "high", "measured", "U (k=2)", "decision",
-               "points", "scanned [%]", "remark")  # fmt: skip
+               "points", "scanned [%]", "remark", "decided by", "deciding value", "deciding low",
+               "deciding high")  # fmt: skip
     rows: list[tuple[object, ...]] = []
     for k, row in enumerate([] if found is None else found.characteristics):
         of = "degree" if row.kind == "angle" else unit
@@ -98,13 +99,18 @@ def sheet_csv(found: Inspection | None, decision: Decision | None, unit: str) ->
             points = "" if value.points is None else value.points
             # The share is of all that was scanned: how much of the part that is.
             seen = f"{100.0 * decision.scanned:.3g}" if value.kind == "share" and decision.scanned >= 0.0 else ""
-            rows.append((len(rows) + 1, value.name, value.kind, of, *cells, value.outcome, points, seen, value.remark))
+            last = (value.outcome, points, seen, value.remark, *_cause_cells(value.cause))
+            rows.append((len(rows) + 1, value.name, value.kind, of, *cells, *last))
         ends = {region.number: (region.low, region.high) for region in decision.regions}
         for place in decision.places:
             name = "place at " + " ".join(f"{x:.7g}" for x in place.position)
             cells = _cells(0.0, *ends.get(place.region, (decision.low, decision.high)), place.value, place.uncertainty)
             rows.append((len(rows) + 1, name, "deviation", unit, *cells, place.outcome, PLACE_POINTS, "", ""))
-    return csv_text(columns, rows)
+    return csv_text(columns, (row + ("",) * (len(columns) - len(row)) for row in rows))
+
+
+def _cause_cells(cause: Cause | None) -> list[str]:
+    return [] if cause is None else [cause.name, *_cells(cause.value, cause.low, cause.high)]
 
 
 def _cells(*numbers: float) -> list[str]:

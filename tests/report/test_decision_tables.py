@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import csv
 import dataclasses
 
 import numpy as np
@@ -10,6 +11,7 @@ from dqreg.geometry import Mesh, MeshSurface
 from dqreg.inspection import Decision, decide, measure_deviations
 from dqreg.report.decision_rows import decision_rows
 from dqreg.report.decision_tables import decision_words, regions_table
+from dqreg.report.inspection_table import sheet_csv
 from dqreg.report.report_data import collect
 from dqreg.synth.parts import box
 
@@ -79,13 +81,22 @@ def test_a_region_that_fails_within_its_limits_says_why() -> None:
     bump[:2000, 2] += 0.5 * (np.linalg.norm(bump[:2000, :2], axis=1) < 3.0)
     # One point in ten out, none beside another: no place fails, the share does.
     lines[:2000:10, 2] += 0.5
-    for moved, said in ((bump, "a place of it deviates by 0.5 ± "), (lines, "90.0 % of its points are within")):
+    for moved, said, cause in (
+        (bump, "a place of it deviates by 0.5 ± ", ("place", pytest.approx(0.5, abs=0.02), -0.1, 0.1)),
+        (lines, "90.0 % of its points are within", ("share", pytest.approx(90.0, abs=0.1), 95.0)),
+    ):
         share, *regions = decision_rows(decided(moved))
         assert (share.kind, share.value) == ("share", pytest.approx(100.0 * decided(moved).share_within))
         (bad,) = [row for row in regions if row.outcome == "fail"]
         assert bad.low < bad.value < bad.high
         assert bad.remark.startswith(said)
-        assert [row.remark for row in regions if row.outcome == "pass"] == [""]
+        assert bad.cause is not None
+        assert dataclasses.astuple(bad.cause)[: len(cause)] == cause
+        assert [(row.remark, row.cause) for row in regions if row.outcome == "pass"] == [("", None)]
+        # A reader of the table has them in columns of their own.
+        rows = list(csv.DictReader(sheet_csv(None, decided(moved), "mm").splitlines()))
+        (line,) = [row for row in rows if "median" in row["characteristic"] and row["decision"] == "fail"]
+        assert (line["decided by"], float(line["deciding value"]), float(line["deciding low"])) == cause[:3]
 
 
 def test_regions_have_the_decimals_that_their_scatter_leaves_and_no_powers_of_ten() -> None:
