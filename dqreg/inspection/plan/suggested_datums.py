@@ -15,6 +15,7 @@ from dqreg.geometry.mesh_faces import faces_of
 from dqreg.inspection.alignment import Datum, align_datums
 from dqreg.inspection.features import Feature
 from dqreg.inspection.part_faces import Face
+from dqreg.inspection.plan.round_faces import is_arc
 
 # Axes are perpendicular below that cosine, and parallel above that one.
 PERPENDICULAR_COS, PARALLEL_COS = 0.1, 0.995
@@ -58,7 +59,7 @@ def suggest_datums(
     sizes = _extents(mesh, faces)
     large = MIN_PLANE_AREA_RATIO * max((face.area for face in faces), default=0.0)
     planes = [face for face in faces if face.kind == "plane" and shares[face.number] > 0.0 and face.area >= large]
-    holes = [face for face in faces if face.kind == "cylinder" and shares[face.number] > 0.0]
+    holes = [face for face in faces if face.kind == "cylinder" and shares[face.number] > 0.0 and not is_arc(mesh, face)]
     seats = _seats(mesh, planes)
 
     def stable(face: Face) -> float:

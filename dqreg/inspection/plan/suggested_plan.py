@@ -7,11 +7,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from dqreg._arrays import FloatArray
+from dqreg._arrays import FloatArray, bounds
 from dqreg.geometry import Mesh
-from dqreg.geometry.angles import gaps_around
-from dqreg.geometry.mesh_faces import faces_of
 from dqreg.inspection.part_faces import Face, part_faces
+from dqreg.inspection.plan.round_faces import is_arc, slender
 from dqreg.inspection.plan.suggested_datums import suggest_datums
 
 # The tolerance that is written, to be changed: that share of the part's size, one digit.
@@ -44,8 +43,8 @@ SECTION = """\
 # views = ["iso", "top"]      # pictures in print: a name, or [yaw, pitch] in degrees
 """
 NO_DATUMS = "# No faces hold all six motions: values are those of the best fit. Datums are [[datum]] tables.\n"
-# A cylinder is closed where no corners are farther apart about its axis; from so many diameters on its axis may bend.
-OPEN_GAP_RAD, SLENDER_DIAMETERS = 0.5 * math.pi, 3.0
+# From so many diameters on the axis of a cylinder may bend.
+SLENDER_DIAMETERS = 3.0
 # Characteristics at most; the largest faces come first.
 MAX_CHARACTERISTICS = 40
 
@@ -71,11 +70,11 @@ def suggested_plan(
     tolerance = round(size, -math.floor(math.log10(size)))
     units = units or mesh.units
     lines = [
-        f"# Lengths are in {units or 'the unit of the part'}, angles in degrees. Tolerances are guesses from",
-        f"# {_guessed(noise, units)}the part's size: replace them.",
+        *_unit_words(mesh, units),
+        f"# Tolerances are guesses from {_guessed(noise, units)}the part's size: replace them.",
         "# Run it: dqreg inspect SCAN PART --plan THIS_FILE --report sheet.html",
         *_left_out(every, faces),
-        f'units = "{units}"\n' if units else '# units = "mm"   # of this plan, and of a part whose file does not say\n',
+        f'units = "{units}"\n' if units else '# units = "mm"\n',
         TOP.format(tolerance=f"{2 * tolerance:g}"),
         '[head]\npart = ""\ndrawing = ""\nserial = ""\noperator = ""\ndevice = ""\n',
     ]
@@ -93,17 +92,16 @@ def suggested_plan(
                 _row(f"datum {letter} to A", "perpendicularity", places[face.number], tolerance, 'datum = "A"\n')
             )
     known = {face.number for face in datums.values()}
-    labels = faces_of(mesh)[1]
     for face in sorted(faces, key=lambda face: -face.area):
         name, place = f"{'hole' if face.is_hole else face.kind} {face.number}", places[face.number]
-        if face.kind == "cylinder":
+        if face.kind == "cylinder" and not is_arc(mesh, face):
             rows.append(_row(f"{name} diameter", "diameter", place, tolerance))
             if datums:
                 rows.append(_row(f"{name} position", "position", place, 2 * tolerance))
-            slender = _slender(mesh.corners[labels == face.number].reshape(-1, 3), face)
-            if slender > 0.0 and not face.is_hole:
+            diameters = slender(mesh, face)
+            if diameters > 0.0 and not face.is_hole:
                 rows.append(_row(f"{name} roundness", "roundness", place, tolerance))
-            if slender >= SLENDER_DIAMETERS:
+            if diameters >= SLENDER_DIAMETERS:
                 rows.append(_row(f"{name} axis", "straightness", place, 2 * tolerance, 'of = "axis"\n'))
         elif face.number not in known:
             rows.append(_row(f"{name} profile", "profile", place, 2 * tolerance))
@@ -111,14 +109,6 @@ def suggested_plan(
     if len(rows) > MAX_CHARACTERISTICS:
         kept.append(f"# {len(rows) - MAX_CHARACTERISTICS} smaller faces are left out: see dqreg faces.\n")
     return "\n".join([*lines, *kept, SECTION.format(", ".join(_short(mesh.centre, mesh.diagonal)))])
-
-
-def _slender(corners: FloatArray, face: Face) -> float:
-    """Length of a cylinder in diameters; 0 of one that is not closed, as a fillet."""
-    assert face.feature is not None
-    local = (corners - face.feature.point) @ face.feature.frame
-    gap = float(gaps_around(np.arctan2(local[:, 1], local[:, 0]))[1].max())
-    return float(np.ptp(local[:, 2])) / face.feature.diameter if gap < OPEN_GAP_RAD else 0.0
 
 
 def _place(face: Face, size: float) -> str:
@@ -135,6 +125,17 @@ def _short(point: FloatArray, size: float) -> list[str]:
     decimals = max(3 - math.floor(math.log10(size)), 0)
     fixed = [f"{round(float(x), decimals) + 0.0:.{decimals}f}" for x in point]
     return [each.rstrip("0").rstrip(".") if decimals else each for each in fixed]
+
+
+def _unit_words(mesh: Mesh, units: str | None) -> list[str]:
+    """In which unit the lengths of a plan are, of a part whose file does not say as well."""
+    if units:
+        return [f"# Lengths are in {units}, angles in degrees."]
+    long = float(np.subtract(*bounds(mesh.vertices)[::-1]).max())
+    return [
+        f"# The part's file names no unit: lengths are its numbers, of which the part is {long:.4g} long; angles in",
+        "# degrees. If those are mm, say so in the line of the units below, which is of this plan and of the part.",
+    ]
 
 
 def _guessed(noise: float, units: str | None) -> str:

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from dqreg.geometry import Mesh
+from dqreg.inspection.part_faces import part_faces
+from dqreg.inspection.plan.round_faces import is_arc
 from dqreg.inspection.plan.suggested_plan import suggested_plan
 from dqreg.synth.parts import box, bracket, cylinder
 
@@ -45,3 +47,22 @@ def test_shafts_are_asked_for_their_roundness_and_long_ones_for_their_axis() -> 
     # Quarters of a cylinder, as fillets are, are no shaft.
     text = suggested_plan(Mesh(*bracket()))
     assert sum(row["kind"] == "roundness" for row in tomllib.loads(text)["characteristic"]) == 1
+
+
+def test_a_fillet_is_asked_for_its_profile_alone() -> None:
+    mesh = Mesh(*bracket())
+    rows = tomllib.loads(suggested_plan(mesh))["characteristic"]
+    # The one between base and web is a quarter of a cylinder of 20 mm.
+    arcs = {face.number for face in part_faces(mesh) if face.kind == "cylinder" and is_arc(mesh, face)}
+    assert len(arcs) == 1
+    assert {row["kind"] for row in rows if row["face"] in arcs} == {"profile"}
+    round_faces = {face.number for face in part_faces(mesh) if face.kind == "cylinder"} - arcs
+    assert {row["face"] for row in rows if row["kind"] == "diameter"} == round_faces
+
+
+def test_the_unit_is_said_where_the_file_names_none() -> None:
+    mesh = Mesh(*bracket())
+    said = suggested_plan(mesh).splitlines()[0]
+    assert said.startswith("# The part's file names no unit: lengths are its numbers, of which the part is 120 long")
+    assert suggested_plan(mesh, units="mm").startswith("# Lengths are in mm, angles in degrees.\n")
+    assert 'units = "mm"' in suggested_plan(mesh, units="mm").splitlines()
