@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -15,11 +15,11 @@ from dqreg.errors import InputError
 from dqreg.geometry import Mesh
 from dqreg.inspection.decision.coverage import scanned_share
 from dqreg.inspection.decision.places import COVERAGE_FACTOR, OutOfTolerance, noise_of, places_of
-from dqreg.inspection.decision.point_shares import outcome_of_share
 from dqreg.inspection.decision.regions import Cut, Outcome, Region, cut_of, regions_of, require_faces
 from dqreg.inspection.deviations.deviations import Deviations
 from dqreg.inspection.deviations.wall_doubts import WallDoubt
-from dqreg.inspection.tolerances import REQUIRED_SHARE, Tolerance, limits_at, require_share, tolerance_of
+from dqreg.inspection.membership.membership import OFF_SIGMAS
+from dqreg.inspection.tolerances import REQUIRED_SHARE, PointLimits, Tolerance, limits_at, require_share, tolerance_of
 
 # Code of a decision on thin walls whose sides cannot be told apart.
 WALL_SIDE, SOLVED_SCALE = "wall_side", "solved_scale"
@@ -144,17 +144,15 @@ def decide(
         if allowed is None:
             return region
         inner = limits.of(at)
-        asked = allowed.required_share or required_share
-        share = outcome_of_share(values[at], room[at], lambda: noise()[at], inner, asked)
+        share = _by_share(values[at], room[at], lambda: noise()[at], inner, allowed.required_share or required_share)
         outcome = worst_of([share, *(place.outcome for place in places if place.region == region.number)])
         within = float(np.mean(inner.beyond(values[at]) <= 0.0))
         return dataclasses.replace(region, share_within=within, outcome=outcome, low=allowed.low, high=allowed.high)
 
     regions = tuple(of_region(region) for region in regions_of(deviations, cut))
-    judged = limits.asked
-    uncertainty = _largest(room, judged, cut, regions)
+    judged, uncertainty = limits.asked, _largest(room, limits.asked, cut, regions)
     values, room, limits = values[judged], room[judged], limits.of(judged)
-    share = outcome_of_share(values, room, lambda: noise()[judged], limits, required_share)
+    share = _by_share(values, room, lambda: noise()[judged], limits, required_share)
     outcomes = [share, *(place.outcome for place in places), *(region.outcome or "pass" for region in regions)]
     within = np.count_nonzero(limits.beyond(values) <= 0.0)
     return Decision(
@@ -239,6 +237,36 @@ def worst_of(outcomes: list[Outcome]) -> Outcome:
     'undecided'
     """
     return "fail" if "fail" in outcomes else "undecided" if "undecided" in outcomes else "pass"
+
+
+def _by_share(
+    values: FloatArray, room: FloatArray, noise: Callable[[], FloatArray], limits: PointLimits, required: float
+) -> Outcome:
+    """Whether the required share of points is within: pass and fail are proven (ISO 14253-1).
+
+    Of each point: deviation, what the pose adds (k = 2), and the standard deviation of its noise, which is
+    only asked for where a share does not pass. Shapes: (n,).
+    """
+    count = len(values)
+    if not count:
+        return "undecided"
+    # Pass where deviations larger by their uncertainty would do too, with all of their noise.
+    if np.count_nonzero(limits.beyond(values) + room <= 0.0) >= required * count:
+        return "pass"
+    # Fail where smaller ones would not, nor any that noise could have moved from within.
+    small = np.hypot(room, _noise_factor(required) * noise())
+    return "fail" if np.count_nonzero(limits.beyond(values) <= small) < required * count else "undecided"
+
+
+def _noise_factor(required: float) -> float:
+    """By how many sigma noise may move points: those that hold that share, and one more for its long tails.
+
+    >>> round(_noise_factor(0.95), 2), _noise_factor(1.0)
+    (2.96, 6.0)
+    """
+    from scipy.special import ndtri
+
+    return min(1.0 + float(ndtri(0.5 + 0.5 * required)), OFF_SIGMAS)
 
 
 def decision_record(decision: Decision, origin: FloatArray) -> dict[str, Any]:
