@@ -74,9 +74,7 @@ def decision_words(found: Decision, unit: str, signed: bool, noise: float | None
     unproven = sum(region.outcome == "undecided" for region in found.regions)
     if unproven:
         many = "1 region is" if unproven == 1 else f"{unproven} of {len(found.regions)} regions are"
-        words.append(
-            f"{many} undecided: with the uncertainty of its deviations and the noise of its points it may pass or fail."
-        )
+        words.append(f"{many} undecided: what the pose and the noise of points leave open allows pass and fail.")
     if found.wall_doubts:
         words.append(f"The sides of a thin wall cannot be told apart: {wall_words(found, of)} (wall_side).")
     if SOLVED_SCALE in found.codes:
