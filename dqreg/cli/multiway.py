@@ -227,10 +227,13 @@ def _write(console: Console, result: Multiway, options: dict[str, Any]) -> None:
     if options["fused"] is not None and not joined:
         say(console, f"not written: {options['fused']} (no two scans were joined)")
     elif options["fused"] is not None:
-        cloud = result.merged(options["voxel"])
+        cloud, left_out = result._merged(options["voxel"])
         write_cloud(options["fused"], cloud.points, cloud.normals)
         bare = "" if cloud.normals is not None else "; no normals: nothing tells the outside. --viewpoint does"
         say(console, f"wrote {options['fused']} ({len(cloud)} points{bare})")
+        if left_out:
+            points = "1 point" if left_out == 1 else f"{left_out} points"
+            say(console, f"  left out of it: {points} that other scans looked through")
     if options["report"] is not None:
         with console.status("writing the report"):
             result.report(options["report"])

@@ -130,12 +130,15 @@ class Multiway:
         return tuple(np.flatnonzero(np.isfinite(self.T_world_scan).all(axis=(1, 2))).tolist())
 
     def merged(self, voxel: float | None = None) -> PointCloud:
-        """One cloud of all placed scans: the mean of each cell, every point weighted by one over its variance.
+        """One cloud of all placed scans: means of the faces in each cell, points weighted by one over their variance.
+
+        Points where other scanners looked through, and no other scan has one, are left out. The two sides of a sheet
+        stay apart where it is known from which side each scan was taken.
 
         Parameters
         ----------
         voxel : float, optional
-            Edge of the cells. Default: the median spacing of the scans; 0 keeps all points.
+            Edge of the cells. Default: the median spacing of the scans; 0 keeps all points as they are.
 
         Returns
         -------
@@ -148,7 +151,11 @@ class Multiway:
         InputError
             If the result holds no scans (`attached` brings them back), none was placed, or the voxel is negative.
         """
-        return merge.merged(self._views(), self.T_world_scan, voxel)
+        return self._merged(voxel)[0]
+
+    def _merged(self, voxel: float | None) -> tuple[PointCloud, int]:
+        """The same, and how many points were left out."""
+        return merge.fused(self._views(), self.T_world_scan, voxel, self.settings.get("viewpoints"))
 
     def _views(self) -> tuple[View, ...]:
         if self.views is None:

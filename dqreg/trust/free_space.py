@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dqreg._arrays import BoolArray, FloatArray, bounds, median, quantile
+from dqreg._arrays import BoolArray, FloatArray, IntArray, bounds, median, quantile
 from dqreg.geometry.morton import morton_order
 from dqreg.geometry.neighbours import NeighbourTree
 from dqreg.geometry.normals import sample_rows
@@ -76,6 +76,17 @@ class DepthImage:
         points, axes, eye, low = (as_plain(each) for each in (points, self.axes, self.eye, self.low))
         count_before(points, axes, eye, low, float(self.pixel), self.nearest, self.filled, *limits, counts)
         return int(counts[0]), int(counts[1])
+
+    def sides_of(self, points: FloatArray, margin: float, step: float) -> IntArray:
+        """The same of each point, (n,): 1 for nearer, -1 for as far, 0 where nothing is said."""
+        places, ranges = _project(points, self.axes, self.eye)
+        at = np.floor((places.T - self.low) / self.pixel).astype(np.int64)
+        inside: BoolArray = np.all((at >= 0) & (at < self.filled.shape), axis=1)
+        row, column = np.where(inside[:, None], at, 0).T
+        known = inside & self.filled[row, column]
+        limit = margin + step * self.pixel * ranges
+        nearer = np.where(known, self.nearest[row, column], -np.inf) - ranges
+        return (nearer > limit).astype(np.int64) - (np.abs(nearer) <= limit)
 
 
 @dataclasses.dataclass(frozen=True)
