@@ -75,6 +75,11 @@ def remember(record: Record, **values: object) -> Record:
     return record
 
 
+def forget(record: object, name: str) -> None:
+    """Have a record make anew what it remembers under a name."""
+    vars(record).pop(name, None)
+
+
 def remembered(record: object, name: str, default: Any = None) -> Any:
     """What a record remembers under a name, or a default."""
     return vars(record).get(name, default)

@@ -10,7 +10,7 @@ from contextlib import suppress
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg._records import remembered
+from dqreg._records import forget, remembered
 from dqreg._statuses import SearchStage, is_finished
 from dqreg.geometry import Scan
 from dqreg.icp.stopwatch import Stopwatch
@@ -36,6 +36,12 @@ LOOKED_AT = 1_500
 
 # Of a target.
 PAIRS: Key[Kept[PairTable]] = Key()
+
+
+def drop_pairs(target: TargetIndex) -> None:
+    """Free what a search looks up, some 13 MB whatever the points: a later search of this target makes it anew."""
+    forget(target, "pairs")
+    target.derived.drop(PAIRS)
 
 
 @dataclasses.dataclass(frozen=True)

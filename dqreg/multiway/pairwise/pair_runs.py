@@ -19,6 +19,7 @@ from dqreg.files.code_identity import code_identity
 from dqreg.multiway.pose_graph.edges import PART, Edge
 from dqreg.multiway.scans.kept_pairs import digest_of_part, keep, kept
 from dqreg.multiway.scans.scans import View
+from dqreg.registration.initial_pose import drop_pairs
 from dqreg.registration.options.options import Effort
 from dqreg.registration.register import register
 from dqreg.registration.result.empty_results import without_pose
@@ -105,7 +106,14 @@ class PairRunner:
                     self.done += 1
                     left.done("", 1.0, (time.perf_counter() - began) / len(found))
                     self._tell(found[row], left.seconds)
+                    if all(jobs[k].target != jobs[row].target for k in (*waiting, *running.values())):
+                        self._drop_tables(jobs[row].target)
         return [found.get(row) or _untried(job, self.stopped) for row, job in enumerate(jobs)]
+
+    def _drop_tables(self, target: int) -> None:
+        """Free what the search made of a scan after its last pair: of each of many scans it would stay to the end."""
+        if target != PART and (prepared := self.views[target].target) is not None:
+            drop_pairs(prepared.indexed)
 
     def count(self, edge: Edge) -> None:
         """Count and tell a registration that was made elsewhere, as one to several scans at once."""

@@ -47,6 +47,10 @@ class Derived:
         """Take a value that was made elsewhere."""
         self._values[key, 0] = value
 
+    def drop(self, key: Key[Any]) -> None:
+        """Forget a value: whoever asks for it makes it anew."""
+        self._values.pop((key, 0), None)
+
     def hand_on(self, other: Derived) -> None:
         """Give those that the pose alone decides to what is at the same pose."""
         other._values.update({key: value for key, value in self._values.items() if key[0].of_pose})
