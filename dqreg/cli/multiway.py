@@ -29,6 +29,8 @@ ORDERS = ("any", "sequence", "turntable")
 EDGES = ("auto", "chain", "ring")
 # Columns of the tables in a pipe.
 PIPE_COLUMNS = 120
+# Names that show an order.
+SHOWN_NAMES = 3
 SECTIONS = {
     "Output": ("out", "fused", "report", "graph", "voxel", "as_json"),
     "What is known": ("order", "edges", "target", "starts", "viewpoint", "anchor"),
@@ -67,7 +69,7 @@ SECTIONS = {
 def multiway_command(scans: tuple[str, ...], quiet: bool, as_json: bool, **options: Any) -> int:
     """Bring many scans of one object or place into one frame: no initial poses needed.
 
-    SCANS are files, or patterns such as 'scans/*.ply'.
+    SCANS are files, or patterns such as 'scans/*.ply', which come as they are numbered: scan2 before scan10.
 
     \b
     dqreg multiway scans/*.ply --out poses.json --fused model.ply --report report.html
@@ -88,6 +90,7 @@ def multiway_command(scans: tuple[str, ...], quiet: bool, as_json: bool, **optio
     files = _files(scans)
     _check(files, options)
     console, shown = consoles(quiet=quiet, as_json=as_json, width=PIPE_COLUMNS, apart=True)
+    files = _as_numbered(files, options, shown)
     names = ("target", "edges", "order", "anchor", "effort", "seed", "workers", "time_limit")
     # After all that can be refused: it removes the pairs of an earlier run.
     with _pairs_folder(shown, options["out"], resume=options["resume"]) as folder, _kept(folder), WorkBar(shown) as bar:
@@ -120,6 +123,25 @@ def _files(scans: tuple[str, ...]) -> list[Path]:
             if Path(name).is_dir():
                 raise InputError(f"{name} is a folder; give the scans in it: '{name}/*.ply'")
             found.append(Path(name))
+    return found
+
+
+def _as_numbered(files: list[Path], options: dict[str, Any], console: Console) -> list[Path]:
+    """The files; of scans whose order counts as they are numbered, where a shell listed them 1, 10, 2."""
+    from dqreg.files.natural_order import is_shell_order, natural_order
+
+    if options["order"] == "any" or not is_shell_order(files):
+        return files
+    shown = ", ".join(file.stem for file in files[:SHOWN_NAMES])
+    if options["starts"] is not None:
+        say(
+            console,
+            f"scans are taken in the order given, as --starts: {shown}, ... Is that --order {options['order']}?",
+        )
+        return files
+    found = sorted(files, key=natural_order)
+    numbered = ", ".join(file.stem for file in found[:SHOWN_NAMES])
+    say(console, f"scans are taken as they are numbered: {numbered}, ... (the shell gave {shown}, ...)")
     return found
 
 

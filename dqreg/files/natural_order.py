@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 DIGITS = re.compile(r"(\d+)")
+# A number with a decimal point, as in a name of a time: as text 0.25 comes before 0.5, and 25 after 5 as a number.
+DECIMAL = re.compile(r"\d\.\d")
 
 
 def natural_order(path: str | os.PathLike[str]) -> tuple[list[list[tuple[int, str]]], str]:
@@ -21,3 +24,21 @@ def natural_order(path: str | os.PathLike[str]) -> tuple[list[list[tuple[int, st
         for name in Path(path).parts
     ]
     return pieces, str(path)
+
+
+def is_shell_order(paths: Sequence[Path]) -> bool:
+    """Whether files that are numbered come as a shell lists them, 1, 10, 2, and not as they are numbered.
+
+    Their names differ in whole numbers alone; another order is somebody's choice.
+
+    >>> orders = [1, 10, 2], [1, 2, 10], [2, 10, 1]
+    >>> [is_shell_order([Path(f"scan{number}.ply") for number in order]) for order in orders]
+    [True, False, False]
+    """
+    names = [path.stem for path in paths]
+    given = [str(path) for path in paths]
+    if len({DIGITS.sub("#", name) for name in given}) > 1 or any(DECIMAL.search(name) for name in names):
+        return False
+    # By characters, or by letters and digits alone, as the shells of most languages sort.
+    sorts = sorted(given), sorted(given, key=lambda name: ("".join(filter(str.isalnum, name.casefold())), name))
+    return given in sorts and list(paths) != sorted(paths, key=natural_order)

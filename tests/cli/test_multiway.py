@@ -63,6 +63,21 @@ def test_scans_of_a_pattern_come_as_they_are_numbered(tmp_path: Path) -> None:
     assert [path.stem for path in found] == ["scan_10", "scan_1", "scan_2", "scan_10"]
 
 
+@pytest.mark.parametrize("order", ["turntable", "any"])
+def test_scans_that_a_shell_listed_are_taken_as_they_are_numbered(
+    order: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    names = [tmp_path / f"scan{number}.ply" for number in (1, 10, 2)]
+    for name, of in zip(names, (0, 1, 1), strict=True):
+        points = read_cloud(folder / f"view{of}.ply").points
+        write_cloud(name, points[:: 10 + (name.stem == "scan2")])
+    run("multiway", *names, "--order", order, "--effort", "fast", "--workers", 1, "--out", tmp_path / "poses.json")
+    told = capsys.readouterr().err
+    found = json.loads((tmp_path / "poses.json").read_text())["names"]
+    assert found == (["scan1", "scan2", "scan10"] if order == "turntable" else ["scan1", "scan10", "scan2"])
+    assert ("as they are numbered: scan1, scan2, scan10, ... (the shell gave" in told) == (order == "turntable")
+
+
 @pytest.mark.parametrize("unit", [None, "mm"])
 def test_lengths_have_the_unit_of_the_scans_and_progress_is_no_result(
     unit: str | None, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]

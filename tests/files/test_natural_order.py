@@ -3,10 +3,11 @@ from __future__ import annotations
 import itertools
 from pathlib import Path
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dqreg.files.natural_order import natural_order
+from dqreg.files.natural_order import is_shell_order, natural_order
 
 NAMES = st.text(st.sampled_from("0129_. ab²³٣½\u0967é"), min_size=1, max_size=8)
 
@@ -26,3 +27,21 @@ def test_any_names_have_one_order(names: list[str]) -> None:
 
 def test_a_digit_that_counts_nothing_is_text() -> None:
     assert sorted(["²1.pcd", "²10.pcd", "²2.pcd"], key=natural_order) == ["²1.pcd", "²2.pcd", "²10.pcd"]
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        (["s1.ply", "s10.ply", "s2.ply"], True),
+        # Shells of most languages leave the point out.
+        (["s10.ply", "s1.ply", "s2.ply"], True),
+        (["s1.ply", "s2.ply", "s10.ply"], False),
+        (["s2.ply", "s10.ply", "s1.ply"], False),
+        (["s01.ply", "s02.ply", "s10.ply"], False),
+        # Numbers of what is no row, and decimals.
+        (["a10.ply", "b2.ply", "b3.ply"], False),
+        (["t0.25.ply", "t0.5.ply"], False),
+    ],
+)
+def test_the_order_of_a_shell_is_told_from_a_choice(names: list[str], expected: bool) -> None:
+    assert is_shell_order([Path("scans", name) for name in names]) == expected
