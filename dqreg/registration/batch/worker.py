@@ -97,7 +97,7 @@ class Worker:
 
     def _ready(self, watch: Watch) -> None:
         """See to it that there is a process."""
-        if self._process is not None and self._process.poll() is None:
+        if self._process is not None and self._process.poll() is None and (self._idle is None or self._answers()):
             return
         self._end()
         with self._lock:
@@ -109,6 +109,14 @@ class Worker:
             self._asked(self._prepare, start)
         finally:
             watch.failure = start.failure
+
+    def _answers(self) -> bool:
+        """Whether a process that stood idle is still there: that it was killed is not the doing of the next task."""
+        watch = Watch(START_SECONDS, None)
+        with contextlib.suppress(EOFError, OSError):
+            self._asked(_nothing, watch)
+            return watch.failure is None
+        return False
 
     def _asked(self, task: Callable[[], Result], watch: Watch) -> Result:
         process = self._process

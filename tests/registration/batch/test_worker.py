@@ -130,6 +130,19 @@ def test_an_idle_one_leaves_and_the_next_task_starts_another():
         worker.close()
 
 
+def test_one_that_is_killed_while_it_stands_idle_is_replaced():
+    worker = Worker(threads=1, idle=60.0)
+    try:
+        first, process = worker.call(GOOD), worker._process
+        process.kill()
+        # It may be on its way out still when the next task comes.
+        second = worker.call(GOOD)
+        assert not isinstance(second, Failure)
+        assert second != first
+    finally:
+        worker.close()
+
+
 def test_what_it_has_started_counts_as_its_memory(worker):
     found = worker.call(partial(behave, "a greedy child"), 20.0, 600e6)
     assert (found.kind, found.message[-13:]) == ("memory", "limit 0.6 GiB")
