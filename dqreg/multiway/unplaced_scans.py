@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from dqreg.files.units import factor
-from dqreg.multiway.pose_graph.edges import PART, EdgeCode, ended_in_error, is_refused
+from dqreg.multiway.pose_graph.edges import PART, EdgeCode, ended_in_error, is_refused, was_cut_off
 from dqreg.multiway.scan_names import named, pairs_named
 from dqreg.multiway.scans.scans import View, size_of
 from dqreg.multiway.selection.edge_selection import EdgeSelection
@@ -56,7 +56,7 @@ def _why_apart(selection: EdgeSelection, group: Sequence[int]) -> str:
 def _why_alone(views: Sequence[View], selection: EdgeSelection, placed: Sequence[int], k: int) -> str:
     if _all_in_error(selection, [k]) or _apart_from_part(selection):
         return "the registrations to others ended in errors"
-    if _cut_off(selection, k):
+    if any(was_cut_off(edge) for edge in selection.edges if k in (edge.target, edge.source)):
         return "not all of its pairs were registered before the end of the run"
     units = _units_words(views, [j for j in placed if j != k], k)
     if units:
@@ -87,16 +87,6 @@ def _loose_pairs(selection: EdgeSelection, k: int) -> tuple[int, int]:
         and HARDLY_HELD & set(edge.registration.verdict.codes)
     ]
     return (len(loose), len(own)) if 2 * len(loose) >= len(own) else (0, len(own))
-
-
-def _cut_off(selection: EdgeSelection, k: int) -> bool:
-    """Whether a pair of a scan was not begun, or not ended, in time: too little is known of it."""
-    return any(
-        k in (edge.target, edge.source)
-        and not edge.found
-        and (edge.code == "untried" or "search_time_limit" in edge.registration.verdict.codes)
-        for edge in selection.edges
-    )
 
 
 def _units_words(views: Sequence[View], others: Sequence[int], k: int) -> str:

@@ -17,7 +17,7 @@ from dqreg.errors import InputError
 from dqreg.files import code_identity, write_cloud
 from dqreg.geometry import Mesh, sample_mesh
 from dqreg.multiway.pose_graph.edges import PART
-from dqreg.multiway.report.tables import pairs_table, scans_table
+from dqreg.multiway.report.tables import pairs_table, rescans, scans_table
 from dqreg.multiway.scans.kept_pairs import digest_of
 from dqreg.rigid import pose
 from dqreg.synth.parts import bracket
@@ -369,6 +369,8 @@ def test_an_observer_that_says_no_ends_the_pairs() -> None:
     assert [edge.code for edge in result.edges] == ["used", "untried"]
     assert "search_time_limit" in result.verdict.codes
     assert result.placed == (0, 1)
+    # What was not tried says nothing of the scans.
+    assert [("more time" in words, "Scan it again" in words) for words in rescans(result)] == [(True, False)]
 
 
 def test_from_files_to_files_on_the_command_line(tmp_path: Path) -> None:

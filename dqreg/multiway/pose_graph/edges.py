@@ -100,6 +100,11 @@ def ended_in_error(edge: Edge) -> bool:
     return edge.level == "failed" and "unreadable" in edge.registration.verdict.codes
 
 
+def was_cut_off(edge: Edge) -> bool:
+    """Whether the end of the run came before a pose was found: too little is known of its scans."""
+    return not edge.found and (edge.code == "untried" or "search_time_limit" in edge.registration.verdict.codes)
+
+
 def confidence_of_edge(edge: Edge) -> float:
     """Confidence of an edge; 0 where it is not known."""
     return float(np.nan_to_num(edge.registration.verdict.confidence))

@@ -56,8 +56,8 @@ def to_html(result: ManyScans) -> str:
             f"{sum(loop.chi2 <= CHI2_LIMIT for loop in loops)} of {len(loops)}",
             "of three used pairs",
         ),
-        ("Sigma of rotation", f"{text_of(_most(spread[:, 0]), 2)} deg", "largest of all scans"),
-        ("Sigma of translation", f"{text_of(_most(spread[:, 1]), 2)}{unit}", "largest of all scans"),
+        ("Sigma of rotation", _with_unit(_most(spread[:, 0]), " deg"), "largest of all scans"),
+        ("Sigma of translation", _with_unit(_most(spread[:, 1]), unit), "largest of all scans"),
     ]
     return render(
         "multiway.html",
@@ -85,6 +85,10 @@ def colours_of(count: int) -> list[str]:
         red, green, blue = colorsys.hls_to_rgb(k * HUE_STEP_TURNS % 1.0, (0.35, 0.5, 0.65)[k % 3], 0.75)
         found.append("#" + "".join(f"{round(255 * part):02x}" for part in (red, green, blue)))
     return found
+
+
+def _with_unit(value: float, unit: str) -> str:
+    return text_of(value, 2) + (unit if np.isfinite(value) else "")
 
 
 def _most(values: FloatArray) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dqreg._arrays import FloatArray
-from dqreg.multiway.pose_graph.edges import PART
+from dqreg.multiway.pose_graph.edges import PART, was_cut_off
 from dqreg.multiway.pose_graph.loops import CHI2_LIMIT
 from dqreg.multiway.report.result_protocol import ManyScans
 from dqreg.report.table import Column, Table
@@ -135,12 +135,14 @@ def loops_table(result: ManyScans) -> Table:
 
 def rescans(result: ManyScans) -> list[str]:
     """What to scan again, or in addition, in sentences."""
-    words = []
+    words, cut_off = [], []
     placed = set(result.placed)
     for k, name in enumerate(result.names):
         used = [edge for edge in result.edges if edge.used and k in (edge.target, edge.source)]
         tried = [edge for edge in result.edges if k in (edge.target, edge.source)]
-        if k not in placed:
+        if any(was_cut_off(edge) for edge in tried) and (k not in placed or len(used) < MIN_USED_PAIRS):
+            cut_off.append(name)
+        elif k not in placed:
             best = ", ".join(name_of(result, e.target if e.source == k else e.source) for e in tried if e.found)
             words.append(
                 f"{name}: not placed. Scan it again with a third or more of it in common with another scan"
@@ -151,4 +153,9 @@ def rescans(result: ManyScans) -> list[str]:
             words.append(
                 f"{name}: placed by one pair alone, which no loop checks. One more scan between would check it."
             )
+    if cut_off:
+        words.append(
+            f"{', '.join(cut_off)}: not all of their pairs were registered before the end of the run. Run it again "
+            "with more time before you scan anything again: --resume keeps the pairs that are there."
+        )
     return words
