@@ -187,7 +187,8 @@ def _said(
     edges, started = selection.edges, all(T is not None for T, view in zip(known, views, strict=True) if view.usable)
     remarks = (*contradicted_starts(views, known, T_world_scan, edges, judge.size), *stray_remarks(views))
     still = unmoved_scans(views, edges, T_world_scan, order, started=started)
-    return remarks, (*still, *other_frame(views, judge.homes, judge.home, selection.anchor))
+    assumed = () if judge.steps is None else judge.steps.doubts()
+    return remarks, (*assumed, *still, *other_frame(views, judge.homes, judge.home, selection.anchor))
 
 
 def _settings(asked: dict[str, Any], runner: PairRunner, judge: Judge) -> dict[str, Any]:
@@ -220,6 +221,9 @@ def _selection(
             judge, with_overlapping_pairs(runner, selection, judge, judge.size)
         )
     judge, selection = without_passed_scans(judge, selection)
+    if judge.steps is not None and judge.steps.assumed:
+        # Views that hardly hold each other stand too far off for that: all together they hold each other.
+        return selection
     return without_misfits(runner.views, judge, selection, runner.effort, runner.seed)[1]
 
 

@@ -7,7 +7,7 @@ pairs agree on one motion, it is no accident that a pair comes to the same in wh
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -21,11 +21,15 @@ from dqreg.multiway.turntables.turntable import OTHER_STEP_SHARE, step_of
 from dqreg.rigid import DualQuaternion, pose
 from dqreg.rigid.twist import scaling_by
 from dqreg.trust.code_sets import SETTLED_BY_STEPS
+from dqreg.trust.records import Reason
 
 # Accepted pairs of near places that agree with the step, at least, and their share of all of these.
 MIN_AGREEING_PAIRS, MIN_AGREEING_SHARE = 3, 0.5
 # Places apart of pairs that tell how well the steps agree.
 MAX_PLACES_APART = 2
+# Rounds in which a step of loose pairs is found, its numerical differences, in radians and sizes, and the share of
+# the neighbours all round, and of all such pairs, that come to it.
+LOOSE_ROUNDS, DIFFERENCE, MIN_LOOSE_SHARE = 20, 1e-6, 2 / 3
 # Median of the sum of three squares of unit variance.
 MEDIAN_OF_THREE_SQUARES = 2.366
 
@@ -42,6 +46,7 @@ class EqualSteps:
     size: float
     floor: float  # Poses of pairs need not agree to better
     centres: FloatArray  # (n, 3): Middle of each scan
+    assumed: bool = False  # Whether it follows from pairs none of which need be accepted
 
     @staticmethod
     def of(edges: Sequence[Edge], views: Sequence[View], size: float, floor: float) -> EqualSteps | None:
@@ -57,20 +62,63 @@ class EqualSteps:
         found = EqualSteps(table.step, places, True, np.ones(6), table.agreeing, size, floor, centres)
         accepted = [edge for edge in pairs if edge.level == "accepted"]
         near = [edge for edge in accepted if abs(found._apart(edge.target, edge.source)) <= MAX_PLACES_APART]
-        if not near:
-            return None
         twists = found._twists(graph_of(near, len(views)))
         alike = found._near(twists)
         if alike.sum() < MIN_AGREEING_PAIRS or alike.sum() < MIN_AGREEING_SHARE * len(near):
-            return None
+            return found._of_loose(pairs) if len(near) < MIN_AGREEING_PAIRS else None
         squares = np.array([np.median((twists[alike][:, rows] ** 2).sum(axis=1)) for rows in (slice(3), slice(3, 6))])
         found = dataclasses.replace(found, variances=np.repeat(squares / MEDIAN_OF_THREE_SQUARES, 3))
         return dataclasses.replace(found, closes=found._goes_round())
 
+    def _of_loose(self, pairs: Sequence[Edge]) -> EqualSteps | None:
+        """The one step round the table to which pairs that each leave a motion free come in what they hold.
+
+        Each view of a box shows a face or two of the next one: no pair is accepted, and all are right.
+        """
+        near = [edge for edge in pairs if abs(self._apart(edge.target, edge.source)) <= MAX_PLACES_APART]
+        near = [edge for edge in near if _is_sound(edge)]
+        graph = graph_of(near, len(self.centres))
+        spread = covariances_of(graph, self.size, self.floor)
+        whitening = np.linalg.cholesky(np.linalg.inv(spread)).transpose(0, 2, 1)
+        limit, found = np.inf, self
+        for _ in range(LOOSE_ROUNDS if near else 0):
+            errors = np.einsum("mij,mj->mi", whitening, found._twists(graph))
+            chi2 = (errors**2).sum(axis=1)
+            limit = max(min(0.5 * limit, float(np.median(chi2))), CHI2_LIMIT)
+            weights = (limit / (limit + chi2)) ** 2
+            J = np.stack([np.einsum("mij,mj->mi", whitening, found._moved(twist)._twists(graph)) - errors
+                          for twist in self._differences()], axis=2) / DIFFERENCE  # fmt: skip
+            normal = np.einsum("mki,m,mkj->ij", J, weights, J)
+            step = np.linalg.lstsq(normal, -np.einsum("mki,m,mk->i", J, weights, errors), rcond=None)[0]
+            found = found._moved(step * scaling_by(1.0, self.size))
+        return found._if_agreed(graph, spread, normal) if near else None
+
+    def _if_agreed(self, graph: PoseGraph, spread: FloatArray, normal: FloatArray) -> EqualSteps | None:
+        """Such a step, where it is known, goes round, and most pairs all round come to it."""
+        twists = self._twists(graph)
+        agrees = np.einsum("mi,mi->m", twists, np.linalg.solve(spread, twists[..., None])[..., 0]) <= CHI2_LIMIT
+        single = (np.abs(self._all_apart(graph)) == 1.0) & agrees
+        few = single.sum() < MIN_LOOSE_SHARE * len(self.places) or agrees.sum() < MIN_LOOSE_SHARE * len(agrees)
+        sigmas = np.sqrt(np.diag(np.linalg.pinv(normal)))
+        if few or np.linalg.matrix_rank(normal) != 6 or sigmas.max() > OTHER_STEP_SHARE:
+            return None
+        variances = np.repeat([(sigmas[rows] ** 2).max() for rows in (slice(3), slice(3, 6))], 3)
+        variances = variances * agrees.sum() * scaling_by(1.0, self.size) ** 2
+        found = dataclasses.replace(self, variances=variances, agreeing=int(agrees.sum()), assumed=True)
+        return found if found._goes_round() else None
+
+    def _moved(self, twist: FloatArray) -> EqualSteps:
+        centre = pose.from_parts(np.eye(3), self.centres[list(self.places)].mean(axis=0))
+        T = centre @ pose.exp(twist) @ pose.inverse(centre) @ self.step.as_matrix()
+        return dataclasses.replace(self, step=DualQuaternion.from_matrix(T))
+
+    def _differences(self) -> FloatArray:
+        return np.asarray(DIFFERENCE * np.diag(scaling_by(1.0, self.size)))
+
     def agree(self, graph: PoseGraph, edges: Sequence[Edge]) -> BoolArray:
         """Edges of a graph that come to what the steps say, and of which nothing else is doubted, (m,)."""
         on_table = [edge.target in self.places and edge.source in self.places for edge in edges]
-        sound = [edge.level == "accepted" or set(edge.registration.verdict.codes) <= SETTLED_BY_STEPS for edge in edges]
+        sound = [_is_sound(edge) for edge in edges]
         rows = np.flatnonzero(np.array(on_table, dtype=bool) & np.array(sound, dtype=bool))
         found = np.zeros(len(edges), dtype=bool)
         part = graph.part(rows)
@@ -80,6 +128,16 @@ class EqualSteps:
         chi2 = np.einsum("mi,mi->m", twists, np.linalg.solve(spread, twists[..., None])[..., 0])
         found[rows] = (chi2 <= CHI2_LIMIT) & self._near(twists)
         return found
+
+    def doubts(self) -> Iterator[Reason]:
+        """A doubt where no pairs that are believed by themselves say the step."""
+        if self.assumed:
+            yield Reason(
+                f"the step of the table follows from {self.agreeing} pairs that come to one in what they hold, and "
+                f"fewer than {MIN_AGREEING_PAIRS} of them are accepted: what they leave free is assumed; scan with "
+                "more overlap, or with a third face in it",
+                "unconfirmed_scan",
+            )
 
     def graph(self, count: int) -> PoseGraph:
         """The steps between neighbours, as edges of a graph of so many nodes."""
@@ -119,3 +177,8 @@ class EqualSteps:
     def _near(self, twists: FloatArray) -> BoolArray:
         turned, shifted = np.linalg.norm(twists[:, :3], axis=1), np.linalg.norm(twists[:, 3:], axis=1)
         return np.asarray((turned <= OTHER_STEP_SHARE) & (shifted <= OTHER_STEP_SHARE * self.size))
+
+
+def _is_sound(edge: Edge) -> bool:
+    """Whether nothing is doubted of a pair but what steps can tell."""
+    return edge.level == "accepted" or set(edge.registration.verdict.codes) <= SETTLED_BY_STEPS

@@ -72,6 +72,38 @@ def test_doubted_pairs_that_come_to_the_step_place_views_that_nothing_else_does(
     assert "table" in str(verdict.reasons[0])
 
 
+def loose_pairs(T: FloatArray, seed: int) -> list[Edge]:
+    """Pairs one and two places apart, none accepted: each slides along an edge of its own, as those of a box do."""
+    rng, edges = np.random.default_rng(seed), []
+    for apart in (1, 2):
+        for i in range(COUNT):
+            j, along = (i + apart) % COUNT, np.r_[np.zeros(3), rng.normal(size=3)]
+            along /= np.linalg.norm(along)
+            error = SIGMA * rng.normal(size=6) + 0.01 * rng.normal() * along
+            between = pose.inverse(T[i]) @ T[j] if i < j else DualQuaternion.from_matrix(STEP) ** float(apart)
+            between = between if isinstance(between, np.ndarray) else between.as_matrix()
+            measured = pose.about(pose.exp(error), CENTRE) @ between
+            result = registration(measured, SIGMA**2 * np.eye(6) + 0.1**2 * np.outer(along, along), CENTRE, "suspect")
+            verdict = Verdict("suspect", (Reason("made by hand", "unconstrained"),))
+            edges.append(Edge(i, j, dataclasses.replace(result, verdict=verdict)))
+    return edges
+
+
+def test_pairs_none_of_which_is_accepted_agree_on_a_step_in_what_they_hold() -> None:
+    T = poses()
+    selection = judged(loose_pairs(T, seed=2))
+    assert off(selection, T).max() < 10 * SIGMA
+    steps = EqualSteps.of(loose_pairs(T, seed=2), VIEWS, SIZE, 0.0)
+    assert steps is not None
+    assert steps.assumed
+
+
+def test_loose_pairs_that_do_not_come_round_the_table_say_no_step() -> None:
+    half = DualQuaternion.from_matrix(STEP) ** 0.9
+    edges = loose_pairs(poses([half.as_matrix()] * (COUNT - 1)), seed=3)
+    assert EqualSteps.of(edges, VIEWS, SIZE, 0.0) is None
+
+
 def test_pairs_of_which_something_else_is_doubted_are_not_confirmed_by_steps() -> None:
     T = poses()
     selection = judged(on_table(T, seed=1, doubts=("deviating_patches",)))
