@@ -46,7 +46,8 @@ def weakly_held(views: Sequence[View], selection: EdgeSelection, placed: Sequenc
     if assumed:
         yield Reason(
             f"{named(views, assumed)}: no pair is accepted by itself, and that they stand where equal steps of the "
-            "table put them confirms the pose: what their pairs do not hold is assumed; scan more overlap there",
+            "table, or the starts, put them confirms the pose: what their pairs do not hold is assumed; scan more "
+            "overlap there",
             "unconfirmed_scan",
         )
     weak = [k for k in weak if k not in assumed]

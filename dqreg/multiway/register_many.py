@@ -27,10 +27,12 @@ from dqreg.multiway.selection.consensus import by_consensus
 from dqreg.multiway.selection.edge_selection import EdgeSelection
 from dqreg.multiway.selection.outlier_scans import (
     Judge,
+    placed_of,
     without_contradicting_scans,
     without_misfits,
     without_passed_scans,
 )
+from dqreg.multiway.selection.start_prior import joined_by_starts
 from dqreg.multiway.turntables.equal_steps import EqualSteps
 from dqreg.multiway.turntables.rotational_symmetry import turnings
 from dqreg.multiway.turntables.round_part import RoundPart, laid_by_angles
@@ -154,7 +156,7 @@ def register_many(
     on_table = order == "turntable" and turned is None and any(known[k] is None for k in usable)
     steps = EqualSteps.of(found, views, size, floor) if on_table else None
     judge = Judge(sides, len(views), home, size, floor, homes, steps)
-    selection = _selection(runner, judge, found, turned, automatic=automatic)
+    judge, selection = _selection(runner, judge, found, turned, automatic=automatic)
     seconds["pairs"] = time.perf_counter() - began - sum(seconds.values())
     known_by = sides.bodies, part, selection.T_world_scan[: len(views)], selection.anchor, size, effort
     joint = refined(views, *known_by, on_table=steps is not None, deadline=began + JOINT_SHARE * (time_limit or np.inf))
@@ -208,12 +210,12 @@ def _settings(asked: dict[str, Any], runner: PairRunner, judge: Judge) -> dict[s
 
 def _selection(
     runner: PairRunner, judge: Judge, found: Sequence[Edge], turned: RoundPart | None, *, automatic: bool
-) -> EdgeSelection:
+) -> tuple[Judge, EdgeSelection]:
     """Which edges and scans are believed: what fits nowhere is left out."""
     selection = judge(found)
     if turned is not None:
         # The others refuse what is laid by angles that nobody knows.
-        return without_contradicting_scans(judge, selection)[1]
+        return without_contradicting_scans(judge, selection)
     judge, selection = without_passed_scans(judge, selection)
     judge, selection = without_contradicting_scans(*by_consensus(runner, judge, selection))
     if automatic:
@@ -223,8 +225,14 @@ def _selection(
     judge, selection = without_passed_scans(judge, selection)
     if judge.steps is not None and judge.steps.assumed:
         # Views that hardly hold each other stand too far off for that: all together they hold each other.
-        return selection
-    return without_misfits(runner.views, judge, selection, runner.effort, runner.seed)[1]
+        return judge, selection
+    judge, selection = without_misfits(runner.views, judge, selection, runner.effort, runner.seed)
+    starts = joined_by_starts(selection, judge.homes, judge.size, judge.floor)
+    if starts is None:
+        return judge, selection
+    started = dataclasses.replace(judge, steps=starts)
+    trial = without_passed_scans(*without_contradicting_scans(started, started(selection.edges)))
+    return max((judge, selection), trial, key=lambda each: placed_of(each[1]))
 
 
 def _homes(views: Sequence[View], anchor: int, known: Sequence[FloatArray | None]) -> tuple[int, dict[int, FloatArray]]:

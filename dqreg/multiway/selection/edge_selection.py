@@ -20,7 +20,7 @@ from dqreg.multiway.pose_graph.loops import (
     covariances_of,
     find_loops,
 )
-from dqreg.multiway.turntables.equal_steps import EqualSteps
+from dqreg.multiway.pose_graph.motion_prior import MotionPrior
 from dqreg.rigid import pose
 from dqreg.trust.code_sets import SETTLED_BY_LOOPS
 
@@ -79,14 +79,14 @@ def select_edges(
     size: float,
     floor: float,
     homes: Mapping[int, FloatArray],
-    steps: EqualSteps | None = None,
+    steps: MotionPrior | None = None,
 ) -> EdgeSelection:
     """Judge all edges that were tried, and place what they hold together.
 
     The anchor, a scan or -1 for the part, keeps its pose of ``homes``, or is the origin where it has none there. So
     does a scan that takes its place, one with a pose there before others. Poses of pairs need not agree to better than
-    the floor, a length; size is a typical diagonal of a scan. Steps of a turntable confirm edges, and hold what these
-    leave free.
+    the floor, a length; size is a typical diagonal of a scan. Steps of a turntable, or starts, confirm edges and hold
+    what these leave free.
     """
     codes: list[EdgeCode] = [_initial_code(edge, size) for edge in edges]
     rows = np.array([k for k, code in enumerate(codes) if code == "unconfirmed"], dtype=np.int64)

@@ -14,10 +14,10 @@ from dqreg._arrays import FloatArray
 from dqreg.errors import DqregError
 from dqreg.multiway.pairwise.pairs import Pair
 from dqreg.multiway.pose_graph.edges import Edge, EdgeCode
+from dqreg.multiway.pose_graph.motion_prior import MotionPrior
 from dqreg.multiway.scans.merge import merged_target
 from dqreg.multiway.scans.scans import View
 from dqreg.multiway.selection.edge_selection import EdgeSelection, select_edges
-from dqreg.multiway.turntables.equal_steps import EqualSteps
 from dqreg.multiway.visibility.passed_rays import MAX_PASSED_SHARE
 from dqreg.multiway.visibility.sides import Sides
 from dqreg.registration.options.options import Effort
@@ -47,7 +47,7 @@ class Judge:
     size: float
     floor: float
     homes: Mapping[int, FloatArray]  # Poses that are known; of the one held, if there, it is kept
-    steps: EqualSteps | None = None  # Of a turntable
+    steps: MotionPrior | None = None  # Of a turntable, or starts
     # Edges that contradict scans besides their own two, and how
     refuted: Mapping[Key, EdgeCode] = dataclasses.field(default_factory=dict)
 
@@ -89,7 +89,7 @@ def without_contradicting_scans(judge: Judge, selection: EdgeSelection) -> tuple
                 break
             trial, rest, left = _left_out(judge, selection, k)
             if _count(left) < pairs:
-                trials.append((_count(left) + _loss(selection, rest), -_placed_of(rest), trial, rest, left))
+                trials.append((_count(left) + _loss(selection, rest), -placed_of(rest), trial, rest, left))
         if not trials:
             break
         _, _, judge, selection, against = min(trials, key=_cost)
@@ -170,7 +170,7 @@ def _count(against: FloatArray) -> int:
     return int(np.count_nonzero(np.triu(against, 1)))
 
 
-def _placed_of(selection: EdgeSelection) -> int:
+def placed_of(selection: EdgeSelection) -> int:
     """How many scans have a pose."""
     return int(np.isfinite(selection.T_world_scan[:-1]).all(axis=(1, 2)).sum())
 
@@ -189,7 +189,7 @@ def without_misfits(
             continue
         without = judge.without(_edges_at(selection, k), "misfit")
         rest = without(selection.edges)
-        if _placed_of(rest) < max(_placed_of(selection) - 1, MIN_SCANS_OF_TEST) or rest.anchor != selection.anchor:
+        if placed_of(rest) < max(placed_of(selection) - 1, MIN_SCANS_OF_TEST) or rest.anchor != selection.anchor:
             continue
         if not _fits_all(views, k, selection, rest, judge.size, effort, seed):
             judge, selection = without, rest

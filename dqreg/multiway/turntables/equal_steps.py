@@ -76,7 +76,7 @@ class EqualSteps:
         Each view of a box shows a face or two of the next one: no pair is accepted, and all are right.
         """
         near = [edge for edge in pairs if abs(self._apart(edge.target, edge.source)) <= MAX_PLACES_APART]
-        near = [edge for edge in near if _is_sound(edge)]
+        near = [edge for edge in near if is_sound(edge)]
         graph = graph_of(near, len(self.centres))
         spread = covariances_of(graph, self.size, self.floor)
         whitening = np.linalg.cholesky(np.linalg.inv(spread)).transpose(0, 2, 1)
@@ -118,7 +118,7 @@ class EqualSteps:
     def agree(self, graph: PoseGraph, edges: Sequence[Edge]) -> BoolArray:
         """Edges of a graph that come to what the steps say, and of which nothing else is doubted, (m,)."""
         on_table = [edge.target in self.places and edge.source in self.places for edge in edges]
-        sound = [_is_sound(edge) for edge in edges]
+        sound = [is_sound(edge) for edge in edges]
         rows = np.flatnonzero(np.array(on_table, dtype=bool) & np.array(sound, dtype=bool))
         found = np.zeros(len(edges), dtype=bool)
         part = graph.part(rows)
@@ -179,6 +179,6 @@ class EqualSteps:
         return np.asarray((turned <= OTHER_STEP_SHARE) & (shifted <= OTHER_STEP_SHARE * self.size))
 
 
-def _is_sound(edge: Edge) -> bool:
+def is_sound(edge: Edge) -> bool:
     """Whether nothing is doubted of a pair but what steps can tell."""
     return edge.level == "accepted" or set(edge.registration.verdict.codes) <= SETTLED_BY_STEPS
