@@ -10,13 +10,15 @@ import numpy as np
 
 from dqreg._arrays import FloatArray
 from dqreg.multiway.loose_scans import put_elsewhere, unconfirmed, used_loops, weakly_held
-from dqreg.multiway.pose_graph.edges import PART
+from dqreg.multiway.pose_graph.edges import PART, Edge, centre_of
 from dqreg.multiway.scan_names import NAMED_SCANS, named, pairs_named
 from dqreg.multiway.scans.scans import View
+from dqreg.multiway.selection.consistent_set import SAME_RAD, SAME_SHIFT_SIZES
 from dqreg.multiway.selection.edge_selection import EdgeSelection
 from dqreg.multiway.turntables.rotational_symmetry import UnobservableRotation
 from dqreg.multiway.unplaced_scans import errors, unplaced
 from dqreg.multiway.visibility.sides import Contradiction
+from dqreg.rigid import pose
 from dqreg.solvers.motion_words import axis_words
 from dqreg.trust.code_sets import OF_ANOTHER_SHAPE, VIEWPOINT_OFF
 from dqreg.trust.limits import MAX_SIGMA_DIAGONALS, MAX_SIGMA_RAD
@@ -58,7 +60,7 @@ def judge_scans(
     doubts += _contradicted(views, against)
     doubts += _turned(views, turns)
     doubts += _viewpoints(views, selection)
-    doubts += _deformed(views, selection)
+    doubts += _deformed(views, selection, T_world_scan, size)
     if not joined:
         nothing = Reason("no pose: no two scans could be joined", "no_pose")
         return Verdict("failed", (nothing, *doubts, *_notes(views, selection)))
@@ -159,24 +161,49 @@ def _viewpoints(views: Sequence[View], selection: EdgeSelection) -> Iterator[Rea
         )
 
 
-def _deformed(views: Sequence[View], selection: EdgeSelection) -> Iterator[Reason]:
-    """Scans that their own pairs call stretched or bent; of both ends of a pair the one with more of these is meant."""
-    used = [edge for edge in selection.edges if edge.used and edge.target != PART]
-    told = [edge for edge in used if OF_ANOTHER_SHAPE & set(edge.registration.verdict.codes)]
+def _deformed(
+    views: Sequence[View], selection: EdgeSelection, T_world_scan: FloatArray, size: float
+) -> Iterator[Reason]:
+    """Scans that their own pairs call stretched or bent; of both ends of a pair the one with more of these is meant.
+
+    So do pairs left out that come near the pose of all, and accepted ones among them that contradict it: a scan that is
+    bent fits each other one a little elsewhere.
+    """
+    own = [
+        edge for edge in selection.edges if edge.target != PART and (edge.used or _is_near(edge, T_world_scan, size))
+    ]
+    told = [edge for edge in own if _is_of_another_shape(edge)]
+    told += [edge for edge in own if edge.code == "contradicts" and edge.level == "accepted"]
     found = []
-    while told:
+    while any(map(_is_of_another_shape, told)):
         counts = Counter(k for edge in told for k in (edge.target, edge.source))
         worst = max(counts, key=lambda k: (counts[k], k))
-        whole = sum(worst in (edge.target, edge.source) for edge in used)
-        if counts[worst] >= MIN_DEFORMED_PAIRS and counts[worst] >= MIN_DEFORMED_SHARE * whole:
-            found.append(f"{views[worst].name} ({counts[worst]} of {whole} pairs)")
-        told = [edge for edge in told if worst not in (edge.target, edge.source)]
+        of_worst = [edge for edge in told if worst in (edge.target, edge.source)]
+        whole = sum(worst in (edge.target, edge.source) for edge in own)
+        enough = len(of_worst) >= MIN_DEFORMED_PAIRS and len(of_worst) >= MIN_DEFORMED_SHARE * whole
+        if enough and any(map(_is_of_another_shape, of_worst)):
+            found.append(f"{views[worst].name} ({len(of_worst)} of {whole} pairs)")
+        told = [edge for edge in told if edge not in of_worst]
     if found:
         yield Reason(
             f"{', '.join(found[:NAMED_SCANS])}: the shape differs from that of the scans that overlap there, by a "
             "scale, a bend or waves: calibrate the scanner, clamp the part anew, or leave the scan out",
             "deformed_scan",
         )
+
+
+def _is_of_another_shape(edge: Edge) -> bool:
+    return bool(OF_ANOTHER_SHAPE & set(edge.registration.verdict.codes))
+
+
+def _is_near(edge: Edge, T_world_scan: FloatArray, size: float) -> bool:
+    """Whether a pair comes near the pose that all scans together have."""
+    T = pose.inverse(T_world_scan[edge.target]) @ T_world_scan[edge.source]
+    if not edge.found or not np.isfinite(T).all():
+        return False
+    measured, centre = edge.registration.T_target_source, centre_of(edge.registration)
+    off = float(np.linalg.norm(pose.apply(measured @ pose.inverse(T), centre[None])[0] - centre))
+    return off <= SAME_SHIFT_SIZES * size and float(pose.angle_between(measured, T)) <= SAME_RAD
 
 
 def _notes(views: Sequence[View], selection: EdgeSelection) -> Iterator[Reason]:

@@ -285,13 +285,20 @@ def test_an_edge_to_the_part_outweighs_one_between_two_scans() -> None:
     np.testing.assert_allclose(selection.T_world_scan[:4], T, atol=10 * SIGMA)
 
 
-def verdict_of_shapes(doubted: list[tuple[int, int]]) -> Verdict:
-    """Of four scans, some of whose pairs are stretched."""
+def verdict_of_shapes(
+    doubted: list[tuple[int, int]], left_out: tuple[tuple[int, int], ...] = (), off: float = 0.02
+) -> Verdict:
+    """Of four scans, some of whose pairs are stretched; those left out come so far off the others."""
     edges = []
     for edge in edges_of(world(4, seed=3), combinations(range(4), 2), SIGMA, seed=4):
         stretched = Verdict("suspect", (Reason("made by hand", "stretched"),))
         is_doubted = (edge.target, edge.source) in doubted
         result = dataclasses.replace(edge.registration, verdict=stretched) if is_doubted else edge.registration
+        if (edge.target, edge.source) in left_out:
+            away = pose.exp(np.r_[np.zeros(3), off, 0.0, 0.0])
+            result = dataclasses.replace(result, T_target_source=away @ result.T_target_source)
+            edges.append(dataclasses.replace(edge, registration=result, code="contradicts"))
+            continue
         edges.append(dataclasses.replace(edge, registration=result, used=True, code="used"))
     selection = dataclasses.replace(judged(edges, 4), edges=tuple(edges))
     views = [View(str(k), PointCloud(np.eye(3))) for k in range(4)]
@@ -314,6 +321,15 @@ def test_a_scan_that_its_pairs_call_stretched_is_doubted() -> None:
     assert verdict.level == "suspect"
     (words,) = [reason for reason in verdict.reasons if reason.code == "deformed_scan"]
     assert words[:18] == "2 (2 of 3 pairs): "
+
+
+def test_pairs_left_out_that_come_near_tell_of_a_bent_scan_too() -> None:
+    verdict = verdict_of_shapes([(0, 2)], left_out=((0, 2), (2, 3)))
+    (words,) = [reason for reason in verdict.reasons if reason.code == "deformed_scan"]
+    assert words[:18] == "2 (2 of 3 pairs): "
+    # Elsewhere they tell of the pairs, and without one that is bent of nothing.
+    assert "deformed_scan" not in verdict_of_shapes([(0, 2)], left_out=((0, 2), (2, 3)), off=0.5).codes
+    assert "deformed_scan" not in verdict_of_shapes([], left_out=((0, 2), (2, 3))).codes
 
 
 def test_what_is_doubted_of_all_scans_stands_first() -> None:
