@@ -32,9 +32,11 @@ MAX_SHARED = 1 / 3
 MIN_OFF_COS, MAX_CROSSING_COS = 0.8, 0.8
 MAX_OFF_SIZES, MAX_RIM_SHARE = 0.1, 0.25
 RIM_NEIGHBOURS = 12
-# Least share of points that are one scan's alone, and of these, for each other scan, that cross it. Scans of a part on
-# a turntable before a backdrop had 0.05 and 0.10 and more, scans that were aligned before 0.04 of the latter at most.
+# Least share of points that are one scan's alone, and of these, for each other scan, that cross it.
 MIN_ALONE, MIN_CROSSING = 0.02, 0.06
+# Fewer do where the rest is on nearly all other scans, this share of all points at least, and few are on some of them
+# only, as those of scans from all round a part are: a plate that turns crosses itself in few places.
+MIN_CROSSING_BEFORE_STILL, STILL_ON, MIN_STILL, MAX_BETWEEN = 0.025, 0.8, 0.5, 0.25
 
 
 def unmoved_scans(
@@ -78,23 +80,26 @@ def _parts_cross(views: Sequence[View], scans: Sequence[int], T_world_scan: Floa
     some = scans[:: max(1, -(-len(scans) // MAX_SCANS))]
     if len(some) < 2:
         return False
-    found = [_alone_and_crossing(views, k, [j for j in some if j != k], T_world_scan) for k in some]
-    alone, crossing = np.mean(found, axis=0)
-    return bool(alone >= MIN_ALONE and crossing >= MIN_CROSSING)
+    found = [_alone_crossing_still(views, k, [j for j in some if j != k], T_world_scan) for k in some]
+    alone, crossing, still = np.mean(found, axis=0)
+    splits = still >= MIN_STILL and 1.0 - still - alone <= MAX_BETWEEN
+    return bool(alone >= MIN_ALONE and crossing >= (MIN_CROSSING_BEFORE_STILL if splits else MIN_CROSSING))
 
 
-def _alone_and_crossing(
+def _alone_crossing_still(
     views: Sequence[View], k: int, others: Sequence[int], T_world_scan: FloatArray
-) -> tuple[float, float]:
-    """Share of a scan's points that are its alone, and of these that cross another scan, in the mean of these."""
+) -> tuple[float, float, float]:
+    """Shares: of a scan's points its alone; of these, in the mean, across another scan; of all on nearly all others."""
     scan, origin = views[k].scan, views[k].origin
     points, normals = (every_so_many(rows, COMPARED_POINTS) for rows in (scan.points + origin, scan.normals))
     on, crosses = zip(
         *(_on_and_across(views[k], views[j], points, normals, pose.inverse(T_world_scan[j]) @ T_world_scan[k])
           for j in others), strict=True
     )  # fmt: skip
-    alone = np.mean(on, axis=0) <= MAX_SHARED
-    return float(alone.mean()), float(np.mean(crosses, axis=0)[alone].mean()) if alone.any() else 0.0
+    shared = np.mean(on, axis=0)
+    alone, across = shared <= MAX_SHARED, np.mean(crosses, axis=0)
+    crossing = float(across[alone].mean()) if alone.any() else 0.0
+    return float(alone.mean()), crossing, float(np.mean(shared >= STILL_ON))
 
 
 def _on_and_across(
