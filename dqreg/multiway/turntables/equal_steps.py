@@ -29,7 +29,8 @@ MIN_AGREEING_PAIRS, MIN_AGREEING_SHARE = 3, 0.5
 MAX_PLACES_APART = 2
 # Rounds in which a step of loose pairs is found, its numerical differences, in radians and sizes, and the share of
 # the neighbours all round, and of all such pairs, that come to it.
-LOOSE_ROUNDS, DIFFERENCE, MIN_LOOSE_SHARE = 20, 1e-6, 2 / 3
+MAX_LOOSE_ROUNDS, MIN_LOOSE_SHARE = 20, 2 / 3
+STEP_DIFFERENCE = 1e-6
 # Median of the sum of three squares of unit variance.
 MEDIAN_OF_THREE_SQUARES = 2.366
 
@@ -81,13 +82,13 @@ class EqualSteps:
         spread = covariances_of(graph, self.size, self.floor)
         whitening = np.linalg.cholesky(np.linalg.inv(spread)).transpose(0, 2, 1)
         limit, found = np.inf, self
-        for _ in range(LOOSE_ROUNDS if near else 0):
+        for _ in range(MAX_LOOSE_ROUNDS if near else 0):
             errors = np.einsum("mij,mj->mi", whitening, found._twists(graph))
             chi2 = (errors**2).sum(axis=1)
             limit = max(min(0.5 * limit, float(np.median(chi2))), CHI2_LIMIT)
             weights = (limit / (limit + chi2)) ** 2
             J = np.stack([np.einsum("mij,mj->mi", whitening, found._moved(twist)._twists(graph)) - errors
-                          for twist in self._differences()], axis=2) / DIFFERENCE  # fmt: skip
+                          for twist in self._differences()], axis=2) / STEP_DIFFERENCE  # fmt: skip
             normal = np.einsum("mki,m,mkj->ij", J, weights, J)
             step = np.linalg.lstsq(normal, -np.einsum("mki,m,mk->i", J, weights, errors), rcond=None)[0]
             found = found._moved(step * scaling_by(1.0, self.size))
@@ -113,7 +114,7 @@ class EqualSteps:
         return dataclasses.replace(self, step=DualQuaternion.from_matrix(T))
 
     def _differences(self) -> FloatArray:
-        return np.asarray(DIFFERENCE * np.diag(scaling_by(1.0, self.size)))
+        return np.asarray(STEP_DIFFERENCE * np.diag(scaling_by(1.0, self.size)))
 
     def agree(self, graph: PoseGraph, edges: Sequence[Edge]) -> BoolArray:
         """Edges of a graph that come to what the steps say, and of which nothing else is doubted, (m,)."""

@@ -36,7 +36,9 @@ RIM_NEIGHBOURS = 12
 MIN_ALONE, MIN_CROSSING = 0.02, 0.06
 # Fewer do where the rest is on nearly all other scans, this share of all points at least, and few are on some of them
 # only, as those of scans from all round a part are: a plate that turns crosses itself in few places.
-MIN_CROSSING_BEFORE_STILL, STILL_ON, MIN_STILL, MAX_BETWEEN = 0.025, 0.8, 0.5, 0.25
+MIN_CROSSING_BEFORE_STILL = 0.025
+STILL_ON_SHARE, MIN_STILL = 0.8, 0.6
+MAX_ON_SOME = 0.25
 
 
 def unmoved_scans(
@@ -82,7 +84,7 @@ def _parts_cross(views: Sequence[View], scans: Sequence[int], T_world_scan: Floa
         return False
     found = [_alone_crossing_still(views, k, [j for j in some if j != k], T_world_scan) for k in some]
     alone, crossing, still = np.mean(found, axis=0)
-    splits = still >= MIN_STILL and 1.0 - still - alone <= MAX_BETWEEN
+    splits = still >= MIN_STILL and 1.0 - still - alone <= MAX_ON_SOME
     return bool(alone >= MIN_ALONE and crossing >= (MIN_CROSSING_BEFORE_STILL if splits else MIN_CROSSING))
 
 
@@ -99,7 +101,7 @@ def _alone_crossing_still(
     shared = np.mean(on, axis=0)
     alone, across = shared <= MAX_SHARED, np.mean(crosses, axis=0)
     crossing = float(across[alone].mean()) if alone.any() else 0.0
-    return float(alone.mean()), crossing, float(np.mean(shared >= STILL_ON))
+    return float(alone.mean()), crossing, float(np.mean(shared >= STILL_ON_SHARE))
 
 
 def _on_and_across(
