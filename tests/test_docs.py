@@ -137,14 +137,6 @@ def test_the_gallery_on_the_page_is_the_one_that_runs():
         assert f"| {name} |" in page
 
 
-def test_every_file_on_other_poses_is_named_in_their_table() -> None:
-    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").split("\n## Other poses")[1].split("\n## ")[0]
-    rooms = (ROOT / "dqreg/registration" / room for room in ("other_poses", "choice"))
-    files = {file.stem for room in rooms for file in room.glob("[!_]*.py")}
-    assert files
-    assert not files - set(re.findall(r"\w+", text))
-
-
 def test_the_notice_names_every_package_that_is_installed_beside_dqreg() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     users = [row for extra, rows in project["optional-dependencies"].items() if extra not in OWN for row in rows]

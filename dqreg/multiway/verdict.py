@@ -201,9 +201,9 @@ def _is_near(edge: Edge, T_world_scan: FloatArray, size: float) -> bool:
     T = pose.inverse(T_world_scan[edge.target]) @ T_world_scan[edge.source]
     if not edge.found or not np.isfinite(T).all():
         return False
-    measured, centre = edge.registration.T_target_source, centre_of(edge.registration)
-    off = float(np.linalg.norm(pose.apply(measured @ pose.inverse(T), centre[None])[0] - centre))
-    return off <= SAME_SHIFT_SIZES * size and float(pose.angle_between(measured, T)) <= SAME_RAD
+    measured, middle = edge.registration.T_target_source, pose.apply(pose.inverse(T), centre_of(edge.registration))
+    is_turned = pose.angle_between(measured, T) > SAME_RAD
+    return not is_turned and bool(pose.offset_between(measured, T, at=middle) <= SAME_SHIFT_SIZES * size)
 
 
 def _notes(views: Sequence[View], selection: EdgeSelection) -> Iterator[Reason]:
